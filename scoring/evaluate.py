@@ -1,0 +1,394 @@
+"""From the samples of one run to its result: live, and the same again from a recording.
+
+An `Assessment` is fed sample by sample while the run goes on; at the stop it gives the result.
+Feeding it the samples of a bag in the order in which the bag stores them gives the same result.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring import indicators as pi
+from scoring.events import EventDetector
+from scoring.indicators import Indicator, IndicatorName
+from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
+from scoring.procedure import Procedure, Ruling, StepRecord, follow_procedure
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    Condition,
+    Event,
+    EventName,
+    LockDetection,
+    Outcome,
+    Signal,
+    Step,
+    Strip,
+    Thresholds,
+)
+from scoring.quality import Quality, QualityCounter, SignalQuality, missing_readings
+from scoring.rulesets import PROTOCOL, Ruleset, RulesetName
+from scoring.samples import DoorSample, HandleSample, Sample
+
+Array = NDArray[np.float64]
+
+_USED = {strip: tuple(s.element for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip}
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How the run ended.
+
+    Attributes:
+        outcome: completed, timeout, aborted or interrupted.
+        reason: why, in words.
+        stop: s since the epoch; None for a run cut off by a failure of the machine.
+    """
+
+    outcome: Outcome
+    reason: str
+    stop: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """The result of one run (sections 6 and 7).
+
+    Attributes:
+        ruleset: the rules that made it.
+        condition: of the run.
+        ending: how it ended.
+        start: s since the epoch.
+        indicators: the eight, in the protocol's order.
+        steps: the six, with what sensors and referee say.
+        lock_detection: what decided step 6; never `AUTO`.
+        events: all events by time.
+        handle_zero: N, as set by the referee.
+        quality: of the data.
+    """
+
+    ruleset: RulesetName
+    condition: Condition
+    ending: Ending
+    start: float
+    indicators: tuple[Indicator, ...]
+    steps: tuple[StepRecord, ...]
+    lock_detection: LockDetection
+    events: tuple[Event, ...]
+    handle_zero: float
+    quality: Quality
+
+    def indicator(self, name: IndicatorName) -> Indicator:
+        """One of the eight."""
+        return next(i for i in self.indicators if i.name is name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """The pre-processed data of a run (section 5).
+
+    Attributes:
+        joint_state: panel motion.
+        low_passed: low-passed acceleration of its rows, rad/s^2, shape (n,), NaN = undefined.
+        jerk_time, jerk: jerk of the open door, s and rad/s^3, shape (m,).
+        force_time, force: handle force as recorded, s and N, shape (k,).
+        problem: why no low-passed acceleration could be computed; None if it could.
+    """
+
+    joint_state: JointState
+    low_passed: Array
+    jerk_time: Array
+    jerk: Array
+    force_time: Array
+    force: Array
+    problem: str | None
+
+
+def process_rows(
+    joint: JointState, force_time: Array, force: Array, ruleset: Ruleset, thresholds: Thresholds
+) -> Rows:
+    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
+    jerk_time, jerks = jerk(joint, ruleset, thresholds.closed_angle, thresholds.largest_gap)
+    return Rows(
+        joint_state=joint,
+        low_passed=low_pass(joint, ruleset, thresholds.largest_gap),
+        jerk_time=jerk_time,
+        jerk=jerks,
+        force_time=force_time,
+        force=force,
+        problem=low_pass_problem(joint, ruleset, thresholds.largest_gap),
+    )
+
+
+def cut_rows(rows: Rows, start: float, end: float) -> Rows:
+    """Only the rows that lie in [start, end]."""
+    jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
+    force_kept = (rows.force_time >= start) & (rows.force_time <= end)
+    return Rows(
+        joint_state=rows.joint_state.cut(start, end),
+        low_passed=rows.low_passed[rows.joint_state.rows(start, end)],
+        jerk_time=rows.jerk_time[jerk_kept],
+        jerk=rows.jerk[jerk_kept],
+        force_time=rows.force_time[force_kept],
+        force=rows.force[force_kept],
+        problem=rows.problem,
+    )
+
+
+def compute_indicators(
+    events: Sequence[Event],
+    done: frozenset[Step],
+    rows: Rows,
+    condition: Condition,
+    ruleset: Ruleset,
+    closed_angle: float,
+) -> tuple[Indicator, ...]:
+    """The eight indicators of a run that is not aborted.
+
+    Args:
+        events: all events of the run.
+        done: the steps that count.
+        rows: cut to the run, as the ruleset has it.
+        condition: of the run.
+        ruleset: whose rules.
+        closed_angle: the door is open where abs(position) exceeds this, rad.
+    """
+    joint = rows.joint_state
+    no_motion = None if joint.time.size else "no door angle recorded during the run"
+    opened = bool(np.any(np.abs(joint.position) > closed_angle))
+    jerk_problem = rows.joint_state.reason if opened or no_motion else None
+    return (
+        pi.execution_time(events, condition, ruleset),
+        pi.time_to_handle(events),
+        pi.door_occupation_time(events, condition, ruleset),
+        pi.passage_time(events, done, ruleset),
+        pi.unsafety_of_door_operation(rows.low_passed, no_motion or rows.problem),
+        pi.smoothness_of_door_actuation(rows.jerk, opened, no_motion or jerk_problem),
+        pi.roughness_of_door_actuation(rows.force),
+        pi.capability_level(events, condition, done, ruleset),
+    )
+
+
+class Assessment:
+    """Follows one run from the opening of the recording to its result.
+
+    Args:
+        condition: of the run.
+        start: the (planned) start, s since the epoch.
+        ruleset: whose rules make the result. The steps that stop a run are the protocol's.
+        thresholds: the testbed's numbers.
+        lock_detection: what decides step 6.
+        handle_zero: N, as set by the referee.
+    """
+
+    def __init__(
+        self,
+        condition: Condition,
+        start: float,
+        *,
+        ruleset: Ruleset = PROTOCOL,
+        thresholds: Thresholds | None = None,
+        lock_detection: LockDetection = LockDetection.AUTO,
+        handle_zero: float = 0.0,
+    ) -> None:
+        self.condition = condition
+        self.start = start
+        self._ruleset = ruleset
+        self._thresholds = thresholds or Thresholds()
+        self._lock_detection = lock_detection
+        self._zero = handle_zero
+        self._live = EventDetector(condition, start, self._thresholds, PROTOCOL, handle_zero)
+        self._scoring = self._live
+        if ruleset is not PROTOCOL:
+            self._scoring = EventDetector(condition, start, self._thresholds, ruleset, handle_zero)
+        self._counters: dict[Signal, QualityCounter] = {}
+        self._problems: dict[str, int] = {}
+        self._door_time, self._door_angle = array("d"), array("d")
+        self._force_time, self._force = array("d"), array("d")
+        self._largest_force = 0.0
+        self._against = 0.0
+        self._newest: float | None = None
+
+    @property
+    def newest(self) -> float | None:
+        """Time of the newest sample, s since the epoch; None before the first."""
+        return self._newest
+
+    @property
+    def largest_force(self) -> float | None:
+        """Largest abs(force) since the start, N; None before any."""
+        return self._largest_force or None
+
+    def feed(self, sample: Sample) -> None:
+        """Take the next sample, in the order of the recording."""
+        counter = self._counters.get(sample.signal)
+        if counter is None:
+            counter = QualityCounter(sample.signal, self._thresholds.largest_gap)
+            self._counters[sample.signal] = counter
+        admitted = counter.admit(sample)
+        if admitted is None:
+            return
+        strip = getattr(admitted, "strip", None)
+        counter.no_reading += missing_readings(admitted, _USED[strip] if strip else ())
+        self._newest = max(self._newest or admitted.time, admitted.time)
+        self._keep(admitted)
+        self._live.feed(admitted)
+        if self._scoring is not self._live:
+            self._scoring.feed(admitted)
+
+    def _keep(self, sample: Sample) -> None:
+        match sample:
+            case DoorSample() if math.isfinite(sample.angle):
+                self._door_time.append(sample.time)
+                self._door_angle.append(sample.angle)
+                against = -sample.angle * self.condition.opening_side.sign
+                self._against = max(self._against, against)
+            case HandleSample() if math.isfinite(sample.force):
+                self._force_time.append(sample.time)
+                self._force.append(sample.force)
+                if sample.time >= self.start:
+                    self._largest_force = max(self._largest_force, abs(sample.force))
+
+    def report_problem(self, text: str) -> None:
+        """Count something wrong with the recording that no sample shows, in words."""
+        self._problems[text] = self._problems.get(text, 0) + 1
+
+    def procedure(self, rulings: Sequence[Ruling] = (), stop: float | None = None) -> Procedure:
+        """The six steps as they stand, or of a run stopped at `stop`."""
+        return follow_procedure(
+            self._live.evidence(stop),
+            lock_detection=self._lock_detection,
+            settle_time=self._thresholds.settle_time,
+            rulings=rulings,
+        )
+
+    def events(self) -> tuple[Event, ...]:
+        """The events so far, by the rules of the protocol."""
+        return self._live.events()
+
+    def provisional(self) -> dict[str, float]:
+        """The time indicators known so far, by file name, s."""
+        events = self._live.events()
+        known = (
+            pi.time_to_handle(events),
+            pi.door_occupation_time(events, self.condition, self._ruleset),
+        )
+        return {str(i.name): float(i.value) for i in known if i.value is not None}
+
+    def result(self, ending: Ending, rulings: Sequence[Ruling] = ()) -> tuple[Result, Rows]:
+        """The result of the run and the pre-processed data behind it.
+
+        Args:
+            ending: how the run ended.
+            rulings: the referee's, in the order in which they were made.
+        """
+        stop = ending.stop
+        procedure = self.procedure(rulings, self._end(ending))
+        events = self._scoring.events(self._end(ending))
+        if stop is None:
+            events = tuple(e for e in events if e.name is not EventName.BENCHMARK_STOP)
+        rows = self._cut(self._rows(), ending, procedure)
+        if ending.outcome is Outcome.ABORTED:
+            if self._end(ending) < self.start:
+                events = ()  # aborted in the countdown: nothing has started
+            indicators = tuple(
+                Indicator.missing(name, "run aborted: invalid") for name in IndicatorName
+            )
+        else:
+            indicators = compute_indicators(
+                events,
+                procedure.done,
+                rows,
+                self.condition,
+                self._ruleset,
+                self._thresholds.closed_angle,
+            )
+        result = Result(
+            ruleset=self._ruleset.name,
+            condition=self.condition,
+            ending=ending,
+            start=self.start,
+            indicators=indicators,
+            steps=procedure.steps,
+            lock_detection=procedure.lock_detection,
+            events=events,
+            handle_zero=self._zero,
+            quality=self.quality(),
+        )
+        return result, rows
+
+    def _end(self, ending: Ending) -> float:
+        if ending.stop is not None:
+            return ending.stop
+        return max(self.start, self._newest or self.start)
+
+    def _rows(self) -> Rows:
+        joint = joint_state(
+            np.array(self._door_time, dtype=np.float64),
+            np.array(self._door_angle, dtype=np.float64),
+            self._ruleset,
+            self._thresholds.largest_gap,
+        )
+        force_time = np.array(self._force_time, dtype=np.float64)
+        force = np.array(self._force, dtype=np.float64)
+        return process_rows(joint, force_time, force, self._ruleset, self._thresholds)
+
+    def _cut(self, rows: Rows, ending: Ending, procedure: Procedure) -> Rows:
+        if not self._ruleset.cut_rows:
+            return rows
+        end = self._end(ending)
+        if ending.outcome is Outcome.COMPLETED and procedure.lock_detection is LockDetection.SETTLE:
+            end += self._thresholds.settle_time  # a slam ends after the panel has closed
+        return cut_rows(rows, self.start, end)
+
+    def quality(self) -> Quality:
+        """The data quality of everything fed so far."""
+        expected = [s for s in Signal if s is not Signal.LATCH or s in self._counters]
+        signals = []
+        remarks = []
+        for signal in expected:
+            counter = self._counters.get(signal)
+            if counter is None:
+                remarks.append(f"{signal.value}: nothing recorded")
+                counter = QualityCounter(signal, self._thresholds.largest_gap)
+            quality = counter.quality()
+            signals.append(quality)
+            remarks += _remarks(quality)
+            remarks += [
+                f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
+                for step in counter.guard.steps
+            ]
+        if self._against > self._thresholds.closed_angle:
+            side = self.condition.opening_side.opposite
+            remarks.append(
+                f"panel turned {self._against:.3f} rad to the {side.upper()} side, "
+                "against the opening side: check the testbed"
+            )
+        remarks += [
+            text if count == 1 else f"{text} ({count} times)"
+            for text, count in self._problems.items()
+        ]
+        return Quality(tuple(signals), tuple(remarks))
+
+
+def _remarks(quality: SignalQuality) -> list[str]:
+    name = quality.signal.value
+    remarks = []
+    if quality.dropped:
+        remarks.append(f"{name}: {quality.dropped} duplicate or backward stamps dropped")
+    if quality.gaps and quality.signal is not Signal.LATCH:
+        remarks.append(f"{name}: {quality.gaps} gaps, the longest {quality.largest_gap:.3f} s")
+    if quality.no_reading:
+        remarks.append(f"{name}: {quality.no_reading} values without a reading")
+    return remarks
+
+
+def with_remarks(result: Result, remarks: Iterable[str]) -> Result:
+    """The result with more remarks on its data quality."""
+    quality = replace(result.quality, remarks=(*result.quality.remarks, *remarks))
+    return replace(result, quality=quality)

@@ -1,0 +1,335 @@
+"""From samples to events, one sample at a time (protocol section 4).
+
+The same detector serves the live view and the scoring of a recording. It takes samples in
+the order in which the bag stores them; a passage sample uses the last door angle before it in
+that order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    Condition,
+    Event,
+    EventName,
+    PassageSensor,
+    Side,
+    Strip,
+    Thresholds,
+)
+from scoring.quality import is_reading
+from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A two-valued signal became `value` at `time` (s since the epoch)."""
+
+    time: float
+    value: bool
+
+
+class Level:
+    """A two-valued signal whose edges count from the start of the run.
+
+    Before the start only its state is kept. If it is up at the start it rises at the start.
+    """
+
+    __slots__ = ("_begun", "edges", "state")
+
+    def __init__(self) -> None:
+        self.state: bool | None = None
+        self.edges: list[Edge] = []
+        self._begun = False
+
+    def update(self, time: float, value: bool, start: float) -> None:
+        """The signal is `value` at `time`; `start` is the start of the run."""
+        if time >= start:
+            self.begin(start)
+            if value is not self.state and not (self.state is None and not value):
+                self.edges.append(Edge(time, value))
+        self.state = value
+
+    def begin(self, start: float) -> None:
+        """The run has started: a signal that was up rises now. Later calls do nothing."""
+        if not self._begun:
+            self._begun = True
+            if self.state:
+                self.edges.append(Edge(start, value=True))
+
+    def at(self, time: float) -> bool:
+        """Whether it was up at `time`, by its edges."""
+        state = False
+        for edge in self.edges:
+            if edge.time > time:
+                break
+            state = edge.value
+        return state
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the sensors say about the six steps (section 7).
+
+    Attributes:
+        start: start of the run, s since the epoch.
+        stop: its stop; None while it goes on.
+        touched: time of the touch; None = not touched.
+        door: opening (True) and closing edges up to the end of what was seen.
+        door_seen: time of the newest door sample; None = none.
+        latch: states of the latch from the start on, the one at the start included.
+        latch_before_start: whether the latch delivered a value before the start.
+        crossed: time of the crossing: live, since when it holds; after the stop, the time of
+            `humanoid_moves_to_<destination>_side`. None = not crossed.
+    """
+
+    start: float
+    stop: float | None
+    touched: float | None
+    door: tuple[Edge, ...]
+    door_seen: float | None
+    latch: tuple[Edge, ...]
+    latch_before_start: bool
+    crossed: float | None
+
+
+class EventDetector:
+    """Finds the events of one run.
+
+    Args:
+        condition: tells the starting side.
+        start: the (planned) start of the run, s since the epoch.
+        thresholds: the testbed's numbers.
+        ruleset: whose rules for the passage sensors.
+        handle_zero: handle force at rest, N.
+    """
+
+    def __init__(
+        self,
+        condition: Condition,
+        start: float,
+        thresholds: Thresholds,
+        ruleset: Ruleset = PROTOCOL,
+        handle_zero: float = 0.0,
+    ) -> None:
+        self._condition = condition
+        self._start = start
+        self._thresholds = thresholds
+        self._ruleset = ruleset
+        self._zero = handle_zero
+        self._present_height = ruleset.present_height or thresholds.present_height
+        self._angle: float | None = None
+        self._door_seen: float | None = None
+        self._door = Level()
+        self._touch = Level()
+        self._sensors = {sensor: Level() for sensor in PASSAGE_SENSORS}
+        self._of_strip = {
+            strip: tuple(s for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip
+        }
+        self._last_fall: tuple[float, Side] | None = None
+        self._crossed_since: float | None = None
+        self._latch: list[Edge] = []
+        self._latch_events: list[Event] = []
+        self._latch_before_start = False
+
+    @property
+    def angle(self) -> float | None:
+        """The newest door angle, rad; None before the first."""
+        return self._angle
+
+    @property
+    def door_is_open(self) -> bool | None:
+        """Whether the door is open now; None before the first angle."""
+        return self._door.state
+
+    @property
+    def latch_engaged(self) -> bool | None:
+        """Whether the latch is engaged now; None before its first value."""
+        return self._latch[-1].value if self._latch else None
+
+    @property
+    def occupied(self) -> dict[PassageSensor, bool | None]:
+        """For each used sensor, whether something is under it; None = not known yet."""
+        return {sensor: level.state for sensor, level in self._sensors.items()}
+
+    def feed(self, sample: Sample) -> None:
+        """Take the next sample. Values that are no reading change nothing."""
+        match sample:
+            case DoorSample():
+                self._feed_door(sample)
+            case HandleSample():
+                if math.isfinite(sample.force):
+                    touched = abs(sample.force - self._zero) > self._thresholds.touch_force
+                    self._touch.update(sample.time, touched, self._start)
+            case PassageSample():
+                self._feed_passage(sample)
+            case LatchSample():
+                self._feed_latch(sample)
+
+    def _feed_door(self, sample: DoorSample) -> None:
+        if not math.isfinite(sample.angle):
+            return
+        self._angle = sample.angle
+        self._door_seen = sample.time
+        is_open = abs(sample.angle) >= self._thresholds.closed_angle
+        self._door.update(sample.time, is_open, self._start)
+
+    def _feed_passage(self, sample: PassageSample) -> None:
+        for sensor in self._of_strip[sample.strip]:
+            masked = self._angle is not None and self._thresholds.masked(
+                sensor.side, sensor.index, self._angle
+            )
+            if masked and not self._ruleset.masked_is_absent:
+                continue
+            if masked:
+                present = False
+            elif is_reading(sample, sensor.element):
+                height = self._thresholds.lintel_height - sample.ranges[sensor.element]
+                present = height > self._present_height
+            else:
+                continue
+            self._update_sensor(sensor, sample.time, present)
+
+    def _update_sensor(self, sensor: PassageSensor, time: float, present: bool) -> None:
+        level = self._sensors[sensor]
+        known = len(level.edges)
+        unchanged = level.state is present
+        level.update(time, present, self._start)
+        for edge in level.edges[known:]:
+            if not edge.value and (self._last_fall is None or edge.time >= self._last_fall[0]):
+                self._last_fall = (edge.time, sensor.side)
+        if not unchanged or len(level.edges) > known:
+            self._follow_crossing(max(time, self._start))
+
+    def _follow_crossing(self, time: float) -> None:
+        """Section 7, "while the run goes on": keep since when step 4 holds."""
+        destination = self._condition.destination_side
+        fell_there = self._last_fall is not None and self._last_fall[1] is destination
+        holds = not self._side_occupied(self._condition.starting_side) and (
+            fell_there or self._side_occupied(destination)
+        )
+        if not holds:
+            self._crossed_since = None
+        elif self._crossed_since is None:
+            self._crossed_since = time
+
+    def _side_occupied(self, side: Side) -> bool:
+        return any(level.state for s, level in self._sensors.items() if s.side is side)
+
+    def _feed_latch(self, sample: LatchSample) -> None:
+        previous = self.latch_engaged
+        if sample.time < self._start:
+            self._latch_before_start = True
+            self._latch = [Edge(self._start, sample.engaged)]
+            return
+        if previous is sample.engaged:
+            return
+        self._latch.append(Edge(sample.time, sample.engaged))
+        if previous is not None:
+            name = EventName.DOOR_IS_LOCKED if sample.engaged else EventName.DOOR_IS_UNLOCKED
+            self._latch_events.append(Event(sample.time, name))
+
+    def evidence(self, stop: float | None = None) -> Evidence:
+        """What is known about the steps, live (`stop` None) or for a run stopped at `stop`."""
+        if stop is not None:
+            self._begin()
+        touch = next((e.time for e in self._touch.edges if e.value), None)
+        crossed = self._crossed_since
+        if stop is not None:
+            left = self._leaves(stop)
+            reached = left is not None and left[1] is self._condition.destination_side
+            crossed = left[0] if left is not None and reached else None
+            touch = touch if touch is not None and touch <= stop else None
+        return Evidence(
+            start=self._start,
+            stop=stop,
+            touched=touch,
+            door=tuple(self._door.edges),
+            door_seen=self._door_seen,
+            latch=tuple(self._latch),
+            latch_before_start=self._latch_before_start,
+            crossed=crossed,
+        )
+
+    def events(self, stop: float | None = None) -> tuple[Event, ...]:
+        """The events so far by time, or all events of a run stopped at `stop`.
+
+        Live, the last fall stands as `humanoid_moves_to_<side>_side` once nothing is under
+        the sensors; `benchmark_stop` is there only after the stop.
+        """
+        if stop is not None:
+            self._begin()
+        end = math.inf if stop is None else stop
+        events = [Event(self._start, EventName.BENCHMARK_START)]
+        touch = next((e.time for e in self._touch.edges if e.value), None)
+        if touch is not None:
+            events.append(Event(touch, EventName.HANDLE_IS_TOUCHED))
+        events += [
+            Event(e.time, EventName.DOOR_OPENS if e.value else EventName.DOOR_CLOSES)
+            for e in self._door.edges
+        ]
+        events += self._latch_events
+        passage_end = math.inf if self._ruleset.passage_events_to_end else end
+        passage = self._passage_events(stop)
+        kept = [e for e in events if e.time <= end] + [e for e in passage if e.time <= passage_end]
+        kept.sort(key=lambda e: e.time)
+        if stop is not None:
+            kept.append(Event(stop, EventName.BENCHMARK_STOP))
+        return tuple(kept)
+
+    def _passage_events(self, stop: float | None) -> list[Event]:
+        rises = [
+            (level.edges[0].time, sensor.side)
+            for sensor, level in self._sensors.items()
+            if level.edges  # the first edge of a level is a rise
+        ]
+        events = []
+        if rises:
+            time, side = min(rises, key=lambda rise: rise[0])
+            events.append(Event(time, EventName.approaches(side)))
+        left = self._leaves(stop)
+        if left is not None:
+            events.append(Event(left[0], EventName.moves_to(left[1])))
+        return events
+
+    def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
+        """When and on which side the robot left the doorway (section 7, "at the stop")."""
+        if self._ruleset.passage_events_to_end:
+            return self._last_fall
+        if stop is None:
+            occupied = any(level.state for level in self._sensors.values())
+            return None if occupied else self._last_fall
+        starting, destination = self._condition.starting_side, self._condition.destination_side
+        at_stop = {side: self._occupied_at(side, stop) for side in Side}
+        if all(at_stop.values()):
+            cleared = {side: self._cleared_after(side, stop) for side in Side}
+            through = cleared[starting] < cleared[destination]
+            return (stop, destination if through else starting)
+        for side in Side:
+            if at_stop[side]:
+                return (stop, side)
+        falls = [
+            (edge.time, sensor.side)
+            for sensor, level in self._sensors.items()
+            for edge in level.edges
+            if not edge.value and edge.time <= stop
+        ]
+        return max(falls, key=lambda fall: fall[0]) if falls else None
+
+    def _occupied_at(self, side: Side, time: float) -> bool:
+        return any(level.at(time) for s, level in self._sensors.items() if s.side is side)
+
+    def _cleared_after(self, side: Side, time: float) -> float:
+        """When `side` is first clear after `time`; inf = not before the recording ends."""
+        levels = [level for s, level in self._sensors.items() if s.side is side]
+        times = sorted(e.time for level in levels for e in level.edges if e.time > time)
+        return next((t for t in times if not any(level.at(t) for level in levels)), math.inf)
+
+    def _begin(self) -> None:
+        """Signals that were up at the start rise there, even if they never spoke again."""
+        for level in (self._door, self._touch, *self._sensors.values()):
+            level.begin(self._start)

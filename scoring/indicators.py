@@ -1,0 +1,288 @@
+"""The eight performance indicators, one function each (protocol sections 6 and 9).
+
+An indicator that cannot be computed has no value but a reason in words. Values are plain
+`float` or `int`, always finite.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring.errors import ScoringError
+from scoring.protocol import Condition, Event, EventName, Step
+from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
+
+Steps = AbstractSet[Step] | tuple[Step, ...]
+"""Steps that are done."""
+
+
+class IndicatorName(StrEnum):
+    """The indicators in the protocol's order, named like their files."""
+
+    EXECUTION_TIME = "execution_time"
+    TIME_TO_HANDLE = "time_to_handle"
+    DOOR_OCCUPATION_TIME = "door_occupation_time"
+    PASSAGE_TIME = "passage_time"
+    UNSAFETY_OF_DOOR_OPERATION = "unsafety_of_door_operation"
+    SMOOTHNESS_OF_DOOR_ACTUATION = "smoothness_of_door_actuation"
+    ROUGHNESS_OF_DOOR_ACTUATION = "roughness_of_door_actuation"
+    CAPABILITY_LEVEL = "capability_level"
+
+
+UNITS: Mapping[IndicatorName, str] = {
+    IndicatorName.EXECUTION_TIME: "s",
+    IndicatorName.TIME_TO_HANDLE: "s",
+    IndicatorName.DOOR_OCCUPATION_TIME: "s",
+    IndicatorName.PASSAGE_TIME: "s",
+    IndicatorName.UNSAFETY_OF_DOOR_OPERATION: "rad/s^2",
+    IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: "s^3/rad",
+    IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: "N",
+    IndicatorName.CAPABILITY_LEVEL: "steps",
+}
+
+SMOOTHNESS_SCALE = 10.0
+"""Factor of the smoothness, "to rescale the values in a more comfortable range"."""
+
+_NO_START = "no benchmark start"
+_NO_STOP = "no benchmark stop"
+_NEVER_TOUCHED = "handle never touched"
+_NEVER_OPENED = "door never opened"
+_NEVER_CLOSED = "door never closed"
+_NEVER_APPROACHED = "robot never approached on the starting side"
+_NEVER_THROUGH = "robot never reached the destination side"
+
+
+@dataclass(frozen=True, slots=True)
+class Indicator:
+    """One performance indicator: a value, or the reason why there is none.
+
+    Attributes:
+        name: which one.
+        value: the value in `unit`; None where it cannot be computed.
+        unit: unit of the value.
+        reason: why there is no value, in words; None where there is one.
+
+    Raises:
+        ScoringError: there are both or neither of value and reason, or the value is not finite.
+    """
+
+    name: IndicatorName
+    value: float | int | None
+    unit: str
+    reason: str | None
+
+    def __post_init__(self) -> None:
+        if (self.value is None) == (self.reason is None):
+            raise ScoringError(f"{self.name}: give either a value or the reason why there is none")
+        if self.value is not None and not math.isfinite(self.value):
+            raise ScoringError(f"{self.name}: {self.value} is no value: give a reason instead")
+
+    @classmethod
+    def of(cls, name: IndicatorName, value: float) -> Indicator:
+        """An indicator with a value; a value that is not finite becomes a reason."""
+        if not math.isfinite(value):
+            return cls.missing(name, "out of the range of numbers")
+        # numpy scalars would be written as object tags by YAML
+        plain = int(value) if name is IndicatorName.CAPABILITY_LEVEL else float(value)
+        return cls(name, plain, UNITS[name], None)
+
+    @classmethod
+    def missing(cls, name: IndicatorName, reason: str) -> Indicator:
+        """An indicator without a value."""
+        return cls(name, None, UNITS[name], reason)
+
+
+def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:
+    """From the start to the end of the run, s."""
+    name = IndicatorName.EXECUTION_TIME
+    start = _first(events, EventName.BENCHMARK_START)
+    if start is None:
+        return Indicator.missing(name, _NO_START)
+    if ruleset.execution_end is ExecutionEnd.BENCHMARK_STOP:
+        return _duration(name, start, _last(events, EventName.BENCHMARK_STOP), "", _NO_STOP)
+    crossed = _last(events, EventName.moves_to(condition.destination_side))
+    if crossed is None:
+        return Indicator.missing(name, _NEVER_THROUGH)
+    closed = _last(events, EventName.DOOR_CLOSES)
+    if closed is None:
+        return Indicator.missing(name, _NEVER_CLOSED)
+    return Indicator.of(name, max(closed, crossed) - start)
+
+
+def time_to_handle(events: Sequence[Event]) -> Indicator:
+    """From the start to the touch of the handle, s."""
+    return _duration(
+        IndicatorName.TIME_TO_HANDLE,
+        _first(events, EventName.BENCHMARK_START),
+        _first(events, EventName.HANDLE_IS_TOUCHED),
+        _NO_START,
+        _NEVER_TOUCHED,
+    )
+
+
+def door_occupation_time(
+    events: Sequence[Event], condition: Condition, ruleset: Ruleset
+) -> Indicator:
+    """From the approach on the starting side to leaving on the destination side, s."""
+    occupation = _duration(
+        IndicatorName.DOOR_OCCUPATION_TIME,
+        _first(events, EventName.approaches(condition.starting_side)),
+        _last(events, EventName.moves_to(condition.destination_side)),
+        _NEVER_APPROACHED,
+        _NEVER_THROUGH,
+    )
+    negative = occupation.value is not None and occupation.value <= 0
+    if ruleset.occupation_only_if_positive and negative:
+        return Indicator.missing(occupation.name, "robot left no later than it approached")
+    return occupation
+
+
+def passage_time(events: Sequence[Event], steps_done: Steps, ruleset: Ruleset) -> Indicator:
+    """From the touch of the handle to the last closing of the door, s.
+
+    Args:
+        events: the events of the run.
+        steps_done: the steps that are done; used where the ruleset requires steps 1, 3, 4, 5.
+        ruleset: what the passage requires.
+    """
+    name = IndicatorName.PASSAGE_TIME
+    if ruleset.passage_needs_steps:
+        for step in (Step.TOUCH, Step.OPEN, Step.CROSS, Step.CLOSE):
+            if step not in steps_done:
+                return Indicator.missing(name, _why_not_done(step, events))
+    touched = _first(events, EventName.HANDLE_IS_TOUCHED)
+    closed = _last(events, EventName.DOOR_CLOSES)
+    if ruleset.passage_needs_steps:  # steps done without an event: the referee confirmed them
+        return _duration(name, touched, closed, "touch not detected", "closing not detected")
+    return _duration(name, touched, closed, _NEVER_TOUCHED, _NEVER_CLOSED)
+
+
+def unsafety_of_door_operation(
+    low_passed: NDArray[np.float64], problem: str | None = None
+) -> Indicator:
+    """Largest absolute low-passed acceleration of the panel, rad/s^2.
+
+    Args:
+        low_passed: low-passed acceleration of the run's rows, rad/s^2, shape (n,); rows that
+            are not finite are left out.
+        problem: why no row has a value, if known.
+    """
+    name = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
+    values = _finite(low_passed)
+    if not values.size:
+        return Indicator.missing(name, problem or "no acceleration of the door during the run")
+    return Indicator.of(name, float(np.max(np.abs(values))))
+
+
+def smoothness_of_door_actuation(
+    jerk: NDArray[np.float64], opened: bool, problem: str | None = None
+) -> Indicator:
+    """10 / mean absolute jerk of the open panel, s^3/rad.
+
+    Args:
+        jerk: jerk of the run's rows with an open door, rad/s^3, shape (n,); rows that are not
+            finite are left out.
+        opened: whether the door was open in any row of the run.
+        problem: why no row has a value, if known.
+    """
+    name = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
+    values = _finite(jerk)
+    if not values.size:
+        unknown = "no acceleration while the door was open" if opened else _NEVER_OPENED
+        return Indicator.missing(name, problem or unknown)
+    with np.errstate(over="ignore"):
+        mean = float(np.mean(np.abs(values)))
+    if mean == 0:
+        return Indicator.missing(name, "door stood still while open")
+    return Indicator.of(name, SMOOTHNESS_SCALE / mean if math.isfinite(mean) else mean)
+
+
+def roughness_of_door_actuation(force: NDArray[np.float64]) -> Indicator:
+    """Largest absolute force on the handle, N.
+
+    Args:
+        force: force of the run's rows as recorded, N, shape (n,); rows that are not finite are
+            no readings and left out.
+    """
+    values = _finite(force)
+    if not values.size:
+        return Indicator.missing(
+            IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION, "no handle force recorded"
+        )
+    return Indicator.of(IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION, float(np.max(np.abs(values))))
+
+
+def capability_level(
+    events: Sequence[Event], condition: Condition, steps_done: Steps, ruleset: Ruleset
+) -> Indicator:
+    """How many steps were completed: a step counts only after all steps before it."""
+    if ruleset.capability is CapabilityRule.EVENTS_IN_ANY_ORDER:
+        level = len(_capability_events(condition) & {event.name for event in events})
+    else:
+        undone = (step.value for step in Step if step not in steps_done)
+        level = min(undone, default=len(Step) + 1) - 1
+    return Indicator.of(IndicatorName.CAPABILITY_LEVEL, level)
+
+
+def _capability_events(condition: Condition) -> frozenset[EventName]:
+    """The four events that `eurobench-2020` counts."""
+    return frozenset(
+        {
+            EventName.approaches(condition.starting_side),
+            EventName.HANDLE_IS_TOUCHED,
+            EventName.moves_to(condition.destination_side),
+            EventName.DOOR_CLOSES,
+        }
+    )
+
+
+def _why_not_done(step: Step, events: Iterable[Event]) -> str:
+    """Why a step that the passage requires is not done."""
+    if step is Step.CROSS:
+        return _NEVER_THROUGH
+    event, words = {
+        Step.TOUCH: (EventName.HANDLE_IS_TOUCHED, _NEVER_TOUCHED),
+        Step.OPEN: (EventName.DOOR_OPENS, _NEVER_OPENED),
+        Step.CLOSE: (EventName.DOOR_CLOSES, _NEVER_CLOSED),
+    }[step]
+    happened = any(e.name is event for e in events)
+    return f"step {step.value} not done: {step.text}" if happened else words
+
+
+def _duration(
+    name: IndicatorName,
+    since: float | None,
+    until: float | None,
+    no_since: str,
+    no_until: str,
+) -> Indicator:
+    """The time between two events, or the reason of the one that is missing."""
+    if since is None:
+        return Indicator.missing(name, no_since)
+    if until is None:
+        return Indicator.missing(name, no_until)
+    return Indicator.of(name, until - since)
+
+
+def _first(events: Iterable[Event], name: EventName) -> float | None:
+    return min(_times(events, name), default=None)
+
+
+def _last(events: Iterable[Event], name: EventName) -> float | None:
+    return max(_times(events, name), default=None)
+
+
+def _times(events: Iterable[Event], name: EventName) -> list[float]:
+    times = (float(event.time) for event in events if event.name is name)
+    return [time for time in times if math.isfinite(time)]
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return values[np.isfinite(values)]

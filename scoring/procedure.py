@@ -1,0 +1,236 @@
+"""The six steps: live progress and capability level (protocol sections 2 and 7).
+
+Each step is looked for after the ones before it. The same chain runs on live evidence and on
+that of a stopped run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from scoring.events import Edge, Evidence
+from scoring.protocol import LockDetection, Step
+
+
+@dataclass(frozen=True, slots=True)
+class Ruling:
+    """The referee's word on a step: kept beside the automatic finding (section 7).
+
+    Attributes:
+        step: which step.
+        confirmed: True = done, False = not done.
+        time: when the referee said so, s since the epoch.
+        reason: why, in the referee's words.
+        referee: the referee's name.
+    """
+
+    step: Step
+    confirmed: bool
+    time: float
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """One step: sensors say / referee says / final.
+
+    Attributes:
+        step: which step.
+        sensors: time of the automatic finding, s since the epoch; None = not done.
+        ruling: the referee's latest word on it; None = none.
+        final: time that counts; None = not done.
+        waiting: why it is not done, in words; empty when done.
+    """
+
+    step: Step
+    sensors: float | None
+    ruling: Ruling | None
+    final: float | None
+    waiting: str = ""
+
+    @property
+    def done(self) -> bool:
+        """Whether the step counts."""
+        return self.final is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """The six steps as they stand.
+
+    Attributes:
+        steps: six records, in order.
+        settling: step 5 is done and the settle time of step 6 is running.
+        lock_detection: what decides step 6; never `AUTO`.
+    """
+
+    steps: tuple[StepRecord, ...]
+    settling: bool
+    lock_detection: LockDetection
+
+    @property
+    def done(self) -> frozenset[Step]:
+        """The steps that count."""
+        return frozenset(record.step for record in self.steps if record.done)
+
+    @property
+    def level(self) -> int:
+        """Capability level, 0..6."""
+        return len(self.done)
+
+    @property
+    def completed(self) -> float | None:
+        """When the last step was done, s since the epoch; None = not yet."""
+        return self.steps[-1].final
+
+
+def follow_procedure(
+    evidence: Evidence,
+    *,
+    lock_detection: LockDetection,
+    settle_time: float,
+    rulings: Sequence[Ruling] = (),
+) -> Procedure:
+    """Find the six steps in the evidence, under the referee's rulings (the latest counts).
+
+    A confirmed step that the sensors did not find takes the time of the step before it, so
+    that the referee's reaction time delays no later step; a confirmed step 6, which may stop
+    the run, takes the time of the ruling.
+
+    Args:
+        evidence: what the sensors say.
+        lock_detection: what decides step 6; `AUTO` is resolved here.
+        settle_time: how long the door must stay closed to count as locked, s.
+        rulings: the referee's, in the order in which they were made.
+    """
+    mode = _resolve(lock_detection, evidence)
+    latest = {ruling.step: ruling for ruling in rulings}
+    automatic = _chain(evidence, mode, settle_time, {})
+    ruled = _chain(evidence, mode, settle_time, latest) if latest else automatic
+    steps = tuple(
+        StepRecord(step, automatic[step].time, latest.get(step), ruled[step].time, ruled[step].why)
+        for step in Step
+    )
+    return Procedure(steps, ruled[Step.LOCK].settling, mode)
+
+
+@dataclass(frozen=True, slots=True)
+class _Finding:
+    time: float | None
+    why: str = ""
+    settling: bool = False
+
+
+_Finder = Callable[[float], _Finding]
+
+
+def _resolve(lock_detection: LockDetection, evidence: Evidence) -> LockDetection:
+    if lock_detection is not LockDetection.AUTO:
+        return lock_detection
+    return LockDetection.SENSOR if evidence.latch_before_start else LockDetection.SETTLE
+
+
+def _chain(
+    evidence: Evidence, mode: LockDetection, settle_time: float, rulings: Mapping[Step, Ruling]
+) -> dict[Step, _Finding]:
+    uses_latch = mode is not LockDetection.SETTLE and bool(evidence.latch)
+    finders: dict[Step, _Finder] = {
+        Step.TOUCH: lambda _: _found(evidence.touched, "handle not touched yet"),
+        Step.UNLOCK: lambda t: _unlocked(evidence, t, uses_latch),
+        Step.OPEN: lambda t: _opened(evidence, t),
+        Step.CROSS: lambda t: _crossed(evidence, t),
+        Step.CLOSE: lambda t: _closed(evidence, t),
+        Step.LOCK: lambda t: _locked(evidence, t, mode, settle_time),
+    }
+    findings: dict[Step, _Finding] = {}
+    before: float | None = evidence.start
+    for step, find in finders.items():
+        if before is None:
+            finding = _Finding(None, f"comes after step {step - 1}")
+        else:
+            finding = _rule(find(before), rulings.get(step), before, evidence.stop)
+        findings[step] = finding
+        before = finding.time
+    return findings
+
+
+def _rule(finding: _Finding, ruling: Ruling | None, before: float, stop: float | None) -> _Finding:
+    if ruling is None:
+        return finding
+    if not ruling.confirmed:
+        return _Finding(None, f"denied by the referee: {ruling.reason}")
+    if finding.time is not None:
+        return finding
+    if ruling.step is not Step.LOCK:
+        return _Finding(before)
+    time = max(ruling.time, before)
+    return _Finding(time if stop is None else min(time, stop))
+
+
+def _found(time: float | None, why: str) -> _Finding:
+    return _Finding(time) if time is not None else _Finding(None, why)
+
+
+def _until(evidence: Evidence, edges: Sequence[Edge]) -> Sequence[Edge]:
+    if evidence.stop is None:
+        return edges
+    return [edge for edge in edges if edge.time <= evidence.stop]
+
+
+def _first_time(edges: Sequence[Edge], value: bool, after: float) -> float | None:
+    """The first instant at or after `after` at which the signal is `value`."""
+    state: bool | None = None
+    for edge in edges:
+        if edge.time > after:
+            if state is value:
+                return after
+            if edge.value is value:
+                return edge.time
+        state = edge.value
+    return after if state is value else None
+
+
+def _unlocked(evidence: Evidence, touched: float, uses_latch: bool) -> _Finding:
+    if uses_latch:
+        time = _first_time(_until(evidence, evidence.latch), False, touched)
+        return _found(time, "latch still engaged")
+    return _found(_opened(evidence, touched).time, "implied by opening")
+
+
+def _opened(evidence: Evidence, unlocked: float) -> _Finding:
+    time = _first_time(_until(evidence, evidence.door), True, unlocked)
+    return _found(time, "door not opened yet")
+
+
+def _crossed(evidence: Evidence, opened: float) -> _Finding:
+    crossed = evidence.crossed
+    if crossed is None or crossed <= opened:
+        return _Finding(None, "robot not on the destination side")
+    return _Finding(crossed)
+
+
+def _closed(evidence: Evidence, crossed: float) -> _Finding:
+    door = _until(evidence, evidence.door)
+    if not door or door[-1].value:
+        return _Finding(None, "door not closed yet")
+    return _Finding(max(door[-1].time, crossed))
+
+
+def _locked(evidence: Evidence, closed: float, mode: LockDetection, settle_time: float) -> _Finding:
+    if mode is LockDetection.REFEREE:
+        return _Finding(None, "the referee confirms the lock")
+    if mode is LockDetection.SENSOR:
+        if not evidence.latch:
+            return _Finding(None, "latch sensor silent: the referee decides")
+        time = _first_time(_until(evidence, evidence.latch), True, closed)
+        return _found(time, "latch not engaged yet")
+    settled = closed + settle_time
+    opened = _first_time(evidence.door, True, closed)
+    if opened is not None and opened < settled:
+        return _Finding(None, f"door did not stay closed for {settle_time:g} s")
+    if evidence.door_seen is None or evidence.door_seen < settled:
+        why = f"door must stay closed for {settle_time:g} s"
+        return _Finding(None, why, settling=True)
+    return _Finding(closed)

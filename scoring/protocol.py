@@ -1,0 +1,288 @@
+"""The protocol's own words and numbers (protocol sections 1, 4 and 7).
+
+Every number here is the default of a setting: a testbed with other sensors changes
+`Thresholds`, not code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum, StrEnum
+
+from scoring.errors import ScoringError
+
+GRAM_FORCE = 0.00980665
+"""Newtons in one gram-force."""
+
+
+class Side(StrEnum):
+    """One side of the testbed, named after the turn with which the panel enters it (section 1)."""
+
+    CW = "cw"
+    CCW = "ccw"
+
+    @property
+    def opposite(self) -> Side:
+        """The other side."""
+        return Side.CCW if self is Side.CW else Side.CW
+
+    @property
+    def sign(self) -> int:
+        """Sign of a door angle on this side: positive angles are CCW."""
+        return 1 if self is Side.CCW else -1
+
+
+class BenchmarkType(StrEnum):
+    """How the door resists, in the order in which EUROBENCH numbers it (section 1)."""
+
+    NO_FORCE = "No Force"
+    CONSTANT_FORCE = "Constant Force"
+    SUDDEN_FORCE = "Sudden Force"
+    SUDDEN_RAMP = "Sudden Ramp"
+    WIND_RAMP = "Wind Ramp"
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Benchmark type, opening side and starting side: one of 20 (section 1)."""
+
+    benchmark_type: BenchmarkType
+    opening_side: Side
+    starting_side: Side
+
+    @property
+    def number(self) -> int:
+        """The condition's number, 1..20, as EUROBENCH counts."""
+        return (
+            1
+            + list(BenchmarkType).index(self.benchmark_type)
+            + 5 * (self.opening_side is Side.CW)
+            + 10 * (self.starting_side is Side.CW)
+        )
+
+    @property
+    def destination_side(self) -> Side:
+        """The side that the robot must reach."""
+        return self.starting_side.opposite
+
+    @property
+    def must_pull(self) -> bool:
+        """Whether the robot must pull the door (it opens towards the robot), else push."""
+        return self.opening_side is self.starting_side
+
+    @classmethod
+    def from_number(cls, number: int) -> Condition:
+        """The condition with a given number.
+
+        Raises:
+            ScoringError: `number` is not 1..20.
+        """
+        if not 1 <= number <= 20:
+            raise ScoringError(f"condition {number} does not exist: use a number from 1 to 20")
+        index = number - 1
+        return cls(
+            benchmark_type=list(BenchmarkType)[index % 5],
+            opening_side=Side.CW if index // 5 % 2 else Side.CCW,
+            starting_side=Side.CW if index // 10 else Side.CCW,
+        )
+
+
+class Step(IntEnum):
+    """The six steps of the procedure, in order (section 2)."""
+
+    TOUCH = 1
+    UNLOCK = 2
+    OPEN = 3
+    CROSS = 4
+    CLOSE = 5
+    LOCK = 6
+
+    @property
+    def text(self) -> str:
+        """The step in the protocol's words."""
+        return _STEP_TEXTS[self]
+
+
+_STEP_TEXTS = {
+    Step.TOUCH: "touch the handle",
+    Step.UNLOCK: "unlock the door",
+    Step.OPEN: "open the door",
+    Step.CROSS: "cross the threshold",
+    Step.CLOSE: "close the door",
+    Step.LOCK: "lock the door",
+}
+
+
+class Outcome(StrEnum):
+    """How a run ended (section 2)."""
+
+    COMPLETED = "completed"
+    TIMEOUT = "timeout"
+    ABORTED = "aborted"
+    INTERRUPTED = "interrupted"
+
+
+class LockDetection(StrEnum):
+    """What decides step 6 (section 7)."""
+
+    AUTO = "auto"
+    SETTLE = "settle"
+    SENSOR = "sensor"
+    REFEREE = "referee"
+
+
+class EventName(StrEnum):
+    """Events, named as in the EUROBENCH event file (section 4)."""
+
+    BENCHMARK_START = "benchmark_start"
+    BENCHMARK_STOP = "benchmark_stop"
+    HANDLE_IS_TOUCHED = "handle_is_touched"
+    DOOR_OPENS = "door_opens"
+    DOOR_CLOSES = "door_closes"
+    APPROACHES_CW = "humanoid_approaches_the_door_on_cw_side"
+    APPROACHES_CCW = "humanoid_approaches_the_door_on_ccw_side"
+    MOVES_TO_CW = "humanoid_moves_to_cw_side"
+    MOVES_TO_CCW = "humanoid_moves_to_ccw_side"
+    DOOR_IS_UNLOCKED = "door_is_unlocked"
+    DOOR_IS_LOCKED = "door_is_locked"
+
+    @classmethod
+    def approaches(cls, side: Side) -> EventName:
+        """The event of a robot that approaches on `side`."""
+        return cls.APPROACHES_CW if side is Side.CW else cls.APPROACHES_CCW
+
+    @classmethod
+    def moves_to(cls, side: Side) -> EventName:
+        """The event of a robot that leaves the doorway on `side`."""
+        return cls.MOVES_TO_CW if side is Side.CW else cls.MOVES_TO_CCW
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at `time` (ROS time, s since the epoch)."""
+
+    time: float
+    name: EventName
+
+
+class Strip(StrEnum):
+    """One of the four sensor strips above the door, named like its topic (section 3)."""
+
+    CW_LEFT = "cw_left"
+    CW_RIGHT = "cw_right"
+    CCW_LEFT = "ccw_left"
+    CCW_RIGHT = "ccw_right"
+
+    @property
+    def side(self) -> Side:
+        """The side over which the strip hangs."""
+        return Side.CW if self in (Strip.CW_LEFT, Strip.CW_RIGHT) else Side.CCW
+
+
+class Signal(Enum):
+    """A kind of data that the testbed delivers (section 3). Values are names for people."""
+
+    DOOR = "door angle"
+    HANDLE = "handle force"
+    CW_LEFT = "passage cw left"
+    CW_RIGHT = "passage cw right"
+    CCW_LEFT = "passage ccw left"
+    CCW_RIGHT = "passage ccw right"
+    LATCH = "latch"
+
+    @classmethod
+    def of_strip(cls, strip: Strip) -> Signal:
+        """The signal that a strip delivers."""
+        return cls[strip.name]
+
+
+@dataclass(frozen=True, slots=True)
+class PassageSensor:
+    """One of the ten used passage sensors (section 4).
+
+    Attributes:
+        side: the side over which it hangs.
+        index: 0 (farthest from the hinge) to 4.
+        strip: the strip that holds it.
+        element: its place in the strip's `ranges`, 0..3.
+    """
+
+    side: Side
+    index: int
+    strip: Strip
+    element: int
+
+
+PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
+    PassageSensor(side, index, strip, element)
+    for side, places in (
+        (Side.CW, [(Strip.CW_RIGHT, e) for e in (3, 2, 1, 0)] + [(Strip.CW_LEFT, 3)]),
+        (Side.CCW, [(Strip.CCW_LEFT, e) for e in (3, 2, 1, 0)] + [(Strip.CCW_RIGHT, 0)]),
+    )
+    for index, (strip, element) in enumerate(places)
+)
+"""The ten used sensors: five a side, by side and index (section 4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """The numbers that turn signals into events (sections 4 and 7).
+
+    Attributes:
+        touch_force: abs(force - handle zero) above this is a touch, N.
+        closed_angle: abs(angle) below this is a closed door, rad.
+        lintel_height: height of the passage sensors above the ground, m.
+        present_height: an obstacle higher than this is a robot, m.
+        mask_from, mask_to_cw, mask_to_ccw: for sensor index 0..4, the open interval of
+            abs(angle) in which the panel passes under it, rad.
+        settle_time: how long the door must stay closed to count as locked, s.
+        largest_gap: intervals above this between samples are gaps, s.
+    """
+
+    touch_force: float = 200 * GRAM_FORCE
+    closed_angle: float = 0.03
+    lintel_height: float = 2.0
+    present_height: float = 0.50
+    mask_from: tuple[float, float, float, float, float] = (0.0435, 0.0485, 0.0485, 0.0665, 0.0955)
+    mask_to_cw: tuple[float, float, float, float, float] = (
+        0.30825,
+        0.3645,
+        0.417375,
+        0.518625,
+        0.72675,
+    )
+    mask_to_ccw: tuple[float, float, float, float, float] = (
+        0.459,
+        0.41625,
+        0.417375,
+        0.518625,
+        0.72675,
+    )
+    settle_time: float = 1.0
+    largest_gap: float = 0.1
+
+    def masked(self, side: Side, index: int, angle: float) -> bool:
+        """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""
+        if angle * side.sign <= 0:
+            return False
+        upper = self.mask_to_cw if side is Side.CW else self.mask_to_ccw
+        return self.mask_from[index] < abs(angle) < upper[index]
+
+
+@dataclass(frozen=True, slots=True)
+class StartPose:
+    """Where the robot stands at the start, in the frame `madrob_door` (section 1).
+
+    x points to the CCW side, y along the wall, both in m; yaw in degrees.
+    """
+
+    x: float
+    y: float
+    yaw: float
+
+    @property
+    def side(self) -> Side | None:
+        """The side on which the pose lies; None on the threshold itself."""
+        if self.x == 0:
+            return None
+        return Side.CCW if self.x > 0 else Side.CW

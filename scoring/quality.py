@@ -1,0 +1,136 @@
+"""How good the data of a run are: rates, gaps, jitter, clock skew, dropped stamps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scoring.protocol import Signal
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.stamps import StampGuard
+
+
+@dataclass(frozen=True, slots=True)
+class SignalQuality:
+    """The quality of one signal over the whole recording.
+
+    Attributes:
+        signal: which.
+        samples: samples used.
+        rate: their mean rate, Hz, gaps left out; None below two samples.
+        largest_gap: the longest interval between samples, s; None below two samples.
+        gaps: intervals above the largest allowed one.
+        jitter: standard deviation of the other intervals, s; None below two of them.
+        dropped: samples with a duplicate or backward stamp.
+        shifted: samples whose stamp was shifted back after a step of the publisher's clock.
+        no_reading: readings that were NaN, missing or out of range.
+        skew: largest abs(stamp - log time) outside of steps, s; None without samples.
+    """
+
+    signal: Signal
+    samples: int
+    rate: float | None
+    largest_gap: float | None
+    gaps: int
+    jitter: float | None
+    dropped: int
+    shifted: int
+    no_reading: int
+    skew: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """The data quality of a run: numbers per signal and what to know in words."""
+
+    signals: tuple[SignalQuality, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+class QualityCounter:
+    """Counts one signal as its samples pass; memory does not grow.
+
+    Args:
+        signal: which.
+        largest_gap: intervals above this are gaps, s.
+    """
+
+    def __init__(self, signal: Signal, largest_gap: float) -> None:
+        self.guard = StampGuard()
+        self.no_reading = 0
+        self._signal = signal
+        self._limit = largest_gap
+        self._samples = 0
+        self._newest = 0.0
+        self._longest = 0.0
+        self._gaps = 0
+        self._regular = 0
+        self._sum = 0.0
+        self._squares = 0.0
+        self._skew = 0.0
+
+    def admit(self, sample: Sample) -> Sample | None:
+        """Count `sample`; it comes back with its stamp corrected, or None if dropped."""
+        admitted = self.guard.admit(sample)
+        if admitted is None:
+            return None
+        if self._samples:
+            self._interval(admitted.time - self._newest)
+        self._newest = admitted.time
+        self._samples += 1
+        self._skew = max(self._skew, abs(admitted.time - admitted.log_time))
+        return admitted
+
+    def _interval(self, interval: float) -> None:
+        self._longest = max(self._longest, interval)
+        if interval > self._limit:
+            self._gaps += 1
+            return
+        self._regular += 1
+        self._sum += interval
+        self._squares += interval * interval
+
+    def quality(self) -> SignalQuality:
+        """What was counted so far."""
+        mean = self._sum / self._regular if self._regular else 0.0
+        jitter = None
+        if self._regular >= 2:
+            jitter = math.sqrt(max(0.0, self._squares / self._regular - mean * mean))
+        return SignalQuality(
+            signal=self._signal,
+            samples=self._samples,
+            rate=1 / mean if mean > 0 else None,
+            largest_gap=self._longest if self._samples >= 2 else None,
+            gaps=self._gaps,
+            jitter=jitter,
+            dropped=self.guard.dropped,
+            shifted=self.guard.shifted,
+            no_reading=self.no_reading,
+            skew=self._skew if self._samples else None,
+        )
+
+
+def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
+    """How many readings of a sample are no reading (REP-117).
+
+    Args:
+        sample: any sample.
+        used: the elements of `ranges` that count, for a passage sample.
+    """
+    match sample:
+        case DoorSample():
+            return not math.isfinite(sample.angle)
+        case HandleSample():
+            return not math.isfinite(sample.force)
+        case PassageSample():
+            return sum(not is_reading(sample, element) for element in used)
+        case _:
+            return 0
+
+
+def is_reading(sample: PassageSample, element: int) -> bool:
+    """Whether `ranges[element]` says anything: a distance in range, or an infinity."""
+    if element >= len(sample.ranges):
+        return False
+    distance = sample.ranges[element]
+    return math.isinf(distance) or sample.range_min <= distance <= sample.range_max

@@ -1,0 +1,156 @@
+"""The rules by which signals become results: the protocol's, and EUROBENCH's of 2020 (section 9).
+
+A ruleset holds choices, not code: the modules that compute look their choice up here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum, auto
+
+from scoring.errors import ScoringError
+
+
+class RulesetName(StrEnum):
+    """The rulesets, as results and settings name them."""
+
+    PROTOCOL = "protocol"
+    EUROBENCH_2020 = "eurobench-2020"
+
+
+class WindowRule(Enum):
+    """How many samples the moving average and the Savitzky-Golay filter take.
+
+    `INSIDE`: both the smallest odd number >= window_time * rate - 1, with the rate rounded to
+    whole Hz. `COVERING`: the average 1 + 2 * ceil(window_time / interval / 2), Savitzky-Golay 11.
+    """
+
+    INSIDE = auto()
+    COVERING = auto()
+
+
+class LowPassRule(Enum):
+    """How the low-pass filter runs: forth and back (no delay), or forth only."""
+
+    ZERO_PHASE = auto()
+    ONE_PASS = auto()
+
+
+class JerkRule(Enum):
+    """Whether rows of a closed door are dropped after or before the jerk is derived."""
+
+    DERIVE_THEN_SELECT = auto()
+    SELECT_THEN_DERIVE = auto()
+
+
+class ExecutionEnd(Enum):
+    """What ends the execution time."""
+
+    BENCHMARK_STOP = auto()
+    LAST_CLOSING_OR_CROSSING = auto()
+
+
+class CapabilityRule(Enum):
+    """What the capability level counts: steps in order (0..6), or events in any order (0..4)."""
+
+    STEPS_IN_ORDER = auto()
+    EVENTS_IN_ANY_ORDER = auto()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ruleset:
+    """One way to compute results (section 9).
+
+    Attributes:
+        name: how results name it.
+        windows: how long the two filters of the door angle are.
+        window_time: time on which their length is based, s.
+        savgol_order: order of the Savitzky-Golay polynomial.
+        low_pass: how the low-pass filter of the acceleration runs.
+        low_pass_order: order of that Butterworth filter.
+        low_pass_frequency: its critical frequency, Hz.
+        knows_gaps: whether a gap between samples ends a stretch of data and stays out of the
+            sampling interval.
+        jerk: how the jerk of the open door is selected.
+        execution_end: what ends the execution time.
+        passage_needs_steps: whether the passage time requires steps 1, 3, 4 and 5.
+        occupation_only_if_positive: whether the door occupation time must be above 0.
+        capability: what the capability level counts.
+        missing_value: what an indicator's YAML file says where there is no value.
+        cut_rows: whether rows outside of [start, stop] are left out.
+        passage_events_to_end: whether passage events up to the end of the recording count.
+        present_height: an obstacle higher than this is a robot, m; None = as in `Thresholds`.
+        masked_is_absent: whether a masked passage sensor counts as absent (and so makes
+            edges) instead of keeping its state.
+    """
+
+    name: RulesetName
+    windows: WindowRule
+    window_time: float = 0.2
+    savgol_order: int = 2
+    low_pass: LowPassRule
+    low_pass_order: int = 5
+    low_pass_frequency: float = 2.0
+    knows_gaps: bool
+    jerk: JerkRule
+    execution_end: ExecutionEnd
+    passage_needs_steps: bool
+    occupation_only_if_positive: bool
+    capability: CapabilityRule
+    missing_value: str | None
+    cut_rows: bool
+    passage_events_to_end: bool
+    present_height: float | None
+    masked_is_absent: bool
+
+
+PROTOCOL = Ruleset(
+    name=RulesetName.PROTOCOL,
+    windows=WindowRule.INSIDE,
+    low_pass=LowPassRule.ZERO_PHASE,
+    knows_gaps=True,
+    jerk=JerkRule.DERIVE_THEN_SELECT,
+    execution_end=ExecutionEnd.BENCHMARK_STOP,
+    passage_needs_steps=True,
+    occupation_only_if_positive=False,
+    capability=CapabilityRule.STEPS_IN_ORDER,
+    missing_value=None,
+    cut_rows=True,
+    passage_events_to_end=False,
+    present_height=None,
+    masked_is_absent=False,
+)
+"""The protocol as this project implements it; the default."""
+
+EUROBENCH_2020 = Ruleset(
+    name=RulesetName.EUROBENCH_2020,
+    windows=WindowRule.COVERING,
+    low_pass=LowPassRule.ONE_PASS,
+    knows_gaps=False,
+    jerk=JerkRule.SELECT_THEN_DERIVE,
+    execution_end=ExecutionEnd.LAST_CLOSING_OR_CROSSING,
+    passage_needs_steps=False,
+    occupation_only_if_positive=True,
+    capability=CapabilityRule.EVENTS_IN_ANY_ORDER,
+    missing_value="TIMEOUT",
+    cut_rows=False,
+    passage_events_to_end=True,
+    present_height=1.00,
+    masked_is_absent=True,
+)
+"""As the published EUROBENCH scripts compute, so that new results can be put beside old ones."""
+
+_RULESETS = {ruleset.name: ruleset for ruleset in (PROTOCOL, EUROBENCH_2020)}
+
+
+def ruleset(name: str) -> Ruleset:
+    """The ruleset called `name`.
+
+    Raises:
+        ScoringError: there is none of that name.
+    """
+    try:
+        return _RULESETS[RulesetName(name)]
+    except ValueError:
+        allowed = " or ".join(RulesetName)
+        raise ScoringError(f"ruleset {name!r} does not exist: use {allowed}") from None

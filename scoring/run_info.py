@@ -1,0 +1,100 @@
+"""What was set for a run, in the words of EUROBENCH's YAML files (protocol section 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from scoring.braking import braking_table, door_controller_mode
+from scoring.errors import ScoringError
+from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from scoring.rulesets import RulesetName
+
+CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
+"""The keys that describe a condition."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunInfo:
+    """Everything set for a run.
+
+    Attributes:
+        subject: number of the robot.
+        team: its team.
+        run_number: number of the repetition.
+        condition: the condition of the run.
+        start_time: start of the run, s since the epoch.
+        start_pose: where the robot stood; None if unknown.
+        timeout: the timeout, s.
+        ruleset: the ruleset of the indicators.
+        rosbag_path: the recording, relative to the folder.
+        settings: whatever else was set, in plain YAML types.
+    """
+
+    subject: int
+    team: str
+    run_number: int
+    condition: Condition
+    start_time: float
+    start_pose: StartPose | None
+    timeout: float
+    ruleset: RulesetName
+    rosbag_path: str
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def prefix(self) -> str:
+        """How the names of the run's files begin: `subject_SSS_cond_CCC_run_RRR`."""
+        return (
+            f"subject_{self.subject:03d}_cond_{self.condition.number:03d}_run_{self.run_number:03d}"
+        )
+
+    def mapping(self) -> dict[str, object]:
+        """The content of `run_info_<prefix>.yaml`: EUROBENCH's keys and ours."""
+        kind, pose = self.condition.benchmark_type, self.start_pose
+        return {
+            "start_time": float(self.start_time),
+            "robot_name": str(self.subject),
+            "run_number": self.run_number,
+            **condition_mapping(self.condition),
+            "condition_number": self.condition.number,
+            "door_controller_mode": door_controller_mode(kind),
+            "rosbag_path": self.rosbag_path,
+            "team": self.team,
+            "start_pose": None if pose is None else {"x": pose.x, "y": pose.y, "yaw": pose.yaw},
+            "timeout": float(self.timeout),
+            "ruleset": self.ruleset.value,
+            "settings": dict(self.settings),
+            "LUTcw": list(braking_table(kind, Side.CW)),
+            "LUTccw": list(braking_table(kind, Side.CCW)),
+        }
+
+
+def condition_mapping(condition: Condition) -> dict[str, object]:
+    """The content of `condition_N.yaml`."""
+    sides = (condition.opening_side, condition.starting_side)
+    values = (condition.benchmark_type.value, *(side.value.upper() for side in sides))
+    return dict(zip(CONDITION_KEYS, values, strict=True))
+
+
+def condition_from(mapping: Mapping[str, object], name: str) -> Condition:
+    """The condition that a mapping describes.
+
+    Args:
+        mapping: what the file says.
+        name: the file, for messages.
+
+    Raises:
+        ScoringError: a key is missing, or its value does not exist.
+    """
+    values = (mapping.get(key) for key in CONDITION_KEYS)
+    kind, opening, starting = (value if isinstance(value, str) else "" for value in values)
+    if kind not in set(BenchmarkType):
+        raise ScoringError(
+            f"{name}: {CONDITION_KEYS[0]} {kind[:40]!r} does not exist: "
+            f"use {', '.join(BenchmarkType)}"
+        )
+    for key, side in zip(CONDITION_KEYS[1:], (opening, starting), strict=True):
+        if side.lower() not in set(Side):
+            raise ScoringError(f"{name}: {key} {side[:40]!r} is no side: use CW or CCW")
+    return Condition(BenchmarkType(kind), Side(opening.lower()), Side(starting.lower()))

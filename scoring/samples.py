@@ -1,0 +1,78 @@
+"""What the testbed's sensors say, one sample at a time (protocol section 3).
+
+`time` is the sample's stamp and `log_time` the steady time at which it was received
+(section 8); both in s since the epoch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scoring.protocol import Signal, Strip
+
+
+@dataclass(frozen=True, slots=True)
+class DoorSample:
+    """Panel angle in rad, 0 = closed, positive = CCW. NaN = no reading."""
+
+    time: float
+    log_time: float
+    angle: float
+
+    @property
+    def signal(self) -> Signal:
+        """The signal to which the sample belongs."""
+        return Signal.DOOR
+
+
+@dataclass(frozen=True, slots=True)
+class HandleSample:
+    """Force on the handle in N, positive = pushes the panel towards CCW. NaN = no reading."""
+
+    time: float
+    log_time: float
+    force: float
+
+    @property
+    def signal(self) -> Signal:
+        """The signal to which the sample belongs."""
+        return Signal.HANDLE
+
+
+@dataclass(frozen=True, slots=True)
+class PassageSample:
+    """Four distances down from the lintel, m, of one strip.
+
+    Ranges follow REP-117: +inf = nothing there, -inf = something too close, NaN or outside
+    [range_min, range_max] = no reading. `ranges` may be shorter than four: what is missing
+    is no reading.
+    """
+
+    time: float
+    log_time: float
+    strip: Strip
+    ranges: tuple[float, ...]
+    range_min: float
+    range_max: float
+
+    @property
+    def signal(self) -> Signal:
+        """The signal to which the sample belongs."""
+        return Signal.of_strip(self.strip)
+
+
+@dataclass(frozen=True, slots=True)
+class LatchSample:
+    """State of the optional latch sensor: True = latch engaged."""
+
+    time: float
+    log_time: float
+    engaged: bool
+
+    @property
+    def signal(self) -> Signal:
+        """The signal to which the sample belongs."""
+        return Signal.LATCH
+
+
+Sample = DoorSample | HandleSample | PassageSample | LatchSample

@@ -1,0 +1,14 @@
+from __future__ import annotations
+
+import os
+
+from hypothesis import settings
+
+# textual reads these when it is imported
+for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):
+    os.environ.pop(name, None)
+os.environ["TEXTUAL_ANIMATIONS"] = "none"
+
+# a busy machine is not a wrong result
+settings.register_profile("madrob", deadline=None)
+settings.load_profile("madrob")

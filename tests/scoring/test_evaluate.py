@@ -1,0 +1,121 @@
+"""From samples to a result."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from scoring.evaluate import Ending, Result
+from scoring.indicators import IndicatorName
+from scoring.procedure import Ruling
+from scoring.protocol import EventName, Outcome, Step
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.samples import Sample
+from tests.scoring.runs import START, assessment, door, handle, passage_through
+
+COMPLETED = Ending(Outcome.COMPLETED, "all six steps done", START + 6)
+
+
+def steady_run() -> list[Sample]:
+    """The whole run at 50 Hz: the door opens at 3 s to 1 rad and closes at 6 s."""
+    others = [s for s in passage_through() if s.signal.name not in ("DOOR", "HANDLE")]
+    times = [i / 50 for i in range(-50, 400)]
+    samples: list[Sample] = [*others]
+    samples += [
+        door(t, max(0.0, math.sin((t - 3) * math.pi / 3) if 3 < t < 6 else 0)) for t in times
+    ]
+    samples += [handle(t, 20.0 if 2 <= t < 2.5 else 0.1) for t in times]
+    return sorted(samples, key=lambda s: s.time)
+
+
+def result(ending: Ending = COMPLETED, ruleset: Ruleset = PROTOCOL) -> Result:
+    return assessment(steady_run(), ruleset=ruleset).result(ending)[0]
+
+
+def value(found: Result, name: IndicatorName) -> float | int | None:
+    return found.indicator(name).value
+
+
+def test_a_completed_run_has_all_eight_values() -> None:
+    found = result()
+    assert [i.name for i in found.indicators] == list(IndicatorName)
+    assert all(i.value is not None for i in found.indicators), found.indicators
+    assert value(found, IndicatorName.EXECUTION_TIME) == 6.0
+    assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
+    assert value(found, IndicatorName.DOOR_OCCUPATION_TIME) == 1.0
+    assert value(found, IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION) == 20.0
+    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 6
+
+
+def test_feeding_the_same_samples_gives_the_same_result_to_the_last_digit() -> None:
+    assert result() == result()
+
+
+def test_an_aborted_run_has_no_indicators() -> None:
+    found = result(Ending(Outcome.ABORTED, "robot on fire", START + 4))
+    assert {i.reason for i in found.indicators} == {"run aborted: invalid"}
+    assert found.events[-1].name is EventName.BENCHMARK_STOP
+
+
+def test_a_run_aborted_in_the_countdown_has_no_events() -> None:
+    assert result(Ending(Outcome.ABORTED, "", START - 1)).events == ()
+
+
+def test_an_interrupted_run_without_a_stop_keeps_what_can_be_computed() -> None:
+    found = result(Ending(Outcome.INTERRUPTED, "cut off", None))
+    assert value(found, IndicatorName.EXECUTION_TIME) is None
+    assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
+    assert EventName.BENCHMARK_STOP not in [e.name for e in found.events]
+
+
+def test_a_timeout_before_the_closing_says_why_there_is_no_passage_time() -> None:
+    found = result(Ending(Outcome.TIMEOUT, "5.5 s elapsed", START + 5.5))
+    assert found.indicator(IndicatorName.PASSAGE_TIME).reason == "door never closed"
+    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
+
+
+def test_rows_cover_the_run_and_its_settle_time() -> None:
+    _, rows = assessment(steady_run()).result(COMPLETED)
+    assert rows.joint_state.time[0] >= START
+    assert START + 6.9 < rows.joint_state.time[-1] <= START + 7
+    assert math.isfinite(rows.joint_state.acceleration[0])  # the filters saw the pre-roll
+    _, cut = assessment(steady_run()).result(Ending(Outcome.TIMEOUT, "", START + 6))
+    assert cut.joint_state.time[-1] <= START + 6
+
+
+def test_eurobench_uses_all_rows_and_counts_events() -> None:
+    samples = steady_run()
+    found, rows = assessment(samples, ruleset=EUROBENCH_2020).result(COMPLETED)
+    assert len(rows.joint_state.time) == sum(s.signal.name == "DOOR" for s in samples)
+    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
+
+
+def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> None:
+    denied = [Ruling(Step.CROSS, False, START + 9, "arm only", "R")]
+    run = assessment(steady_run())
+    before, after = run.result(COMPLETED)[0], run.result(COMPLETED, denied)[0]
+    changed = {i.name for i, j in zip(before.indicators, after.indicators, strict=True) if i != j}
+    assert changed == {IndicatorName.CAPABILITY_LEVEL, IndicatorName.PASSAGE_TIME}
+
+
+@pytest.mark.parametrize("ending", [COMPLETED, Ending(Outcome.INTERRUPTED, "", None)])
+@pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020])
+def test_a_run_without_data_has_reasons_only(ending: Ending, ruleset: Ruleset) -> None:
+    found = assessment([], ruleset=ruleset).result(ending)[0]
+    for indicator in found.indicators:
+        if indicator.name is IndicatorName.CAPABILITY_LEVEL:
+            assert indicator.value == 0
+        elif indicator.name is not IndicatorName.EXECUTION_TIME:
+            assert indicator.reason
+    assert any("nothing recorded" in remark for remark in found.quality.remarks)
+
+
+def test_values_are_plain_numbers() -> None:
+    assert {type(i.value) for i in result().indicators} == {float, int}
+
+
+def test_panel_against_the_opening_side_is_kept_in_the_quality() -> None:
+    samples = [*steady_run(), door(9, -0.05), door(9.02, -0.05)]
+    found = assessment(samples).result(COMPLETED)[0]
+    assert any("against the opening side" in remark for remark in found.quality.remarks)

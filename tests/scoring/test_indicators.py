@@ -1,0 +1,305 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scoring.errors import ScoringError
+from scoring.indicators import (
+    UNITS,
+    Indicator,
+    IndicatorName,
+    capability_level,
+    door_occupation_time,
+    execution_time,
+    passage_time,
+    roughness_of_door_actuation,
+    smoothness_of_door_actuation,
+    time_to_handle,
+    unsafety_of_door_operation,
+)
+from scoring.kinematics import jerk, joint_state, low_pass
+from scoring.protocol import Condition, Event, EventName, Side, Step
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+
+CCW_TO_CW = Condition.from_number(1)
+ALL_STEPS = frozenset(Step)
+NOMINAL = (
+    Event(10.0, EventName.BENCHMARK_START),
+    Event(12.5, EventName.HANDLE_IS_TOUCHED),
+    Event(13.0, EventName.DOOR_OPENS),
+    Event(14.0, EventName.APPROACHES_CCW),
+    Event(18.0, EventName.MOVES_TO_CW),
+    Event(19.0, EventName.DOOR_CLOSES),
+    Event(19.2, EventName.DOOR_OPENS),
+    Event(20.5, EventName.DOOR_CLOSES),
+    Event(20.75, EventName.BENCHMARK_STOP),
+)
+RULESETS = st.sampled_from([PROTOCOL, EUROBENCH_2020])
+
+
+def without(*names: EventName) -> tuple[Event, ...]:
+    return tuple(event for event in NOMINAL if event.name not in names)
+
+
+def test_the_indicators_of_a_nominal_run_follow_from_its_events() -> None:
+    assert execution_time(NOMINAL, CCW_TO_CW, PROTOCOL).value == 10.75
+    assert time_to_handle(NOMINAL).value == 2.5
+    assert door_occupation_time(NOMINAL, CCW_TO_CW, PROTOCOL).value == 4.0
+    assert passage_time(NOMINAL, ALL_STEPS, PROTOCOL).value == 8.0
+    assert capability_level(NOMINAL, CCW_TO_CW, ALL_STEPS, PROTOCOL).value == 6
+
+
+def test_published_rules_end_the_execution_at_the_last_closing_or_crossing() -> None:
+    assert execution_time(NOMINAL, CCW_TO_CW, EUROBENCH_2020).value == 10.5
+    late = (*NOMINAL, Event(22.0, EventName.MOVES_TO_CW))
+    assert execution_time(late, CCW_TO_CW, EUROBENCH_2020).value == 12.0
+
+
+@pytest.mark.parametrize(
+    ("ruleset", "lacking", "reason"),
+    [
+        (PROTOCOL, EventName.BENCHMARK_START, "no benchmark start"),
+        (PROTOCOL, EventName.BENCHMARK_STOP, "no benchmark stop"),
+        (EUROBENCH_2020, EventName.BENCHMARK_START, "no benchmark start"),
+        (EUROBENCH_2020, EventName.DOOR_CLOSES, "door never closed"),
+        (EUROBENCH_2020, EventName.MOVES_TO_CW, "robot never reached the destination side"),
+    ],
+)
+def test_execution_time_names_the_event_that_is_missing(
+    ruleset: Ruleset, lacking: EventName, reason: str
+) -> None:
+    assert execution_time(without(lacking), CCW_TO_CW, ruleset).reason == reason
+
+
+def test_execution_time_of_published_rules_needs_no_stop() -> None:
+    events = without(EventName.BENCHMARK_STOP)
+    assert execution_time(events, CCW_TO_CW, EUROBENCH_2020).value == 10.5
+
+
+def test_a_handle_never_touched_has_no_time_to_it() -> None:
+    assert time_to_handle(without(EventName.HANDLE_IS_TOUCHED)).reason == "handle never touched"
+    assert time_to_handle(without(EventName.BENCHMARK_START)).reason == "no benchmark start"
+
+
+def test_occupation_counts_from_the_starting_to_the_destination_side_only() -> None:
+    cw_to_ccw = Condition.from_number(11)
+    approach = "robot never approached on the starting side"
+    assert door_occupation_time(NOMINAL, cw_to_ccw, PROTOCOL).reason == approach
+    back = (*without(EventName.MOVES_TO_CW), Event(18.0, EventName.MOVES_TO_CCW))
+    through = "robot never reached the destination side"
+    assert door_occupation_time(back, CCW_TO_CW, PROTOCOL).reason == through
+
+
+@pytest.mark.parametrize("approach", [18.0, 18.5])
+def test_published_rules_want_an_occupation_above_zero(approach: float) -> None:
+    events = (Event(approach, EventName.APPROACHES_CCW), Event(18.0, EventName.MOVES_TO_CW))
+    published = door_occupation_time(events, CCW_TO_CW, EUROBENCH_2020)
+    assert published.reason == "robot left no later than it approached"
+    assert door_occupation_time(events, CCW_TO_CW, PROTOCOL).value == 18.0 - approach
+
+
+@pytest.mark.parametrize(
+    ("done", "lacking", "reason"),
+    [
+        ((), EventName.HANDLE_IS_TOUCHED, "handle never touched"),
+        ((Step.TOUCH,), EventName.DOOR_OPENS, "door never opened"),
+        ((Step.TOUCH,), EventName.DOOR_IS_LOCKED, "step 3 not done: open the door"),
+        (
+            (Step.TOUCH, Step.UNLOCK, Step.OPEN),
+            EventName.MOVES_TO_CW,
+            "robot never reached the destination side",
+        ),
+        (
+            (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS),
+            EventName.DOOR_CLOSES,
+            "door never closed",
+        ),
+        (
+            (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS),
+            EventName.DOOR_IS_LOCKED,
+            "step 5 not done: close the door",
+        ),
+        (tuple(Step), EventName.HANDLE_IS_TOUCHED, "touch not detected"),
+        (tuple(Step), EventName.DOOR_CLOSES, "closing not detected"),
+    ],
+)
+def test_a_passage_needs_touch_opening_crossing_and_closing(
+    done: tuple[Step, ...], lacking: EventName, reason: str
+) -> None:
+    assert passage_time(without(lacking), done, PROTOCOL).reason == reason
+
+
+def test_a_passage_needs_no_locking() -> None:
+    assert passage_time(NOMINAL, ALL_STEPS - {Step.LOCK}, PROTOCOL).value == 8.0
+
+
+def test_published_rules_time_the_passage_wherever_the_robot_is() -> None:
+    events = without(EventName.MOVES_TO_CW)
+    assert passage_time(events, (), EUROBENCH_2020).value == 8.0
+    events = without(EventName.HANDLE_IS_TOUCHED)
+    assert passage_time(events, (), EUROBENCH_2020).reason == "handle never touched"
+    events = without(EventName.DOOR_CLOSES)
+    assert passage_time(events, (), EUROBENCH_2020).reason == "door never closed"
+
+
+@pytest.mark.parametrize(
+    ("done", "level"),
+    [
+        (frozenset(), 0),
+        ({Step.TOUCH}, 1),
+        ({Step.UNLOCK, Step.OPEN, Step.CROSS}, 0),
+        ({Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CLOSE, Step.LOCK}, 3),
+        (tuple(Step), 6),
+    ],
+)
+def test_a_step_counts_only_after_all_before_it(
+    done: frozenset[Step] | tuple[Step, ...], level: int
+) -> None:
+    assert capability_level(NOMINAL, CCW_TO_CW, done, PROTOCOL).value == level
+
+
+def test_published_rules_count_four_events_in_any_order() -> None:
+    assert capability_level(NOMINAL, CCW_TO_CW, (), EUROBENCH_2020).value == 4
+    backwards = tuple(reversed(without(EventName.HANDLE_IS_TOUCHED)))
+    assert capability_level(backwards, CCW_TO_CW, (), EUROBENCH_2020).value == 3
+    assert capability_level(NOMINAL, Condition.from_number(11), (), EUROBENCH_2020).value == 2
+    assert capability_level((), CCW_TO_CW, ALL_STEPS, EUROBENCH_2020).value == 0
+
+
+def test_unsafety_is_the_largest_acceleration_of_either_sign() -> None:
+    values = np.array([np.nan, 0.5, -2.25, np.inf])
+    assert unsafety_of_door_operation(values).value == 2.25
+    nothing = np.full(3, np.nan)
+    assert unsafety_of_door_operation(nothing, "too slow").reason == "too slow"
+    assert (
+        unsafety_of_door_operation(nothing).reason == "no acceleration of the door during the run"
+    )
+
+
+def test_smoothness_is_ten_over_the_mean_absolute_jerk() -> None:
+    assert smoothness_of_door_actuation(np.array([2.0, -3.0, np.nan]), opened=True).value == 4.0
+    none = np.array([])
+    assert smoothness_of_door_actuation(none, opened=False).reason == "door never opened"
+    unknown = "no acceleration while the door was open"
+    assert smoothness_of_door_actuation(none, opened=True).reason == unknown
+    assert smoothness_of_door_actuation(none, opened=True, problem="too slow").reason == "too slow"
+    still = smoothness_of_door_actuation(np.zeros(4), opened=True)
+    assert still.reason == "door stood still while open"
+
+
+def test_roughness_is_the_largest_force_of_either_sign() -> None:
+    assert roughness_of_door_actuation(np.array([5.9, -32.5, np.nan, -np.inf])).value == 32.5
+    for nothing in (np.array([]), np.full(2, np.nan)):
+        assert roughness_of_door_actuation(nothing).reason == "no handle force recorded"
+
+
+def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
+    amplitude, omega = 0.5, 2 * math.pi * 0.25
+    time = np.arange(2001) / 50
+    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL)
+    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL)[500:1500])
+    smoothing = 1 - (omega * 0.02) ** 2 * (9**2 - 1) / 24  # of the moving average alone
+    assert unsafety.value == pytest.approx(amplitude * omega**2 * smoothing, rel=0.01)
+    times, jerks = jerk(joint, PROTOCOL, closed_angle=0.03)
+    run = (times > 10) & (times <= 30)  # whole periods
+    smoothness = smoothness_of_door_actuation(jerks[run], opened=True)
+    mean = 2 / math.pi * amplitude * omega**3
+    assert smoothness.value == pytest.approx(10 / (mean * smoothing), rel=0.01)
+
+
+def test_indicators_carry_their_units_in_the_protocols_order() -> None:
+    assert [name.value for name in IndicatorName] == [
+        "execution_time",
+        "time_to_handle",
+        "door_occupation_time",
+        "passage_time",
+        "unsafety_of_door_operation",
+        "smoothness_of_door_actuation",
+        "roughness_of_door_actuation",
+        "capability_level",
+    ]
+    assert list(UNITS) == list(IndicatorName)
+    assert time_to_handle(NOMINAL).unit == "s"
+    assert unsafety_of_door_operation(np.ones(1)).unit == "rad/s^2"
+
+
+def test_an_indicator_has_either_a_value_or_a_reason() -> None:
+    name = IndicatorName.EXECUTION_TIME
+    with pytest.raises(ScoringError, match="either a value or the reason"):
+        Indicator(name, None, "s", None)
+    with pytest.raises(ScoringError, match="either a value or the reason"):
+        Indicator(name, 1.0, "s", "why")
+    with pytest.raises(ScoringError, match="nan is no value"):
+        Indicator(name, math.nan, "s", None)
+    assert Indicator.of(name, math.inf).reason == "out of the range of numbers"
+
+
+EVENTS = st.lists(
+    st.builds(
+        Event,
+        st.floats(allow_nan=True, allow_infinity=True).map(np.float64),
+        st.sampled_from(EventName),
+    ),
+    max_size=12,
+)
+NUMBERS = st.lists(st.floats(width=64), max_size=20).map(lambda rows: np.array(rows, np.float64))
+
+
+@given(
+    EVENTS,
+    st.integers(1, 20),
+    st.frozensets(st.sampled_from(Step)),
+    RULESETS,
+    NUMBERS,
+    st.booleans(),
+)
+def test_values_are_plain_finite_numbers_whatever_comes_in(
+    events: list[Event],
+    number: int,
+    done: frozenset[Step],
+    ruleset: Ruleset,
+    rows: np.ndarray[tuple[int], np.dtype[np.float64]],
+    opened: bool,
+) -> None:
+    condition = Condition.from_number(number)
+    indicators = (
+        execution_time(events, condition, ruleset),
+        time_to_handle(events),
+        door_occupation_time(events, condition, ruleset),
+        passage_time(events, done, ruleset),
+        unsafety_of_door_operation(rows),
+        smoothness_of_door_actuation(rows, opened),
+        roughness_of_door_actuation(rows),
+        capability_level(events, condition, done, ruleset),
+    )
+    assert [indicator.name for indicator in indicators] == list(IndicatorName)
+    for indicator in indicators:
+        whole = indicator.name is IndicatorName.CAPABILITY_LEVEL
+        if indicator.value is None:
+            assert indicator.reason
+        else:
+            assert indicator.reason is None
+            assert type(indicator.value) is (int if whole else float)
+            assert math.isfinite(indicator.value)
+
+
+@given(st.integers(-(2**40), 2**40), st.integers(1, 20), RULESETS)
+def test_a_shift_in_time_changes_no_indicator(shift: int, number: int, ruleset: Ruleset) -> None:
+    condition = Condition.from_number(number)
+    later = tuple(Event(event.time + shift, event.name) for event in NOMINAL)
+    assert execution_time(later, condition, ruleset).value == pytest.approx(
+        execution_time(NOMINAL, condition, ruleset).value, abs=1e-3
+    )
+    here, there = (passage_time(events, ALL_STEPS, ruleset) for events in (NOMINAL, later))
+    assert there.value == pytest.approx(here.value, abs=1e-3)
+
+
+def test_the_sides_of_the_condition_decide_which_passage_events_count() -> None:
+    for number in range(1, 21):
+        condition = Condition.from_number(number)
+        valued = door_occupation_time(NOMINAL, condition, PROTOCOL).value is not None
+        assert valued == (condition.starting_side is Side.CCW)

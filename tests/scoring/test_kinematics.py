@@ -1,0 +1,322 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from scoring.errors import ScoringError
+from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+
+Array = NDArray[np.float64]
+
+EPOCH = 1_580_487_388.0
+BOTH = pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020], ids=lambda r: str(r.name))
+
+
+def grid(rate: float, duration: float) -> Array:
+    return np.arange(round(rate * duration) + 1) / rate
+
+
+def defined(joint: JointState) -> NDArray[np.bool_]:
+    return np.isfinite(joint.acceleration)
+
+
+def gains(rate: float, average: int, savgol: int, omega: float) -> tuple[float, float]:
+    """What the two filters make of a sinusoid: factor of its velocity and its acceleration."""
+    step = omega / rate
+    mean = math.sin(average * step / 2) / (average * math.sin(step / 2))
+    k = np.arange(-(savgol // 2), savgol // 2 + 1)
+    slope = float(np.sum(k * np.sin(k * step)) / np.sum(k**2)) / step
+    square = k**2 - np.mean(k**2)
+    curvature = -2 * float(np.sum(square * np.cos(k * step)) / np.sum(square**2)) / step**2
+    return mean * slope, mean * curvature
+
+
+@pytest.mark.parametrize(
+    ("ruleset", "rate", "average", "savgol"),
+    [
+        (PROTOCOL, 50, 9, 9),
+        (PROTOCOL, 100, 19, 19),
+        (PROTOCOL, 55, 11, 11),
+        (PROTOCOL, 11, 3, 3),
+        (EUROBENCH_2020, 50, 11, 11),
+        (EUROBENCH_2020, 100, 21, 11),
+        (EUROBENCH_2020, 12, 5, 11),
+    ],
+)
+def test_a_swinging_door_keeps_what_the_windows_let_through(
+    ruleset: Ruleset, rate: int, average: int, savgol: int
+) -> None:
+    amplitude, omega = 0.8, 2 * math.pi * 0.5
+    time = grid(rate, 8)
+    joint = joint_state(time, amplitude * np.sin(omega * time), ruleset)
+    velocity_gain, acceleration_gain = gains(rate, average, savgol, omega)
+    velocity = velocity_gain * amplitude * omega * np.cos(omega * time)
+    acceleration = -acceleration_gain * amplitude * omega**2 * np.sin(omega * time)
+    edge = average // 2 + savgol // 2
+    assert np.flatnonzero(defined(joint)).tolist() == list(range(edge, time.size - edge))
+    inner = slice(edge, time.size - edge)
+    np.testing.assert_allclose(joint.velocity[inner], velocity[inner], atol=1e-9)
+    np.testing.assert_allclose(joint.acceleration[inner], acceleration[inner], atol=1e-8)
+
+
+@BOTH
+def test_constant_jerk_comes_out_exactly(ruleset: Ruleset) -> None:
+    time = grid(50, 3)
+    joint = joint_state(time, 0.25 * time**3 / 6, ruleset)
+    rows = defined(joint)
+    np.testing.assert_allclose(joint.acceleration[rows], 0.25 * time[rows], atol=1e-10)
+    _, jerks = jerk(joint, ruleset, closed_angle=0.03)
+    np.testing.assert_allclose(jerks, 0.25, atol=1e-8)
+
+
+@BOTH
+def test_a_minimum_jerk_opening_has_its_closed_form(ruleset: Ruleset) -> None:
+    amplitude, duration = 1.2, 6.0
+    time = grid(100, 10)
+    s = np.clip((time - 2) / duration, 0, 1)
+    position = amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    joint = joint_state(time, position, ruleset)
+    rows = defined(joint)
+    velocity = amplitude / duration * (30 * s**2 - 60 * s**3 + 30 * s**4)
+    acceleration = amplitude / duration**2 * (60 * s - 180 * s**2 + 120 * s**3)
+    peak = 10 / math.sqrt(3) * amplitude / duration**2
+    np.testing.assert_allclose(joint.velocity[rows], velocity[rows], atol=0.005 * velocity.max())
+    np.testing.assert_allclose(joint.acceleration[rows], acceleration[rows], atol=0.06 * peak)
+    assert np.nanmax(np.abs(joint.acceleration)) == pytest.approx(peak, rel=0.005)
+    times, jerks = jerk(joint, ruleset, closed_angle=1e-9)
+    moving = np.abs(jerks[times < 2 + duration])
+    assert np.mean(moving) == pytest.approx(4 * peak / duration, rel=0.03)
+    low = low_pass(joint, ruleset)
+    assert np.nanmax(np.abs(low)) == pytest.approx(peak, rel=0.02)
+
+
+def test_the_zero_phase_low_pass_halves_two_hertz_in_place() -> None:
+    time = grid(50, 40)
+    acceleration = np.sin(2 * math.pi * 2 * time)
+    joint = JointState(time, np.ones(time.size), acceleration.copy(), acceleration)
+    middle = slice(500, 1500)
+    low = low_pass(joint, PROTOCOL)
+    np.testing.assert_allclose(low[middle], acceleration[middle] / 2, atol=1e-9)
+    once = low_pass(joint, EUROBENCH_2020)
+    assert np.max(np.abs(once[middle])) == pytest.approx(math.sqrt(0.5), rel=1e-3)
+    assert np.max(np.abs(once[middle] - acceleration[middle] * math.sqrt(0.5))) > 0.5  # delayed
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.0, 3.0])
+def test_the_low_pass_attenuates_like_a_butterworth_of_order_five(frequency: float) -> None:
+    rate = 50
+    time = grid(rate, 60)
+    acceleration = np.sin(2 * math.pi * frequency * time)
+    joint = JointState(time, np.ones(time.size), acceleration.copy(), acceleration)
+    ratio = math.tan(math.pi * frequency / rate) / math.tan(math.pi * 2 / rate)
+    middle = slice(1000, 2000)
+    expected = acceleration[middle] / (1 + ratio**10)
+    np.testing.assert_allclose(low_pass(joint, PROTOCOL)[middle], expected, atol=1e-8)
+
+
+def test_eight_rows_at_each_end_are_empty_at_fifty_hertz() -> None:
+    joint = joint_state(grid(50, 2), np.zeros(101), PROTOCOL)
+    assert np.flatnonzero(~defined(joint)).tolist() == [*range(8), *range(93, 101)]
+    assert np.array_equal(np.isnan(joint.velocity), ~defined(joint))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([50, 100]))
+def test_jitter_does_not_change_the_windows(seed: int, rate: int) -> None:
+    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, 10 * rate + 1)
+    time = EPOCH + grid(rate, 10) + jitter / rate
+    joint = joint_state(time, np.sin(time), PROTOCOL)
+    assert np.flatnonzero(~defined(joint)).size == {50: 16, 100: 36}[rate]
+
+
+@pytest.mark.parametrize(("rate", "window"), [(49.6, 9), (50.4, 9), (50.6, 11), (51.4, 11)])
+def test_the_windows_follow_the_rate_rounded_to_whole_hertz(rate: float, window: int) -> None:
+    time = np.arange(200) / rate
+    joint = joint_state(time, np.sin(time), PROTOCOL)
+    assert np.flatnonzero(defined(joint))[0] == 2 * (window // 2)
+
+
+def test_a_gap_empties_the_rows_whose_windows_span_it() -> None:
+    kept = np.r_[0:60, 66:150]
+    time = grid(50, 3)[kept[kept < 151]]
+    position = np.sin(time)
+    joint = joint_state(time, position, PROTOCOL)
+    empty = [*range(8), *range(52, 68), *range(136, 144)]
+    assert np.flatnonzero(~defined(joint)).tolist() == empty
+    assert np.isfinite(low_pass(joint, PROTOCOL)).tolist() == defined(joint).tolist()
+    times, _ = jerk(joint, PROTOCOL, closed_angle=0.03)
+    assert not ((times > time[51]) & (times <= time[68])).any()
+    # the published scripts know one series only
+    assert np.flatnonzero(~defined(joint_state(time, position, EUROBENCH_2020))).size == 20
+
+
+def test_an_interval_as_long_as_the_largest_gap_is_none() -> None:
+    time = grid(64, 3)[np.r_[0:60, 64:150]]  # the interval across is 5/64 s
+    whole = joint_state(time, np.sin(time), PROTOCOL, largest_gap=5 / 64)
+    assert defined(whole)[50:70].all()
+    split = joint_state(time, np.sin(time), PROTOCOL, largest_gap=4.9 / 64)
+    assert not defined(split)[58:62].any()
+
+
+def test_a_gap_stays_out_of_the_sampling_interval() -> None:
+    first = grid(50, 2)
+    time = np.r_[first, first + 30]
+    joint = joint_state(time, 0.5 * time, PROTOCOL)
+    np.testing.assert_allclose(joint.velocity[np.isfinite(joint.velocity)], 0.5, atol=1e-9)
+
+
+def test_a_stretch_too_short_for_the_low_pass_has_no_values_of_it() -> None:
+    long, short = grid(50, 2), 10 + grid(50, 0.66)
+    time = np.r_[long, short]  # 34 rows: 18 with an acceleration, one too few
+    joint = joint_state(time, np.sin(time), PROTOCOL)
+    assert defined(joint)[long.size :].sum() == 18
+    low = low_pass(joint, PROTOCOL)
+    assert np.isfinite(low[: long.size]).any()
+    assert np.isnan(low[long.size :]).all()
+    alone = joint_state(short, np.sin(short), PROTOCOL)
+    assert np.isnan(low_pass(alone, PROTOCOL)).all()
+    assert low_pass_problem(alone, PROTOCOL) == (
+        "no stretch of acceleration without gaps is long enough for the low-pass filter"
+    )
+
+
+@pytest.mark.parametrize("rate", [10, 8, 1])
+def test_a_slow_door_angle_has_no_values_and_a_reason(rate: int) -> None:
+    time = grid(rate, 20)
+    joint = joint_state(time, np.sin(time), PROTOCOL)
+    assert joint.reason == f"door angle at {rate} Hz: too slow for the filters"
+    assert not defined(joint).any()
+    assert np.isnan(low_pass(joint, PROTOCOL)).all()
+    assert low_pass_problem(joint, PROTOCOL) == joint.reason
+    assert jerk(joint, PROTOCOL, 0.03)[1].size == 0
+
+
+def test_below_nyquist_the_published_rules_have_acceleration_but_no_low_pass() -> None:
+    time = grid(4, 30)
+    joint = joint_state(time, np.sin(time), EUROBENCH_2020)
+    assert joint.reason is None
+    assert np.isnan(low_pass(joint, EUROBENCH_2020)).all()
+    reason = low_pass_problem(joint, EUROBENCH_2020)
+    assert reason == "door angle at 4 Hz: too slow for the filters"
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("rows", "reason"),
+    [
+        (0, "no door angle recorded"),
+        (1, "too few door angles recorded for the filters"),
+        (5, "too few door angles recorded for the filters"),
+        (16, "no stretch of the door angle without gaps is long enough for the filters"),
+    ],
+)
+def test_too_few_rows_give_a_reason(ruleset: Ruleset, rows: int, reason: str) -> None:
+    joint = joint_state(grid(50, 1)[:rows], np.zeros(rows), ruleset)
+    assert joint.reason == reason
+    assert joint.acceleration.size == rows
+    assert low_pass(joint, ruleset).size == rows
+
+
+@BOTH
+def test_rows_without_a_reading_are_left_out(ruleset: Ruleset) -> None:
+    time = grid(50, 4)
+    position = np.sin(time)
+    position[[0, 70, 71]], position[120] = np.nan, np.inf
+    read = np.isfinite(position)
+    joint = joint_state(time, position, ruleset)
+    same = joint_state(time[read], position[read], ruleset)
+    assert joint.time.tolist() == time[read].tolist()
+    np.testing.assert_array_equal(joint.acceleration, same.acceleration)
+
+
+@BOTH
+def test_positions_out_of_range_leak_no_infinity(ruleset: Ruleset) -> None:
+    time = grid(50, 4)
+    position = np.sin(time)
+    position[100:110] = 1.7e308
+    joint = joint_state(time, position, ruleset)
+    for values in (joint.velocity, joint.acceleration, low_pass(joint, ruleset)):
+        assert not np.isinf(values).any()
+    assert np.isfinite(jerk(joint, ruleset, 0.03)[1]).all()
+
+
+def test_times_that_do_not_increase_are_refused() -> None:
+    with pytest.raises(ScoringError, match="drop duplicate and backward stamps"):
+        joint_state(np.array([0.0, 0.02, 0.02]), np.zeros(3), PROTOCOL)
+    with pytest.raises(ScoringError, match="one of each a row"):
+        joint_state(np.zeros(3), np.zeros(2), PROTOCOL)
+
+
+def test_the_cut_keeps_the_rows_of_the_run_and_their_digits() -> None:
+    time = grid(50, 4)
+    joint = joint_state(time, np.sin(time), PROTOCOL)
+    cut = joint.cut(1.0, 2.0)
+    assert cut.time.tolist() == time[50:101].tolist()
+    np.testing.assert_array_equal(cut.acceleration, joint.acceleration[50:101])
+    assert defined(cut).all()  # filtered before it was cut: no filter edge inside
+    assert joint.cut(9.0, 8.0).time.size == 0
+
+
+def test_jerk_is_derived_before_or_after_the_closed_rows_go() -> None:
+    time = np.arange(5.0)
+    joint = JointState(
+        time,
+        position=np.array([1.0, 1.0, 0.0, 1.0, -1.0]),
+        velocity=np.zeros(5),
+        acceleration=np.array([0.0, 1.0, 10.0, 4.0, 2.0]),
+    )
+    protocol = jerk(joint, PROTOCOL, closed_angle=0.03, largest_gap=1.0)
+    assert (protocol[0].tolist(), protocol[1].tolist()) == ([1, 3, 4], [1, -6, -2])
+    published = jerk(joint, EUROBENCH_2020, closed_angle=0.03)
+    assert (published[0].tolist(), published[1].tolist()) == ([1, 3, 4], [1, 1.5, -2])
+
+
+def test_no_jerk_is_derived_across_a_gap_of_a_recorded_acceleration() -> None:
+    time = np.array([0.0, 0.02, 0.32, 0.34])
+    joint = JointState(time, np.ones(4), np.zeros(4), np.array([0.0, 1.0, 5.0, 6.0]))
+    assert jerk(joint, PROTOCOL, 0.03)[0].tolist() == [0.02, 0.34]
+
+
+@given(
+    st.lists(st.integers(1, 12), min_size=0, max_size=120),
+    st.integers(0, 2**31),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([PROTOCOL, EUROBENCH_2020]),
+)
+def test_a_shift_in_time_changes_nothing(
+    steps: list[int], shift: int, seed: int, ruleset: Ruleset
+) -> None:
+    time = np.cumsum([0, *steps]) / 64.0  # exact in binary, shifted too
+    position = np.random.default_rng(seed).uniform(-1.5, 1.5, time.size)
+    here, there = (joint_state(time + offset, position, ruleset) for offset in (0, shift))
+    assert here.reason == there.reason
+    np.testing.assert_array_equal(here.velocity, there.velocity)
+    np.testing.assert_array_equal(here.acceleration, there.acceleration)
+    np.testing.assert_array_equal(low_pass(here, ruleset), low_pass(there, ruleset))
+    np.testing.assert_array_equal(jerk(here, ruleset, 0.03)[1], jerk(there, ruleset, 0.03)[1])
+
+
+@given(
+    st.lists(st.floats(0.001, 0.3), min_size=1, max_size=150),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([PROTOCOL, EUROBENCH_2020]),
+)
+def test_values_and_reasons_exclude_each_other(
+    intervals: list[float], seed: int, ruleset: Ruleset
+) -> None:
+    time = EPOCH + np.cumsum(intervals)
+    position = np.random.default_rng(seed).uniform(-1.5, 1.5, time.size)
+    joint = joint_state(time, position, ruleset)
+    assert (joint.reason is None) == bool(defined(joint).any())
+    low = low_pass(joint, ruleset)
+    assert (low_pass_problem(joint, ruleset) is None) == bool(np.isfinite(low).any())
+    assert not np.isfinite(low[~defined(joint)]).any()
+    if ruleset is PROTOCOL:
+        for row in np.flatnonzero(defined(joint)):  # the shortest windows reach two rows far
+            assert 2 <= row < time.size - 2
+            assert np.diff(time[row - 2 : row + 3]).max() <= 0.1
