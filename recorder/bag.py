@@ -1,0 +1,202 @@
+"""The rosbag2 layout of a bag: file names, topics, QoS and `metadata.yaml`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import yaml
+
+METADATA_FILE = "metadata.yaml"
+BAG_INFORMATION = "rosbag2_bagfile_information"
+"""The root key of `metadata.yaml`."""
+MAX_NS = 2**63 - 1
+"""The latest time rosbag2 can store; it also stands for the start of an empty bag."""
+
+_TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
+_TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
+
+_QOS_LIMIT = 64 * 1024
+"""The most characters of QoS that are parsed; one publisher has about 400."""
+
+
+class Reliability(StrEnum):
+    """DDS reliability, as rosbag2 spells it."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
+class Durability(StrEnum):
+    """DDS durability, as rosbag2 spells it."""
+
+    VOLATILE = "volatile"
+    TRANSIENT_LOCAL = "transient_local"
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """What a topic's publisher offers."""
+
+    reliability: Reliability = Reliability.RELIABLE
+    durability: Durability = Durability.VOLATILE
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What a bag must know of a topic before its first message.
+
+    Attributes:
+        name: full topic name.
+        type: full type name, `pkg/msg/Type`.
+        definition: the `ros2msg` text with every nested definition appended; empty when unknown.
+        type_hash: `RIHS01_...`, or empty when unknown.
+        qos: what the publisher offers.
+    """
+
+    name: str
+    type: str
+    definition: str
+    type_hash: str = ""
+    qos: Qos = Qos()
+
+
+def topic_problem(topic: Topic) -> str | None:
+    """Why a bag cannot hold this topic, in words; None when it can."""
+    if not _TOPIC_NAME.fullmatch(topic.name):
+        return f"{topic.name!r} is no full topic name; it reads /like/this"
+    if not _TYPE_NAME.fullmatch(topic.type):
+        return f"type {topic.type!r} of {topic.name} is no full type name; it reads pkg/msg/Type"
+    try:
+        f"{topic.name}{topic.definition}{topic.type_hash}".encode()
+    except UnicodeEncodeError:
+        return f"the definition of {topic.type} ({topic.name!r}) is not valid text"
+    return None
+
+
+def bag_file_name(folder_name: str) -> str:
+    """The name of the recording in a bag folder."""
+    return f"{folder_name}_0.mcap"
+
+
+def qos_text(qos: Qos) -> str:
+    """A channel's `offered_qos_profiles`; it says the same as `metadata.yaml`."""
+    return _dump(_qos_profiles(qos))
+
+
+def parse_qos(text: str) -> Qos:
+    """Read `offered_qos_profiles`; of several publishers the least that all offer.
+
+    Takes the words of rosbag2 and the numbers of its older versions. What cannot be read counts
+    as the default.
+    """
+    try:
+        profiles = yaml.safe_load(text[:_QOS_LIMIT])
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return Qos()
+    if not isinstance(profiles, list):
+        return Qos()
+    items = [item for item in profiles if isinstance(item, dict)]
+    if not items:
+        return Qos()
+    best_effort = any(item.get("reliability") in (Reliability.BEST_EFFORT, 2) for item in items)
+    latched = all(item.get("durability") in (Durability.TRANSIENT_LOCAL, 1) for item in items)
+    return Qos(
+        Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE,
+        Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BagInformation:
+    """What `metadata.yaml` tells of a bag of one file.
+
+    Attributes:
+        file_name: the recording's name.
+        topics: every topic of the bag.
+        counts: messages per topic name.
+        start_ns: earliest log time, ns since the epoch; None while there is no message.
+        end_ns: latest log time, ns since the epoch; None while there is no message.
+    """
+
+    file_name: str
+    topics: Iterable[Topic]
+    counts: Mapping[str, int]
+    start_ns: int | None
+    end_ns: int | None
+
+    def metadata_yaml(self) -> str:
+        """The text of `metadata.yaml`."""
+        return _dump({BAG_INFORMATION: self._document()})
+
+    def serialized_metadata(self) -> str:
+        """The text of the metadata record `rosbag2`: the same without the root key."""
+        return _dump(self._document())
+
+    def _document(self) -> dict[str, Any]:
+        return {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **self._span(),
+            "topics_with_message_count": [
+                {"topic_metadata": _topic_metadata(topic), "message_count": self._count(topic)}
+                for topic in self.topics
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self.file_name],
+            "files": [{"path": self.file_name, **self._span()}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+
+    def _span(self) -> dict[str, Any]:
+        start, duration = MAX_NS, 0
+        if self.start_ns is not None and self.end_ns is not None:
+            start, duration = self.start_ns, self.end_ns - self.start_ns
+        return {
+            "duration": {"nanoseconds": duration},
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": sum(self.counts.values()),
+        }
+
+    def _count(self, topic: Topic) -> int:
+        return self.counts.get(topic.name, 0)
+
+
+def _topic_metadata(topic: Topic) -> dict[str, Any]:
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": _qos_profiles(topic.qos),
+        "type_description_hash": topic.type_hash,
+    }
+
+
+def _qos_profiles(qos: Qos) -> list[dict[str, Any]]:
+    return [
+        {
+            "history": "unknown",
+            "depth": 0,
+            "reliability": qos.reliability.value,
+            "durability": qos.durability.value,
+            "deadline": _infinite(),
+            "lifespan": _infinite(),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": _infinite(),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def _infinite() -> dict[str, int]:
+    """DDS for never; a new object each time, or the YAML would hold anchors."""
+    return {"sec": 9_223_372_036, "nsec": 854_775_807}
+
+
+def _dump(value: object) -> str:
+    return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)

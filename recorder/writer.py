@@ -1,0 +1,319 @@
+"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file.
+
+The caller never waits for the disk, and the order of `put` is the order in the bag.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from recorder.bag import MAX_NS, Topic, topic_problem
+from recorder.bag_folder import BagFolder
+from recorder.errors import RecorderError
+from recorder.mcap_file import CHUNK_BYTES, McapFile
+from recorder.message import RawMessage
+from recorder.stats import Account, BagSummary, DropReason, RecorderState, RecorderStats
+
+_OVERHEAD_BYTES = 256
+"""Memory of a queued message beside its data, so that many small ones are bounded as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """A metadata record on its way to the file."""
+
+    name: str
+    content: Mapping[str, str]
+
+
+_Item = RawMessage | Topic | _Record
+
+
+class BagWriter:
+    """Records one bag; every method may be called from any thread.
+
+    Args:
+        folder: the bag folder, made by `open`; its parent must exist.
+        topics: what is known beforehand; later ones by `add_topic`.
+        records: MCAP metadata records by name, written before the first message.
+        flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
+        queue_bytes: memory that messages may take on their way to the file.
+        block_when_full: let `put` wait for room instead of dropping (virtual time).
+        clock: monotonic time, s.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        topics: Sequence[Topic],
+        records: Mapping[str, Mapping[str, str]],
+        *,
+        flush_period: float = 0.2,
+        queue_bytes: int = 64 * 1024 * 1024,
+        block_when_full: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.folder = folder
+        self._topics: dict[str, Topic] = {}
+        self._first_topics = tuple(topics)
+        self._records = dict(records)
+        self._flush_period = flush_period
+        self._queue_bytes = queue_bytes
+        self._batch_bytes = min(CHUNK_BYTES, queue_bytes // 2)
+        self._block = block_when_full
+        self._clock = clock
+        self._changed = threading.Condition()  # guards everything below
+        self._state = RecorderState.CLOSED
+        self._closing = False
+        self._blocked = 0
+        self._queue: deque[_Item] = deque()
+        self._queued = 0
+        self._account = Account()
+        self._span: tuple[int | None, int | None] = (None, None)
+        self._file_bytes = 0
+        self._synced: float | None = None
+        self._error: str | None = None
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Make the bag, bring its header, records and `metadata.yaml` to the disk, and record.
+
+        Raises:
+            RecorderError: it cannot be made; nothing is left behind, the message names the remedy.
+        """
+        if self._state is not RecorderState.CLOSED or self._closing:
+            raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
+        for topic in self._first_topics:
+            self._check(topic)
+        bag = BagFolder(self.folder, self._topics.values(), self._records)
+        self._file_bytes = bag.file.size
+        self._synced = self._clock()
+        self._state = RecorderState.RECORDING
+        # A daemon: a program that ends without `close` must not hang on it.
+        self._thread = threading.Thread(target=self._run, args=(bag,), name="recorder", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def put(self, message: RawMessage) -> bool:
+        """Queue a message; False = it is dropped and counted. Never raises, never waits.
+
+        With `block_when_full` it waits for room.
+        """
+        cost = len(message.data) + _OVERHEAD_BYTES
+        with self._changed:
+            self._account.received[message.topic] += 1
+            reason = self._refusal(message, cost)
+            while reason is DropReason.QUEUE_FULL and self._block:
+                self._wait_for_room()
+                reason = self._refusal(message, cost)
+            if reason is not None:
+                self._account.drop(message.topic, reason)
+                return False
+            self._enqueue(message, cost)
+            return True
+
+    def add_topic(self, topic: Topic) -> bool:
+        """Register a topic that appeared while recording.
+
+        Returns:
+            Whether its messages are recorded: False while not recording, for a topic that a bag
+            cannot hold, and for a name already registered with another type.
+        """
+        with self._changed:
+            if not self._accepting or topic_problem(topic) is not None:
+                return False
+            if topic.name in self._topics:
+                return self._topics[topic.name].type == topic.type
+            self._topics[topic.name] = topic
+            self._enqueue(topic, len(topic.definition) + _OVERHEAD_BYTES)
+            return True
+
+    def add_record(self, name: str, record: Mapping[str, str]) -> bool:
+        """Add a metadata record while recording; False when not recording."""
+        with self._changed:
+            if not self._accepting:
+                return False
+            self._enqueue(_Record(name, dict(record)), _OVERHEAD_BYTES)
+            return True
+
+    def stats(self) -> RecorderStats:
+        """The recorder now."""
+        with self._changed:
+            return RecorderStats(
+                state=self._state,
+                written=self._account.saved.total(),
+                received=dict(self._account.received),
+                dropped=dict(self._account.dropped()),
+                drop_reasons=dict(self._account.reasons()),
+                queued_bytes=self._queued,
+                file_bytes=self._file_bytes,
+                seconds_since_sync=None if self._synced is None else self._clock() - self._synced,
+                error=self._error,
+            )
+
+    def close(self, timeout: float = 30.0) -> BagSummary:
+        """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
+
+        Args:
+            timeout: seconds until a disk that does not answer counts as failed.
+        """
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join(timeout)
+            if self._thread.is_alive():
+                self._fail(TimeoutError(f"the disk did not answer within {timeout:g} s"))
+        with self._changed:
+            return BagSummary(
+                folder=self.folder,
+                counts={name: self._account.saved[name] for name in self._topics},
+                dropped=dict(self._account.dropped()),
+                start_ns=self._span[0],
+                end_ns=self._span[1],
+                file_bytes=self._file_bytes,
+                error=self._error,
+            )
+
+    # Called with the lock held.
+
+    @property
+    def _accepting(self) -> bool:
+        return self._state is RecorderState.RECORDING and not self._closing
+
+    def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
+        if self._state is RecorderState.FAILED:
+            return DropReason.FAILED
+        if not self._accepting:
+            return DropReason.NOT_RECORDING
+        if (misfit := self._misfit(message)) is not None:
+            return misfit
+        if cost > self._queue_bytes:
+            return DropReason.TOO_LARGE
+        return DropReason.QUEUE_FULL if self._queued + cost > self._queue_bytes else None
+
+    def _misfit(self, message: RawMessage) -> DropReason | None:
+        topic = self._topics.get(message.topic)
+        if topic is None:
+            return DropReason.UNKNOWN_TOPIC
+        if topic.type != message.type:
+            return DropReason.OTHER_TYPE
+        if not (0 <= message.receive_ns < MAX_NS and 0 <= message.publish_ns < MAX_NS):
+            return DropReason.BAD_TIME
+        return None
+
+    def _enqueue(self, item: _Item, cost: int) -> None:
+        self._queue.append(item)
+        self._queued += cost
+        if self._queued >= self._batch_bytes:
+            self._changed.notify_all()
+
+    def _wait_for_room(self) -> None:
+        self._blocked += 1
+        self._changed.notify_all()
+        self._changed.wait()
+        self._blocked -= 1
+
+    def _work_is_due(self) -> bool:
+        return self._closing or self._blocked > 0 or self._queued >= self._batch_bytes
+
+    # Opening.
+
+    def _check(self, topic: Topic) -> None:
+        problem = topic_problem(topic)
+        known = self._topics.setdefault(topic.name, topic)
+        if known.type != topic.type:
+            problem = f"{topic.name} is both {known.type} and {topic.type}"
+        if problem is not None:
+            raise RecorderError(f"{problem}; correct the topic's configuration")
+
+    # The writer thread.
+
+    def _run(self, bag: BagFolder) -> None:
+        try:
+            while self._write_batch(bag.file):
+                pass
+            bag.finish()
+            self._report(bag.file)
+            self._finish()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
+            self._report(bag.file)
+            self._fail(error)
+        finally:
+            bag.close()
+
+    def _write_batch(self, file: McapFile) -> bool:
+        """Write what is queued; False when it was the last."""
+        timeout = self._until_sync()
+        with self._changed:
+            self._changed.wait_for(self._work_is_due, timeout)
+            batch, self._queue = self._queue, deque()
+            size, last = self._queued, self._closing
+        for item in batch:
+            match item:
+                case RawMessage():
+                    file.add_message(item)
+                case Topic():
+                    file.register(item)
+                case _Record():
+                    file.add_record(item.name, item.content)
+        if self._until_sync() <= 0:
+            now = self._clock()
+            file.sync()
+            self._synced = now
+        self._report(file, size)
+        return not last
+
+    def _until_sync(self) -> float:
+        """Seconds until the next sync is due, negative when overdue."""
+        since = 0.0 if self._synced is None else self._clock() - self._synced
+        return self._flush_period - since
+
+    def _report(self, file: McapFile, done_bytes: int = 0) -> None:
+        with self._changed:
+            if self._state is RecorderState.FAILED:  # given up on; the account is closed
+                return
+            self._account.saved = file.saved.copy()
+            self._span = (file.start_ns, file.end_ns)
+            self._file_bytes = file.size
+            self._queued -= done_bytes
+            self._changed.notify_all()
+
+    def _finish(self) -> None:
+        with self._changed:
+            if self._state is RecorderState.RECORDING:
+                self._state = RecorderState.FINISHED
+
+    def _fail(self, error: Exception) -> None:
+        """Stop recording; everything received and not saved counts as dropped."""
+        cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
+        with self._changed:
+            if self._state is not RecorderState.RECORDING:
+                return
+            self._state = RecorderState.FAILED
+            self._error = (
+                f"recording to {self.folder} failed: {cause}; what was written stays readable, "
+                "check the disk and its free space before the next run"
+            )
+            self._account.drop_rest()
+            self._queue.clear()
+            self._queued = 0
+            self._changed.notify_all()
