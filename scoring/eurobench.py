@@ -5,6 +5,7 @@ The only module of `scoring` that opens data files.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
 from scoring.indicators import Indicator
-from scoring.kinematics import JointState
+from scoring.kinematics import LARGEST_GAP, JointState
 from scoring.protocol import Condition, Event, EventName
 from scoring.rulesets import ruleset
 from scoring.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
@@ -132,7 +133,8 @@ def door_stays_closed(joint: JointState, since: float, settle: float, closed_ang
     """Whether the recording shows the door closed for `settle` seconds after `since`.
 
     Judges step 6 of a run without `benchmark_stop` (section 7); `since` is the time of the last
-    `door_closes`.
+    `door_closes`. A row stands for the time until the next one would come: files of a run that
+    was cut at its stop plus the settle time end less than a sampling interval before that.
 
     Args:
         joint: the panel's motion.
@@ -140,10 +142,19 @@ def door_stays_closed(joint: JointState, since: float, settle: float, closed_ang
         settle: how long it must stay closed, s.
         closed_angle: abs(position) below this is a closed door, rad.
     """
-    if not joint.time.size or joint.time[-1] < since + settle:
+    if recorded_until(joint) < since + settle:
         return False
     rows = (joint.time > since) & (joint.time <= since + settle)
     return bool(rows.any() and (np.abs(joint.position[rows]) < closed_angle).all())
+
+
+def recorded_until(joint: JointState) -> float:
+    """Until when the panel's motion is known, s since the epoch; -inf without rows."""
+    if not joint.time.size:
+        return -math.inf
+    intervals = np.diff(joint.time)
+    regular = intervals[intervals <= LARGEST_GAP]
+    return float(joint.time[-1] + (np.max(regular) if regular.size else 0.0))
 
 
 def write_run_files(

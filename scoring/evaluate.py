@@ -31,7 +31,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.quality import Quality, QualityCounter, SignalQuality, missing_readings
+from scoring.quality import Quality, QualityCounter, missing_readings
 from scoring.rulesets import PROTOCOL, Ruleset, RulesetName
 from scoring.samples import DoorSample, HandleSample, Sample
 
@@ -358,7 +358,7 @@ class Assessment:
                 counter = QualityCounter(signal, self._thresholds.largest_gap)
             quality = counter.quality()
             signals.append(quality)
-            remarks += _remarks(quality)
+            remarks += quality.remarks()
             remarks += [
                 f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
                 for step in counter.guard.steps
@@ -374,18 +374,6 @@ class Assessment:
             for text, count in self._problems.items()
         ]
         return Quality(tuple(signals), tuple(remarks))
-
-
-def _remarks(quality: SignalQuality) -> list[str]:
-    name = quality.signal.value
-    remarks = []
-    if quality.dropped:
-        remarks.append(f"{name}: {quality.dropped} duplicate or backward stamps dropped")
-    if quality.gaps and quality.signal is not Signal.LATCH:
-        remarks.append(f"{name}: {quality.gaps} gaps, the longest {quality.largest_gap:.3f} s")
-    if quality.no_reading:
-        remarks.append(f"{name}: {quality.no_reading} values without a reading")
-    return remarks
 
 
 def with_remarks(result: Result, remarks: Iterable[str]) -> Result:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scoring.eurobench import EurobenchRun, door_stays_closed
+from scoring.eurobench import EurobenchRun, door_stays_closed, recorded_until
 from scoring.evaluate import Ending, Result, Rows, compute_indicators, cut_rows, process_rows
 from scoring.events import Edge, Evidence
 from scoring.procedure import Procedure, follow_procedure
@@ -81,7 +81,7 @@ def _evidence(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> 
     if closed is not None and door_stays_closed(
         run.joint_state, closed, thresholds.settle_time, thresholds.closed_angle
     ):
-        seen = float(run.joint_state.time[-1])
+        seen = recorded_until(run.joint_state)
     return Evidence(
         start=run.start_time,
         stop=stop,

@@ -9,6 +9,9 @@ from scoring.protocol import Signal
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.stamps import StampGuard
 
+LARGEST_SKEW = 0.1
+"""Stamps that differ by this much from the time of reception are worth a remark, s."""
+
 
 @dataclass(frozen=True, slots=True)
 class SignalQuality:
@@ -37,6 +40,20 @@ class SignalQuality:
     shifted: int
     no_reading: int
     skew: float | None
+
+    def remarks(self) -> list[str]:
+        """What to know of the signal, in words; empty for a good one."""
+        name = self.signal.value
+        remarks = []
+        if self.dropped:
+            remarks.append(f"{name}: {self.dropped} duplicate or backward stamps dropped")
+        if self.gaps and self.signal is not Signal.LATCH:
+            remarks.append(f"{name}: {self.gaps} gaps, the longest {self.largest_gap:.3f} s")
+        if self.no_reading:
+            remarks.append(f"{name}: {self.no_reading} values without a reading")
+        if self.skew is not None and self.skew >= LARGEST_SKEW:
+            remarks.append(f"{name}: stamps differ from reception by up to {self.skew:.3f} s")
+        return remarks
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 
+import pytest
 from hypothesis import settings
 
 # textual reads these when it is imported
@@ -12,3 +13,8 @@ os.environ["TEXTUAL_ANIMATIONS"] = "none"
 # a busy machine is not a wrong result
 settings.register_profile("madrob", deadline=None)
 settings.load_profile("madrob")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How often the slow proofs repeat themselves."""
+    parser.addoption("--runs", type=int, default=20, help="runs of each repeated proof")

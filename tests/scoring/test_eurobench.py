@@ -375,7 +375,8 @@ def test_an_empty_run_is_written_and_read(tmp_path: Path) -> None:
     [
         ([0.05, 0.02] + [0.01] * 50, True),
         ([0.05, 0.02] + [-0.029] * 50, True),
-        ([0.05, 0.02] + [0.01] * 49, False),  # the recording ends before the settle time
+        ([0.05, 0.02] + [0.01] * 49, True),  # a row stands until the next would come
+        ([0.05, 0.02] + [0.01] * 48, False),  # the recording ends before the settle time
         ([0.05, 0.02] + [0.01] * 49 + [0.03], False),
         ([0.05, 0.02] + [0.01] * 50 + [0.9], True),  # opened after the settle time
         ([0.05, 0.02] + [0.01] * 20 + [-0.04] + [0.01] * 40, False),

@@ -106,15 +106,30 @@ def test_the_six_sensors_near_the_hinge_are_not_used() -> None:
 
 
 def test_a_masked_sensor_keeps_its_state() -> None:
-    masked = [door(0.5, -0.2), under(1, Side.CW, 0), door(1.5, -0.5), clear(2, Side.CW, 0)]
+    masked: list[Sample] = [
+        door(0.5, -0.2),
+        under(1, Side.CW, 0),
+        door(1.5, -0.5),
+        clear(2, Side.CW, 0),
+    ]
     assert not [n for _, n in names(detector(masked), 9) if "humanoid" in n]
-    held = [under(1, Side.CW, 0), door(1.5, -0.2), clear(2, Side.CW, 0), door(3, -0.5)]
+    held: list[Sample] = [
+        under(1, Side.CW, 0),
+        door(1.5, -0.2),
+        clear(2, Side.CW, 0),
+        door(3, -0.5),
+    ]
     found = detector([clear(0.1, Side.CW, 0), *held, clear(4, Side.CW, 0)])
     assert (4.0, "humanoid_moves_to_cw_side") in names(found, 9)
 
 
 def test_eurobench_counts_a_masked_sensor_as_absent() -> None:
-    held = [clear(0.1, Side.CW, 0), under(1, Side.CW, 0), door(1.5, -0.2), under(2, Side.CW, 0)]
+    held: list[Sample] = [
+        clear(0.1, Side.CW, 0),
+        under(1, Side.CW, 0),
+        door(1.5, -0.2),
+        under(2, Side.CW, 0),
+    ]
     found = detector(held, ruleset=EUROBENCH_2020)
     assert (2.0, "humanoid_moves_to_cw_side") in names(found, 9)
 

@@ -86,7 +86,8 @@ def test_quality_counts_rate_gaps_and_jitter() -> None:
     quality = counter.quality()
     assert quality.samples == 6
     assert quality.rate == pytest.approx(50.0)
-    assert (quality.gaps, quality.largest_gap) == (1, pytest.approx(0.5))
+    assert quality.gaps == 1
+    assert quality.largest_gap == pytest.approx(0.5)
     assert quality.jitter == pytest.approx(math.sqrt(2 * 0.001**2 / 4), rel=1e-3)
     assert quality.skew == pytest.approx(0.003, abs=1e-6)
 
