@@ -1,0 +1,19 @@
+"""The settings: one TOML file with everything about a testbed that is not code."""
+
+from __future__ import annotations
+
+from madrob_console.config.example import example_toml
+from madrob_console.config.settings import (
+    Settings,
+    default_settings_path,
+    load_settings,
+    parse_settings,
+)
+
+__all__ = [
+    "Settings",
+    "default_settings_path",
+    "example_toml",
+    "load_settings",
+    "parse_settings",
+]

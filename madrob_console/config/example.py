@@ -1,0 +1,70 @@
+"""An example of the settings file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from enum import Enum
+
+import msgspec
+from msgspec import inspect
+
+from madrob_console.config.settings import Settings
+from madrob_console.config.shape import description, fields, plain
+from scoring.protocol import Signal
+
+_LISTS_HELP = """\
+# The teams, by subject number.
+#[[teams]]
+#subject = 3
+#name = "Team Walker"
+
+# Start poses to choose from, in the frame madrob_door: x in m towards the CCW side, y in m along
+# the wall, yaw in degrees.
+#[[start_poses]]
+#name = "CCW, close"
+#x = 1.0
+#y = 0.0
+#yaw = 180.0
+
+# How a testbed publishes a signal, where it differs from the protocol: one [[topics]] for each.
+# What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m.
+# The signals are
+{signals}
+#[[topics]]
+#signal = "handle force"
+#topic = "/madrob/handle"
+#type = "madrob_msgs/msg/Handle"
+#field = "force"
+#scale = 0.00980665
+#offset = 0.0"""
+
+
+def example_toml() -> str:
+    """A settings file with every setting, its meaning and its default, all commented out."""
+    lines = ["# Settings of the MADROB console. Lines that begin with # show the defaults.", ""]
+    lines += _tables("", Settings())
+    help_text = _LISTS_HELP.format(signals="\n".join(f"#   {s.value}" for s in Signal))
+    return "\n".join([*lines, help_text])
+
+
+def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
+    inner = []
+    described = []
+    for field in fields(inspect.type_info(type(table))):
+        value = getattr(table, field.name)
+        if isinstance(value, msgspec.Struct):
+            inner.append((f"{name}.{field.encode_name}".lstrip("."), value))
+        elif not isinstance(plain(field.type), inspect.VarTupleType):
+            shown = "..." if value is None else _toml(value)
+            described.append(f"#{field.encode_name} = {shown}  # {description(field.type)}")
+    if described:
+        yield from (f"[{name}]", *described, "")
+    for inner_name, inner_table in inner:
+        yield from _tables(inner_name, inner_table)
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, Enum):
+        value = value.value
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,42 @@
+"""How the settings are built, as their types tell it."""
+
+from __future__ import annotations
+
+from msgspec import inspect
+
+
+def description(kind: inspect.Type) -> str:
+    """What a setting means, in its own words."""
+    if isinstance(kind, inspect.UnionType):
+        kind = _without_none(kind)
+    schema = kind.extra_json_schema if isinstance(kind, inspect.Metadata) else None
+    return str((schema or {})["description"])
+
+
+def plain(kind: inspect.Type) -> inspect.Type:
+    """The type itself, without its limits and without `| None`."""
+    if isinstance(kind, inspect.Metadata):
+        return plain(kind.type)
+    return plain(_without_none(kind)) if isinstance(kind, inspect.UnionType) else kind
+
+
+def fields(kind: inspect.Type) -> tuple[inspect.Field, ...]:
+    """The fields of a table; none for anything else."""
+    return kind.fields if isinstance(kind, inspect.StructType) else ()
+
+
+def type_at(kind: inspect.Type, parts: list[str]) -> inspect.Type:
+    """The type at a place in the settings; a number is a place in a list."""
+    kind = plain(kind)
+    if not parts:
+        return kind
+    first, *rest = parts
+    if isinstance(kind, inspect.VarTupleType):
+        return type_at(kind.item_type, rest)
+    if isinstance(kind, inspect.TupleType):
+        return type_at(kind.item_types[int(first)], rest)
+    return type_at(next(f.type for f in fields(kind) if f.encode_name == first), rest)
+
+
+def _without_none(kind: inspect.UnionType) -> inspect.Type:
+    return next(t for t in kind.types if not isinstance(t, inspect.NoneType))

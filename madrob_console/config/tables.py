@@ -1,0 +1,186 @@
+"""The tables of the settings file; every number has a range, so that none is NaN or infinite."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+from msgspec.structs import force_setattr
+
+from madrob_console.names import clean_name
+from madrob_console.testbeds.source import SourceKind
+from scoring.protocol import LockDetection, Signal, StartPose, Thresholds
+from scoring.rulesets import RulesetName
+
+_T = Thresholds()
+_NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+_Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
+_Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
+
+
+def within(low: float, high: float, description: str) -> Meta:
+    """A number in [low, high]; NaN and infinity lie outside every range."""
+    return Meta(ge=low, le=high, description=description)
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file; an unknown key in it is an error."""
+
+
+class Competition(Table, frozen=True):
+    """[competition]: what stands over every run. Names are cleaned."""
+
+    name: Annotated[str, Meta(description="stands on screens and in reports")] = ""
+    referee: Annotated[str, Meta(description="the referee's name, proposed at set-up")] = ""
+
+    def __post_init__(self) -> None:
+        for key in ("name", "referee"):
+            force_setattr(self, key, clean_name(getattr(self, key), key))
+
+
+class RunDefaults(Table, frozen=True):
+    """[run]: what the set-up of a run proposes (protocol sections 2, 7 and 9)."""
+
+    timeout: Annotated[float, within(1, 86400, "s from the start")] = 300.0
+    countdown: Annotated[float, within(0, 600, "s before the start")] = 5.0
+    lock_detection: Annotated[
+        LockDetection, Meta(description="what decides step 6: auto, settle, sensor or referee")
+    ] = LockDetection.AUTO
+    ruleset: Annotated[
+        RulesetName, Meta(description="which rules make the results: protocol or eurobench-2020")
+    ] = RulesetName.PROTOCOL
+
+
+class TeamSetting(Table, frozen=True):
+    """One [[teams]]: which team a subject number belongs to. The name is cleaned."""
+
+    subject: Annotated[int, Meta(ge=1, le=999)]
+    name: str
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "name", clean_name(self.name, "team"))
+
+
+class StartPoseSetting(Table, frozen=True):
+    """One [[start_poses]]: a pose to choose from, in the frame `madrob_door` (section 1)."""
+
+    name: str
+    x: Annotated[float, within(-20, 20, "m, positive on the CCW side")]
+    y: Annotated[float, within(-20, 20, "m along the wall from the middle of the doorway")] = 0.0
+    yaw: Annotated[float, within(-360, 360, "degrees, 0 = towards the CCW side")] = 0.0
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "name", clean_name(self.name, "start pose name", "start pose"))
+        if self.x == 0:
+            raise ValueError("x: 0 is on the threshold, a start pose lies on one side")
+
+    @property
+    def pose(self) -> StartPose:
+        """The pose itself."""
+        return StartPose(self.x, self.y, self.yaw)
+
+
+DEFAULT_START_POSES = (
+    StartPoseSetting(name="CCW, 1.5 m", x=1.5, yaw=180.0),
+    StartPoseSetting(name="CW, 1.5 m", x=-1.5),
+)
+"""One pose a side, in front of the door and facing it."""
+
+
+class SourceSetting(Table, frozen=True):
+    """[testbed]: where the messages come from."""
+
+    kind: (
+        Annotated[SourceKind, Meta(description="ros or simulated; found out when not set")] | None
+    ) = None
+    domain: (
+        Annotated[int, Meta(ge=0, le=232, description="ROS domain; else ROS_DOMAIN_ID, else 0")]
+        | None
+    ) = None
+
+    def __post_init__(self) -> None:
+        if self.kind is SourceKind.REPLAY:
+            raise ValueError("kind: a replay needs its bag, use `--testbed replay PATH`")
+
+
+class TopicSetting(Table, frozen=True):
+    """One [[topics]]: how this testbed publishes a signal; what is left out stays as it is."""
+
+    signal: Signal
+    topic: Annotated[str, Meta(pattern=rf"^(/{_NAME})+$")] | None = None
+    type: Annotated[str, Meta(pattern=rf"^{_NAME}/msg/{_NAME}$")] | None = None
+    field: str | None = None
+    scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
+    offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.scale == 0:
+            raise ValueError("scale: 0 loses the signal")
+        if self.type is not None and self.field is None:
+            raise ValueError(f"field: name the field of {self.type} that holds the value")
+
+
+class ThresholdSettings(Table, frozen=True):
+    """[thresholds]: the numbers that turn signals into events (protocol sections 4 and 7)."""
+
+    touch_force: Annotated[float, within(0.01, 1000, "N; more is a touch")] = _T.touch_force
+    closed_angle: Annotated[float, within(0.001, 0.5, "rad; less is closed")] = _T.closed_angle
+    lintel_height: Annotated[float, within(0.5, 10, "height of the passage sensors, m")] = (
+        _T.lintel_height
+    )
+    present_height: Annotated[float, within(0.01, 10, "m; a higher obstacle is a robot")] = (
+        _T.present_height
+    )
+    mask_from: Annotated[_Angles, Meta(description="rad; panel under sensor 0..4 from")] = (
+        _T.mask_from
+    )
+    mask_to_cw: Annotated[_Angles, Meta(description="rad; to, CW side")] = _T.mask_to_cw
+    mask_to_ccw: Annotated[_Angles, Meta(description="rad; to, CCW side")] = _T.mask_to_ccw
+    settle_time: Annotated[float, within(0, 60, "s closed to count as locked")] = _T.settle_time
+    largest_gap: Annotated[float, within(0.001, 10, "s between samples")] = _T.largest_gap
+
+    def __post_init__(self) -> None:
+        if self.present_height >= self.lintel_height:
+            raise ValueError("present_height: must be below lintel_height")
+
+
+class Freshness(Table, frozen=True):
+    """[freshness]: how old the newest message of a topic may be."""
+
+    fresh: Annotated[float, within(0.01, 60, "s; up to this age a topic is fresh")] = 0.5
+    lost: Annotated[float, within(0.01, 600, "s; above this age it is lost")] = 2.0
+
+    def __post_init__(self) -> None:
+        if self.lost < self.fresh:
+            raise ValueError("lost: must not be below fresh")
+
+
+class Checks(Table, frozen=True):
+    """[checks]: limits of the checks before a start."""
+
+    rate: Annotated[float, within(0.1, 10000, "Hz; what the testbed's topics should have")] = 50.0
+    least_rate: Annotated[float, within(0, 1, "healthy from this part of it")] = 0.8
+    most_rate: Annotated[float, within(1, 1000, "healthy up to this part of it")] = 3.0
+    largest_skew: Annotated[float, within(0.001, 3600, "s between stamp and reception")] = 0.1
+    disk_space: Annotated[int, Meta(ge=0, le=10**15, description="bytes that must be free")] = (
+        500_000_000
+    )
+
+
+class Results(Table, frozen=True):
+    """[results]: where runs are kept."""
+
+    folder: Annotated[str, Meta(min_length=1, description="one folder a run in it")] = (
+        "~/madrob_runs"
+    )
+
+    def __post_init__(self) -> None:
+        if not Path(self.folder).expanduser().is_absolute():
+            raise ValueError("folder: begin it with / or ~/")
+
+    @property
+    def root(self) -> Path:
+        """The results folder."""
+        return Path(self.folder).expanduser()

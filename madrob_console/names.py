@@ -1,0 +1,76 @@
+"""Text from outside, made fit for file names and for the terminal.
+
+Names that people type, and words that a testbed sends, may hold anything: escape sequences
+that repaint the screen, marks that turn the direction of writing, parts of a path.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+from madrob_console.errors import MadrobError
+
+LONGEST_NAME = 60
+"""Characters in a name; at four bytes each it still fits into a file name."""
+
+_ESCAPE_SEQUENCE = re.compile(
+    r"(?:\x1b[\]PX^_]|[\x90\x98\x9d-\x9f]).*?(?:\x07|\x1b\\|\x9c)"  # strings, with their end
+    r"|(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"  # control sequences
+    r"|\x1b[ -/]*[0-~]",  # the short ones
+    re.DOTALL,
+)
+_JOINERS = frozenset("\u200c\u200d")  # Persian and emoji need them
+_FLAG_TAGS = frozenset(map(chr, range(0xE0020, 0xE0080)))  # the flag of Scotland does
+_DROPPED = frozenset({"Cc", "Cf", "Co"})
+_INVISIBLE = frozenset({"Cf", "Mn", "Me", "Zs"})
+_PATH_SEPARATORS = str.maketrans("/\\", "  ")
+
+
+def terminal_safe(text: str) -> str:
+    """The text on one line, without anything that a terminal would obey rather than show.
+
+    Escape sequences, control characters and marks of direction are dropped, every kind of line
+    break and tab becomes a blank, and what is no valid character becomes U+FFFD. It does not
+    concern itself with a screen library's markup.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    plain = _ESCAPE_SEQUENCE.sub("", text)
+    return "".join(map(_shown, plain))
+
+
+def clean_name(text: str, field: str, fallback: str = "") -> str:
+    """A name of a person, team or competition, safe in a file name and on the terminal.
+
+    Blanks are collapsed, path separators become blanks, leading dots go; East-Asian and other
+    scripts and emoji stay. Cleaning a clean name changes nothing.
+
+    Args:
+        text: what somebody typed.
+        field: what it is, for the message: `team`, `referee`.
+        fallback: the name when nothing visible is left.
+
+    Raises:
+        MadrobError: it is longer than `LONGEST_NAME` characters.
+    """
+    plain = terminal_safe(text).translate(_PATH_SEPARATORS)
+    name = " ".join(unicodedata.normalize("NFC", plain).split()).lstrip(". ")
+    if not any(unicodedata.category(c) not in _INVISIBLE for c in name):
+        return fallback
+    if len(name) > LONGEST_NAME:
+        raise MadrobError(
+            f"{field} has {len(name)} characters: use at most {LONGEST_NAME}, nothing is cut"
+        )
+    return name
+
+
+def _shown(char: str) -> str:
+    if char.isspace():
+        return " "
+    category = unicodedata.category(char)
+    if category == "Cs":
+        return "\N{REPLACEMENT CHARACTER}"
+    if category in _DROPPED and char not in _JOINERS and char not in _FLAG_TAGS:
+        return ""
+    return char

@@ -1,0 +1,137 @@
+"""Another participant of a ROS domain, for tests: as a fixture, or as a process that floods.
+
+python -m tests.madrob_console.ros_peer <topics> <messages a topic> <messages/s a topic>
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self
+
+from madrob_console.clock import SystemClock
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
+from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.inbox import qos_profile
+from madrob_console.testbeds.ros.loading import (
+    RosObject,
+    domain_id,
+    load_message_class,
+)
+from recorder.bag import Durability, Qos, Reliability
+from recorder.message import RawMessage
+from scoring.protocol import Signal
+
+RELIABLE = Qos()
+BEST_EFFORT = Qos(Reliability.BEST_EFFORT)
+KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
+FLOOD = "/madrob/flood"
+BOOL = "std_msgs/msg/Bool"
+TYPES = MessageTypes()
+
+
+class Peer(Connection):
+    """A node `/madrob/peer` and others, spun only while a test waits."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain)
+        self.own = self.node("peer")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def publisher(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> RosObject:
+        return self.own.create_publisher(
+            load_message_class(type_name), topic, qos_profile(qos, 1000)
+        )
+
+    def listen(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> list[RosObject]:
+        """A list that fills with the topic's messages while the test waits."""
+        heard: list[RosObject] = []
+        self.own.create_subscription(
+            load_message_class(type_name), topic, heard.append, qos_profile(qos, 1000)
+        )
+        return heard
+
+    def until(self, condition: Callable[[], object], seconds: float = 10.0) -> None:
+        """Spin until something holds; fails when it never does."""
+        ends = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < ends, "it never happened"
+            self.spin(0.01)
+
+
+class Taker:
+    """An open source, and all that was taken from it."""
+
+    def __init__(self, source: RosSource) -> None:
+        self.source = source
+        self.taken: list[RawMessage] = []
+
+    def __enter__(self) -> Self:
+        self.source.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.source.close()
+
+    def matched(self, topic: str, publishers: int = 1) -> bool:
+        return any(s.topic == topic and s.publishers == publishers for s in self.source.status())
+
+    def has(self, count: int) -> bool:
+        self.taken += self.source.take(0.01)
+        return len(self.taken) >= count
+
+
+def source(*mappings: TopicMapping, direct: bool = True) -> RosSource:
+    return RosSource(mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), direct=direct)
+
+
+def latch(topic: str = "/madrob/door/locked", type_name: str = BOOL) -> TopicMapping:
+    return TopicMapping(Signal.LATCH, topic, type_name, "data")
+
+
+def truth(value: bool) -> bytes:
+    return TYPES.encode(BOOL, TYPES.make(BOOL, data=value))
+
+
+def flood(topics: int, messages: int, rate: float) -> None:
+    """Publish numbered messages on many topics, once all of them are subscribed."""
+    header = "std_msgs/msg/Header"
+    with Peer(domain_id(None, os.environ)) as peer:
+        publishers = [peer.publisher(f"{FLOOD}_{i}", header) for i in range(topics)]
+        peer.until(lambda: all(p.get_subscription_count() for p in publishers), 30)
+        begin = time.monotonic()
+        for number in range(messages):
+            message = TYPES.make(header, frame_id=str(number))
+            data = TYPES.encode(header, message)
+            for publisher in publishers:
+                publisher.publish(data)
+            time.sleep(max(0.0, begin + (number + 1) / rate - time.monotonic()))
+        time.sleep(1.0)
+
+
+def main(arguments: Sequence[str]) -> None:
+    topics, messages, rate = arguments
+    flood(int(topics), int(messages), float(rate))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
