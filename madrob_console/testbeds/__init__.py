@@ -1,0 +1,1 @@
+"""Where messages come from: ROS, the simulated testbed, a bag."""

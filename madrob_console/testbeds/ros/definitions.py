@@ -1,0 +1,86 @@
+"""Message definitions of the running ROS system, from the `share` folders of its packages."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import TypesysError, get_types_from_msg
+
+_SEPARATOR = "=" * 80
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """What the system knows of a message type.
+
+    Attributes:
+        text: `ros2msg` text with the definitions of nested types appended.
+        type_hash: `RIHS01_...`, or empty when the package does not state it.
+    """
+
+    text: str
+    type_hash: str
+
+
+def prefixes(environment: Mapping[str, str]) -> tuple[Path, ...]:
+    """Where packages are installed: `AMENT_PREFIX_PATH`, or Python's own prefix (the wheels)."""
+    paths = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return tuple(Path(path) for path in paths if path) or (Path(sys.prefix),)
+
+
+def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | None:
+    """The definition of a type as installed; None where its `.msg` file is not found."""
+    text = _msg_text(type_name, prefixes)
+    if text is None:
+        return None
+    parts, known, pending = [text], {type_name}, _nested(type_name, text)
+    while pending:
+        nested = pending.pop(0)
+        if nested in known:
+            continue
+        known.add(nested)
+        inner = _msg_text(nested, prefixes)
+        if inner is not None:
+            package, name = nested.split("/")[0], nested.split("/")[-1]
+            parts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{inner}")
+            pending += _nested(nested, inner)
+    return Definition("\n".join(parts), _type_hash(type_name, prefixes))
+
+
+def _file(type_name: str, suffix: str, prefixes: Sequence[Path]) -> Path | None:
+    package, name = type_name.split("/", maxsplit=1)[0], type_name.rsplit("/", maxsplit=1)[-1]
+    for prefix in prefixes:
+        path = prefix / "share" / package / "msg" / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    return None
+
+
+def _msg_text(type_name: str, prefixes: Sequence[Path]) -> str | None:
+    path = _file(type_name, ".msg", prefixes)
+    return path.read_text(encoding="utf-8", errors="replace") if path else None
+
+
+def _type_hash(type_name: str, prefixes: Sequence[Path]) -> str:
+    path = _file(type_name, ".json", prefixes)
+    try:
+        hashes = json.loads(path.read_bytes())["type_hashes"] if path else []
+        return next((str(h["hash_string"]) for h in hashes if h["type_name"] == type_name), "")
+    except (OSError, ValueError, LookupError, TypeError):
+        return ""
+
+
+def _nested(type_name: str, text: str) -> list[str]:
+    """The message types in the fields of a definition; empty where it cannot be read."""
+    try:
+        fields = get_types_from_msg(text, type_name)[type_name][1]
+    except (TypesysError, ValueError, LookupError):
+        return []
+    inner = [f[1][0] if f[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else f for _, f in fields]
+    return [f[1] for f in inner if f[0] == Nodetype.NAME]

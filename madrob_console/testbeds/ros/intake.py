@@ -1,0 +1,183 @@
+"""One configured topic on the wire: found, subscribed and emptied."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.messages import MessageTypes, describe_topic
+from madrob_console.testbeds.ros.definitions import find_definition
+from madrob_console.testbeds.ros.inbox import QUEUE_DEPTH, Inbox, Received, offered_by_all
+from madrob_console.testbeds.ros.loading import RosObject, load_message_class
+from madrob_console.testbeds.ros.losses import LossCounter
+from madrob_console.testbeds.source import TopicStatus
+from recorder.bag import Qos, Topic
+
+_LONGEST_HANDOVER = 5.0
+"""A new subscription replaces the old one after this many seconds at the latest."""
+
+_OVERLAP = 0.5
+"""For this many seconds both are read once the new one is matched."""
+
+
+class Intake:
+    """A testbed topic, from its discovery on. All calls but the properties: one thread.
+
+    A subscription that must ask for something else, because publishers came or went, runs
+    beside the old one until it is matched, so that nothing is lost in between.
+
+    Args:
+        node: the node that subscribes.
+        name: full topic name.
+        type_name: the configured message type.
+        types: the types known; the configured one is made known here.
+        prefixes: where ROS packages are installed.
+        direct: see `Inbox`.
+    """
+
+    def __init__(
+        self,
+        node: RosObject,
+        name: str,
+        type_name: str,
+        *,
+        types: MessageTypes,
+        prefixes: Sequence[Path],
+        direct: bool,
+    ) -> None:
+        self.name = name
+        self.type = type_name
+        self._node = node
+        self._direct = direct
+        self._losses = LossCounter()
+        self._class: RosObject = None
+        self._type_hash = ""
+        self._topic: Topic | None = None
+        self._found_type = type_name
+        self._problem: str | None = None
+        self._publishers = 0
+        self._publisher_ids: frozenset[bytes] = frozenset()
+        self._inbox: Inbox | None = None
+        self._former: Inbox | None = None
+        self._handover_ends = 0.0
+        self._recent: deque[tuple[int, int | None]] = deque(maxlen=QUEUE_DEPTH)
+        self._seen: set[tuple[int, int | None]] | None = None
+        self._unusable = self._prepare(types, prefixes)
+
+    @property
+    def topic(self) -> Topic | None:
+        """What a bag must know of it; None while its type cannot be used here."""
+        return self._topic
+
+    def status(self, dropped: int) -> TopicStatus:
+        """Its state; `dropped` messages were lost behind the intake."""
+        lost = self._losses.lost
+        return TopicStatus(
+            topic=self.name,
+            type=self._found_type,
+            publishers=self._publishers,
+            lost=None if lost is None else lost + dropped,
+            problem=self._unusable or self._problem,
+        )
+
+    def discover(self) -> None:
+        """Look at the publishers, and subscribe to them as they need it."""
+        infos = self._node.get_publishers_info_by_topic(self.name)
+        usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
+        self._problem = None if usable or not infos else self._misfit(infos[0])
+        self._found_type = self.type if usable or not infos else infos[0].topic_type
+        ids = frozenset(bytes(i.endpoint_gid) for i in usable)
+        if ids.isdisjoint(self._publisher_ids):
+            self._losses.restart()
+        if ids:
+            self._publisher_ids = ids
+        if self._former is None:
+            self._seen = None
+        if usable and not self._unusable:
+            self._subscribe(offered_by_all([i.qos_profile for i in usable]), len(usable))
+
+    def take(self) -> list[Received]:
+        """Everything that has arrived since the last call."""
+        if self._inbox is None:
+            return []
+        before = self._inbox.publishers
+        received = self._take_former() + self._inbox.take()
+        if self._seen is not None:
+            received = [r for r in received if self._is_new(r)]
+        self._recent.extend(map(_key, received))
+        self._publishers = self._inbox.publishers
+        self._losses.see((r.sequence for r in received), max(before, self._publishers))
+        return received
+
+    def close(self) -> None:
+        """End the subscription."""
+        for inbox in (self._former, self._inbox):
+            if inbox is not None:
+                inbox.close()
+        self._former = self._inbox = None
+
+    def _prepare(self, types: MessageTypes, prefixes: Sequence[Path]) -> str | None:
+        """Find class and definition of the type; returns why it cannot be used."""
+        definition = find_definition(self.type, prefixes)
+        try:
+            self._class = load_message_class(self.type)
+            if definition is not None:
+                types.register(self.type, definition.text)
+                self._type_hash = definition.type_hash
+            self._topic = describe_topic(types, self.name, self.type)
+        except MadrobError as error:
+            return str(error)
+        return None
+
+    def _same_version(self, info: RosObject) -> bool:
+        """Whether a publisher's type has the fields that ours has, as far as both say so."""
+        theirs = str(info.topic_type_hash)
+        return not self._type_hash or not theirs.startswith("RIHS") or theirs == self._type_hash
+
+    def _misfit(self, info: RosObject) -> str:
+        if info.topic_type == self.type:
+            return (
+                f"its publisher has another version of {self.type}: "
+                "install the same version of the package on both machines"
+            )
+        return f"its type is {info.topic_type}, not {self.type}: correct the settings"
+
+    def _subscribe(self, qos: Qos, publishers: int) -> None:
+        if self._inbox is None:
+            self._inbox = self._open(qos)
+        elif self._former is not None:
+            if self._inbox.publishers >= publishers:
+                self._handover_ends = min(self._handover_ends, time.monotonic() + _OVERLAP)
+        elif self._inbox.qos != qos:
+            self._former, self._inbox = self._inbox, self._open(qos)
+            self._handover_ends = time.monotonic() + _LONGEST_HANDOVER
+            self._seen = set(self._recent)
+
+    def _take_former(self) -> list[Received]:
+        if self._former is None:
+            return []
+        received = self._former.take()
+        if time.monotonic() > self._handover_ends:
+            self._former.close()
+            self._former = None
+        return received
+
+    def _open(self, qos: Qos) -> Inbox:
+        if self._topic is not None:
+            self._topic = replace(self._topic, qos=qos)
+        return Inbox(self._node, self._class, self.name, qos, direct=self._direct)
+
+    def _is_new(self, received: Received) -> bool:
+        """Whether neither the old nor the new subscription has delivered it yet."""
+        if self._seen is None or _key(received) in self._seen:
+            return False
+        self._seen.add(_key(received))
+        return True
+
+
+def _key(received: Received) -> tuple[int, int | None]:
+    return received.source_ns, received.sequence

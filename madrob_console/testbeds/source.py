@@ -1,0 +1,126 @@
+"""What the engine asks of a testbed: live over ROS, simulated, or replayed from a bag.
+
+All three hand over the same `RawMessage`s, so that everything behind a source is one path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from recorder.bag import Topic
+from recorder.message import RawMessage
+from scoring.protocol import Condition, StartPose
+
+
+class SourceKind(StrEnum):
+    """Where the messages come from."""
+
+    ROS = "ros"
+    SIMULATED = "simulated"
+    REPLAY = "replay"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicStatus:
+    """What a source knows of one testbed topic.
+
+    Attributes:
+        topic: full topic name.
+        type: the message type found on it, or the configured one while nothing is found.
+        publishers: how many publishers are matched now.
+        lost: messages lost on the way, by the publisher's sequence numbers; None = unknown.
+        problem: why nothing can come from it (an unknown type, say), in words; else None.
+    """
+
+    topic: str
+    type: str
+    publishers: int
+    lost: int | None = 0
+    problem: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RefereeState:
+    """What the console tells the testbed and the robot (`/madrob/referee/state`).
+
+    Attributes:
+        phase: `idle`, `ready`, `countdown`, `running`, `stopped` or `final`.
+        condition: the condition of the run; None before one is set up.
+        start_time: planned or actual start, s since the epoch; None before the countdown.
+        text: the JSON text to publish.
+    """
+
+    phase: str
+    condition: Condition | None
+    start_time: float | None
+    text: str
+
+
+class Source(Protocol):
+    """A testbed, as the engine sees it. All calls come from the engine's thread."""
+
+    @property
+    def kind(self) -> SourceKind:
+        """Where the messages come from."""
+        ...
+
+    @property
+    def label(self) -> str:
+        """For people: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`."""
+        ...
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more can come (a replay at its end)."""
+        ...
+
+    def open(self) -> None:
+        """Connect.
+
+        Raises:
+            MadrobError: it cannot be reached; the message names the remedy.
+        """
+        ...
+
+    def take(self, timeout: float) -> list[RawMessage]:
+        """Messages since the last call, by receive time; waits at most `timeout` s of clock time.
+
+        Never raises for what a topic sends.
+        """
+        ...
+
+    def topics(self) -> Sequence[Topic]:
+        """The testbed's topics known by now and the console's own, as a bag needs them."""
+        ...
+
+    def status(self) -> Sequence[TopicStatus]:
+        """The state of every configured topic."""
+        ...
+
+    def configure(self, condition: Condition) -> None:
+        """Set the testbed's parameters for a condition; returns at once, see `sides_problem`."""
+        ...
+
+    @property
+    def sides_problem(self) -> str | None:
+        """Why the sides must be set by hand, in words; None when the testbed confirmed them."""
+        ...
+
+    def announce_state(self, state: RefereeState) -> list[RawMessage]:
+        """Tell testbed and robot the state; returns what was published, to be recorded."""
+        ...
+
+    def announce_event(self, text: str) -> list[RawMessage]:
+        """Publish one event as JSON text; returns what was published, to be recorded."""
+        ...
+
+    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
+        """Publish the start pose; returns what was published, to be recorded."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        ...

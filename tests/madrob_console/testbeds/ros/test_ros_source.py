@@ -1,0 +1,322 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
+from madrob_console.testbeds.source import SourceKind
+from recorder.bag import Durability, Qos, Reliability
+from scoring.protocol import Signal
+from tests.madrob_console import ros_peer
+from tests.madrob_console.ros_peer import (
+    BEST_EFFORT,
+    BOOL,
+    FLOOD,
+    KEPT,
+    RELIABLE,
+    Peer,
+    Taker,
+    latch,
+    source,
+    truth,
+)
+
+LOCKED = "/madrob/door/locked"
+
+
+def test_messages_arrive_byte_for_byte_with_the_times_of_sending_and_arrival(peer: Peer) -> None:
+    publisher = peer.publisher(LOCKED, BOOL)
+    with Taker(source()) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        before = time.time_ns()
+        publisher.publish(truth(True))
+        peer.until(lambda: taker.has(1))
+    (message,) = taker.taken
+    assert (message.topic, message.type, message.data) == (LOCKED, BOOL, truth(True))
+    assert before <= message.publish_ns <= message.receive_ns <= before + 1_000_000_000
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_nothing_is_lost_of_ten_topics_at_3000_messages_a_second() -> None:
+    mappings = [
+        TopicMapping(Signal.DOOR, f"{FLOOD}_{i}", "std_msgs/msg/Header", "stamp.sec")
+        for i in range(10)
+    ]
+    flood = [sys.executable, "-m", ros_peer.__name__, "10", "600", "300"]
+    with (
+        Taker(source(*mappings)) as taker,
+        subprocess.Popen(flood, cwd=Path(__file__).parents[4]) as process,
+    ):
+        while process.poll() is None:
+            taker.has(6000)
+        assert process.returncode == 0
+    types = MessageTypes()
+    for mapping in mappings:
+        numbers = [
+            int(types.decode(m.type, m.data).frame_id)
+            for m in taker.taken
+            if m.topic == mapping.topic
+        ]
+        assert numbers == list(range(600))
+    assert [s.lost for s in taker.source.status()] == [0] * 10
+    times = [m.receive_ns for m in taker.taken]
+    assert times == sorted(times)
+
+
+def test_a_topic_that_appears_late_is_picked_up(peer: Peer) -> None:
+    with Taker(source()) as taker:
+        assert not taker.matched(LOCKED)
+        publisher = peer.publisher(LOCKED, BOOL)
+        peer.until(lambda: taker.matched(LOCKED))
+        publisher.publish(truth(False))
+        peer.until(lambda: taker.has(1))
+
+
+def test_a_topic_of_another_type_is_named_with_both_types(peer: Peer) -> None:
+    peer.publisher(LOCKED, "std_msgs/msg/String")
+    with Taker(source()) as taker:
+        peer.until(lambda: any(s.problem for s in taker.source.status()))
+        status = next(s for s in taker.source.status() if s.topic == LOCKED)
+    assert status.type == "std_msgs/msg/String"
+    assert status.problem == (
+        "its type is std_msgs/msg/String, not std_msgs/msg/Bool: correct the settings"
+    )
+
+
+@pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT, KEPT])
+def test_every_quality_of_service_is_received_and_noted_for_the_bag(peer: Peer, qos: Qos) -> None:
+    publisher = peer.publisher(LOCKED, BOOL, qos)
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        publisher.publish(truth(True))
+        peer.until(lambda: taker.has(1))
+        assert taker.source.topics()[0].qos == qos
+
+
+def test_the_last_value_of_a_transient_local_topic_is_received_late(peer: Peer) -> None:
+    peer.publisher(LOCKED, BOOL, KEPT).publish(truth(True))
+    with Taker(source()) as taker:
+        peer.until(lambda: taker.has(1))
+    assert taker.taken[0].data == truth(True)
+
+
+def test_two_publishers_on_one_topic_are_visible_and_make_the_loss_unknown(peer: Peer) -> None:
+    publishers = [peer.publisher(LOCKED, BOOL) for _ in range(2)]
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        for publisher in publishers:
+            publisher.publish(truth(True))
+        peer.until(lambda: taker.has(2))
+        assert taker.source.status()[0].lost is None
+        peer.own.destroy_publisher(publishers[0])
+        peer.until(lambda: taker.matched(LOCKED, publishers=1))
+        peer.until(lambda: taker.source.status()[0].lost == 0)
+
+
+def test_nothing_is_lost_or_doubled_when_a_publisher_with_other_qos_joins(peer: Peer) -> None:
+    first = peer.publisher(LOCKED, BOOL, KEPT)
+    sent, enough = 0, threading.Event()
+
+    def publish() -> None:
+        nonlocal sent
+        while not enough.wait(0.0005):
+            first.publish(truth(True))
+            sent += 1
+
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        thread = threading.Thread(target=publish)
+        thread.start()
+        peer.until(lambda: taker.has(1))
+        second = peer.publisher(LOCKED, BOOL, BEST_EFFORT)
+        peer.until(lambda: taker.source.topics()[0].qos == BEST_EFFORT and taker.matched(LOCKED, 2))
+        second.publish(truth(False))
+        time.sleep(1.0)  # until only the new subscription is left
+        enough.set()
+        thread.join()
+        peer.until(lambda: taker.has(sent + 1))
+        time.sleep(0.3)  # whatever comes twice comes now
+        taker.has(0)
+    assert [m.data for m in taker.taken].count(truth(True)) == sent
+    assert [m.data for m in taker.taken].count(truth(False)) == 1
+
+
+def test_a_restarted_publisher_is_no_loss(peer: Peer) -> None:
+    with Taker(source(latch())) as taker:
+        for count in (5, 10):
+            publisher = peer.publisher(LOCKED, BOOL)
+            peer.until(lambda: taker.matched(LOCKED))
+            for _ in range(5):
+                publisher.publish(truth(True))
+            peer.until(lambda count=count: taker.has(count))  # type: ignore[misc]
+            peer.own.destroy_publisher(publisher)
+            peer.until(lambda: taker.matched(LOCKED, publishers=0))
+        assert taker.source.status()[0].lost == 0
+
+
+def test_callbacks_do_where_messages_cannot_be_taken(peer: Peer) -> None:
+    publisher = peer.publisher(LOCKED, BOOL)
+    with Taker(source(direct=False)) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        for _ in range(100):
+            publisher.publish(truth(True))
+        peer.until(lambda: taker.has(100))
+        assert next(s.lost for s in taker.source.status() if s.topic == LOCKED) == 0
+    assert taker.taken[0].receive_ns >= taker.taken[0].publish_ns > 0
+
+
+def test_a_type_that_is_not_installed_is_a_problem_of_its_topic_only(peer: Peer) -> None:
+    handle = TopicMapping(Signal.HANDLE, "/madrob/handle", "madrob_msgs/msg/Handle", "force")
+    publisher = peer.publisher(LOCKED, BOOL)
+    with Taker(source(handle, latch())) as taker:
+        assert taker.source.topics()[0].name == LOCKED
+        assert taker.source.status()[0].problem == (
+            "madrob_msgs/msg/Handle is not installed here: "
+            "source the workspace that has madrob_msgs"
+        )
+        peer.until(lambda: taker.matched(LOCKED))
+        publisher.publish(truth(True))
+        peer.until(lambda: taker.has(1))
+
+
+def test_another_version_of_a_type_is_named(
+    peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "share/std_msgs/msg"
+    folder.mkdir(parents=True)
+    (folder / "Bool.msg").write_text("bool data\n")
+    (folder / "Bool.json").write_text(
+        '{"type_hashes": [{"type_name": "std_msgs/msg/Bool", "hash_string": "RIHS01_00"}]}'
+    )
+    own = os.environ.get("AMENT_PREFIX_PATH", sys.prefix)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}{os.pathsep}{own}")
+    peer.publisher(LOCKED, BOOL)
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.source.status()[0].problem)
+        assert taker.source.status()[0].problem == (
+            "its publisher has another version of std_msgs/msg/Bool: "
+            "install the same version of the package on both machines"
+        )
+
+
+def test_before_and_after_the_connection_every_call_is_harmless(ros_domain: int) -> None:
+    closed = source()
+    assert (closed.kind, closed.label) == (SourceKind.ROS, f"LIVE ros domain {ros_domain}")
+    assert [s.topic for s in closed.status()] == [m.topic for m in DEFAULT_MAPPINGS]
+    assert closed.sides_problem == "ROS is not connected"
+    assert closed.announce_event("{}") == []
+    assert not closed.ended
+    closed.open()
+    closed.close()
+    closed.close()
+    assert closed.take(0) == []
+    assert closed.announce_event("{}") == []
+    assert closed.ended
+
+
+def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
+    publisher = peer.publisher(LOCKED, BOOL)
+    with Taker(source()) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        for _ in range(50):
+            publisher.publish(truth(True))
+        time.sleep(0.02)
+    assert not taker.source.ended
+    assert len(taker.source.take(0)) == 50
+    assert taker.source.ended
+
+
+def test_a_topic_mapped_with_two_types_is_refused() -> None:
+    with pytest.raises(MadrobError, match="a topic has one type"):
+        source(latch(), latch(type_name="std_msgs/msg/String"))
+
+
+@pytest.mark.parametrize("domain", ["-1", "233", "door"])
+def test_a_domain_that_does_not_exist_is_refused(
+    monkeypatch: pytest.MonkeyPatch, domain: str
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(MadrobError, match=r"use 0 to 232"):
+        source()
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("ending", ["source.close()", "pass", "raise SystemExit(0)"])
+def test_the_interpreter_ends_cleanly_closed_or_not(ending: str) -> None:
+    program = f"""
+        from tests.madrob_console.ros_peer import source as make
+        source = make()
+        source.open()
+        source.take(0.3)
+        {ending}
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=Path(__file__).parents[4],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_without_ros_the_error_is_one_line_with_the_remedy() -> None:
+    program = """
+        import sys
+        sys.modules["rclpy"] = None  # as if it were not installed
+        from madrob_console.errors import MadrobError
+        from tests.madrob_console.ros_peer import source
+        try:
+            source().open()
+        except MadrobError as error:
+            print(error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=Path(__file__).parents[4],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+    )
+    assert done.stdout == (
+        "ROS 2 is not here (rclpy is missing): install madrob-console[ros], or source "
+        "/opt/ros/jazzy/setup.bash in an environment that sees the system's packages, or use "
+        "--testbed simulated\n"
+    )
+    assert done.stderr == ""
+
+
+def test_history_that_comes_again_with_another_subscription_is_no_news(peer: Peer) -> None:
+    kept = peer.publisher(LOCKED, BOOL, KEPT)
+    other = peer.publisher(LOCKED, BOOL, BEST_EFFORT)
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        for value in (True, False, True):
+            kept.publish(truth(value))
+        peer.until(lambda: taker.has(3))
+        peer.own.destroy_publisher(other)
+        peer.until(lambda: taker.source.topics()[0].qos == KEPT and taker.matched(LOCKED))
+        kept.publish(truth(False))
+        peer.until(lambda: taker.has(4))
+        time.sleep(1.0)  # whatever comes twice comes now
+        taker.has(0)
+        assert taker.source.status()[0].lost == 0
+    assert [m.data for m in taker.taken] == [truth(v) for v in (True, False, True, False)]
+
+
+def test_qualities_are_those_that_all_publishers_offer(peer: Peer) -> None:
+    peer.publisher(LOCKED, BOOL, KEPT)
+    peer.publisher(LOCKED, BOOL, RELIABLE)
+    with Taker(source(latch())) as taker:
+        peer.until(lambda: taker.matched(LOCKED, publishers=2))
+        assert taker.source.topics()[0].qos == Qos(Reliability.RELIABLE, Durability.VOLATILE)

@@ -1,0 +1,362 @@
+from __future__ import annotations
+
+import json
+import time
+from itertools import pairwise
+
+import pytest
+
+from madrob_console.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.messages import (
+    DEFAULT_MAPPINGS,
+    Decoder,
+    MessageTypes,
+    TopicMapping,
+    decode_text,
+)
+from madrob_console.testbeds.simulated import SimulatedSource
+from madrob_console.testbeds.simulation import (
+    RobotBody,
+    RobotSettings,
+    Scenario,
+    SensorSettings,
+    SimulatedTestbed,
+)
+from madrob_console.testbeds.source import RefereeState, Source, SourceKind
+from recorder.message import RawMessage
+from scoring.events import EventDetector
+from scoring.procedure import follow_procedure
+from scoring.protocol import Condition, Event, LockDetection, Outcome, Signal, StartPose, Thresholds
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
+
+TYPES = MessageTypes()
+START_NS = 1_700_000_000_000_000_000
+CONDITION = Condition.from_number(1)
+
+
+def simulated(
+    scenario: Scenario = Scenario.NOMINAL,
+    seed: int = 0,
+    clock: Clock | None = None,
+    sensors: SensorSettings | None = None,
+) -> SimulatedSource:
+    testbed = SimulatedTestbed(scenario, seed, sensors=sensors)
+    source = SimulatedSource(testbed, clock or VirtualClock(START_NS), TYPES)
+    source.open()
+    return source
+
+
+def state(phase: str, start: float | None = None, condition: Condition = CONDITION) -> RefereeState:
+    return RefereeState(phase, condition, start, json.dumps({"phase": phase}))
+
+
+def test_it_says_that_it_is_simulated() -> None:
+    source: Source = simulated(Scenario.CLOSES_UNDER_SENSORS)
+    assert source.kind is SourceKind.SIMULATED
+    assert source.label == "SIMULATED closes-under-sensors"
+    assert source.sides_problem is None
+    assert not source.ended
+
+
+def test_every_topic_comes_at_its_rate_in_the_order_of_reception() -> None:
+    clock = VirtualClock(START_NS)
+    source = simulated(clock=clock, sensors=SensorSettings(latch=True))
+    taken = [source.take(0.05) for _ in range(200)]
+    assert clock.now_ns() == START_NS + 10 * NS
+    messages = [message for batch in taken for message in batch]
+    received = [message.receive_ns for message in messages]
+    assert received == sorted(received)
+    for i, batch in enumerate(taken):
+        edge = START_NS + i * nanoseconds(0.05)
+        assert all(edge < m.receive_ns <= edge + nanoseconds(0.05) for m in batch)
+    for topic in {mapping.topic for mapping in DEFAULT_MAPPINGS}:
+        stamps = [m.publish_ns for m in messages if m.topic == topic]
+        assert len(stamps) == pytest.approx(500, abs=1)
+        intervals = [(b - a) / NS for a, b in pairwise(stamps)]
+        assert sum(intervals) / len(intervals) == pytest.approx(0.02, abs=1e-4)
+        spread = (sum((i - 0.02) ** 2 for i in intervals) / len(intervals)) ** 0.5
+        assert spread == pytest.approx(0.0008 * 2**0.5, rel=0.15)
+    assert all(0 < m.receive_ns - m.publish_ns < 0.005 * NS for m in messages)
+
+
+def test_its_bytes_decode_to_the_samples_of_a_testbed_at_rest() -> None:
+    source = simulated(sensors=SensorSettings(latch=True))
+    decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
+    kinds = set()
+    for message in source.take(1.0):
+        sample = decoder.decode(message)
+        assert sample is not None
+        kinds.add(sample.signal)
+        assert sample.log_time == seconds(message.receive_ns)
+        assert abs(sample.log_time - sample.time) < 0.005
+        match sample:
+            case DoorSample():
+                assert sample.angle == 0.0
+            case HandleSample():
+                assert abs(sample.force - 5.9) < 0.3
+            case PassageSample():
+                assert all(abs(r - 2.0) < 0.02 for r in sample.ranges)
+                assert sample.range_min < 0.05
+                assert sample.range_max > 2.1
+            case LatchSample():
+                assert sample.engaged
+    assert kinds == set(Signal)
+
+
+def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
+    def record(periods: list[float]) -> list[RawMessage]:
+        source = simulated(Scenario.RANDOM, seed=11)
+        source.announce_state(state("countdown", seconds(START_NS) + 1.0))
+        return [message for period in periods for message in source.take(period)]
+
+    once = record([16.0])
+    assert record([0.05] * 320) == once
+    assert record([0.5, 7.25, 0.25, 8.0]) == once
+    other = simulated(Scenario.RANDOM, seed=12)
+    assert other.take(0.1)[0].data != once[0].data
+
+
+def run(
+    source: SimulatedSource, clock: Clock, timeout: float
+) -> tuple[tuple[Event, ...], Outcome, int]:
+    """A run as the engine makes it: the events and the steps that the detector finds."""
+    start = seconds(clock.now_ns()) + 1.5
+    source.announce_state(state("countdown", start, _condition(source)))
+    decoder, zero = Decoder(DEFAULT_MAPPINGS, TYPES), source.testbed.sensors.handle_offset
+    detector = EventDetector(_condition(source), start, Thresholds(), handle_zero=zero)
+    settle, stop, outcome = Thresholds().settle_time, start + timeout, Outcome.TIMEOUT
+    while seconds(clock.now_ns()) < start + timeout + settle + 0.2:
+        _feed(detector, decoder, source.take(0.05))
+        live = follow_procedure(
+            detector.evidence(), lock_detection=LockDetection.AUTO, settle_time=settle
+        )
+        if live.completed is not None and live.completed <= start + timeout:
+            stop, outcome = live.completed, Outcome.COMPLETED
+            break
+    _feed(detector, decoder, source.take(1.0))
+    steps = follow_procedure(
+        detector.evidence(stop), lock_detection=LockDetection.AUTO, settle_time=settle
+    )
+    return detector.events(stop), outcome, steps.level
+
+
+def _condition(source: SimulatedSource) -> Condition:
+    return source.testbed.condition or CONDITION
+
+
+def _feed(detector: EventDetector, decoder: Decoder, messages: list[RawMessage]) -> None:
+    for message in messages:
+        sample = decoder.decode(message)
+        assert sample is not None
+        detector.feed(sample)
+
+
+def check_detection(source: SimulatedSource, clock: Clock, timeout: float) -> None:
+    events, outcome, level = run(source, clock, timeout)
+    truth = source.truth(timeout)
+    assert truth is not None
+    assert outcome is truth.outcome
+    assert level == truth.capability_level
+    found = sorted(events, key=lambda e: (e.name, e.time))
+    true = sorted(truth.events, key=lambda e: (e.name, e.time))
+    assert [e.name for e in found] == [e.name for e in true]
+    for event, really in zip(found, true, strict=True):
+        # one period and its jitter; the noise of the force may bring the touch forward
+        assert -0.002 < event.time - really.time < 0.026, event.name
+
+
+@pytest.mark.parametrize("scenario", [s for s in Scenario if s is not Scenario.RANDOM])
+@pytest.mark.parametrize("number", [2, 8])
+def test_a_detector_finds_the_truth_within_a_sample(scenario: Scenario, number: int) -> None:
+    clock = VirtualClock(START_NS)
+    source = simulated(scenario, seed=number, clock=clock)
+    source.configure(Condition.from_number(number))
+    check_detection(source, clock, timeout=45.0 if scenario is Scenario.SLOW else 22.0)
+
+
+@pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 66), marks=pytest.mark.slow)])
+def test_a_detector_finds_the_truth_of_every_robot(seeds: range) -> None:
+    for seed in seeds:
+        clock = VirtualClock(START_NS)
+        sensors = SensorSettings(latch=seed % 3 == 2)
+        source = simulated(Scenario.RANDOM, seed, clock, sensors)
+        source.configure(Condition.from_number(1 + 7 * seed % 20))
+        check_detection(source, clock, timeout=50.0)
+
+
+def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> None:
+    clock = VirtualClock(START_NS)
+    source = simulated(clock=clock, sensors=SensorSettings(handle_noise=0.0))
+    decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
+
+    def angles(duration: float) -> list[float]:
+        samples = [decoder.decode(message) for message in source.take(duration)]
+        return [s.angle for s in samples if isinstance(s, DoorSample)]
+
+    assert source.truth() is None
+    source.announce_state(state("ready"))
+    assert set(angles(3.0)) == {0.0}
+    start = seconds(clock.now_ns()) + 5.0
+    source.announce_state(state("countdown", start))
+    assert set(angles(5.0)) == {0.0}
+    source.announce_state(state("running", start))
+    assert max(angles(7.0)) > 1.0
+    first = source.truth()
+    assert first is not None
+    source.announce_state(state("stopped", start))
+    source.announce_state(state("final", start))
+    source.announce_state(state("ready"))
+    assert source.truth() is None
+    assert set(angles(1.0)) == {0.0}
+    source.announce_state(state("countdown", start + 60.0))
+    second = source.truth()
+    assert second is not None
+    assert second.stop - first.stop != pytest.approx(60.0, abs=1e-6), "another repetition"
+
+
+def test_a_restarted_countdown_moves_the_robot_s_start() -> None:
+    source = simulated()
+    start = seconds(START_NS) + 5.0
+    source.announce_state(state("countdown", start))
+    first = source.truth()
+    source.announce_state(state("countdown", start + 30.0))
+    moved = source.truth()
+    assert first is not None
+    assert moved is not None
+    assert moved.stop - first.stop == pytest.approx(30.0, abs=1e-6)
+
+
+def test_the_robot_starts_where_the_referee_sends_it() -> None:
+    source = simulated()
+    source.announce_start_pose(StartPose(2.25, 0.0, 180.0))
+    source.announce_state(state("countdown", seconds(START_NS)))
+    assert source.testbed.plan is not None
+    assert source.testbed.plan.robot.initial == 2.25
+    source.announce_state(state("ready"))
+    source.announce_start_pose(StartPose(0.2, 0.0, 180.0))
+    source.announce_state(state("countdown", seconds(START_NS)))
+    assert source.testbed.plan.robot.initial > 0.45, "never under the sensors"
+
+
+def test_what_the_referee_says_is_given_back_to_be_recorded() -> None:
+    clock = VirtualClock(START_NS)
+    source = simulated(clock=clock)
+    (said,) = source.announce_state(state("ready"))
+    assert (said.topic, said.type) == ("/madrob/referee/state", "std_msgs/msg/String")
+    assert said.publish_ns == said.receive_ns == clock.now_ns()
+    assert json.loads(decode_text(TYPES, said.data)) == {"phase": "ready"}
+    (event,) = source.announce_event('{"what": "start"}')
+    assert event.topic == "/madrob/referee/event"
+    (pose,) = source.announce_start_pose(StartPose(1.5, 0.0, 180.0))
+    assert pose.topic == "/madrob/referee/start_pose"
+    known = {topic.name: topic.type for topic in source.topics()}
+    for message in (said, event, pose, *source.take(0.1)):
+        assert known[message.topic] == message.type
+
+
+def test_status_tells_which_topics_speak() -> None:
+    source = SimulatedSource(None, VirtualClock(START_NS), TYPES)
+    assert {status.publishers for status in source.status()} == {0}
+    assert source.take(1.0) == []
+    source.open()
+    source.open()
+    assert [status.topic for status in source.status()] == [
+        mapping.topic for mapping in DEFAULT_MAPPINGS if mapping.signal is not Signal.LATCH
+    ]
+    assert {status.publishers for status in source.status()} == {1}
+    source.close()
+    source.close()
+    assert source.ended
+    assert source.take(1.0) == []
+
+
+def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
+    testbed = SimulatedTestbed(robot=RobotSettings(RobotBody(height=0.51)))
+    source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES)
+    source.open()
+    source.announce_state(state("countdown", seconds(START_NS)))
+    assert all("no clear run" in (status.problem or "") for status in source.status())
+    assert len(source.take(1.0)) > 250
+
+
+def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
+    TYPES.register("sim_msgs/msg/Raw", "int32 grams\nfloat32[4] heights\nbool open\n")
+    mappings = (
+        TopicMapping(Signal.DOOR, "/d", "std_msgs/msg/Float64", "data", scale=0.5),
+        TopicMapping(Signal.HANDLE, "/h", "sim_msgs/msg/Raw", "grams", scale=0.00980665),
+        TopicMapping(Signal.CW_LEFT, "/s", "sim_msgs/msg/Raw", "heights", scale=-1.0, offset=2.0),
+        TopicMapping(Signal.CCW_LEFT, "/l", "sensor_msgs/msg/LaserScan", "ranges", scale=0.001),
+        TopicMapping(Signal.LATCH, "/o", "sim_msgs/msg/Raw", "open", scale=-1.0, offset=1.0),
+    )
+    testbed = SimulatedTestbed(sensors=SensorSettings(latch=True))
+    source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES, mappings)
+    source.open()
+    source.announce_state(state("countdown", seconds(START_NS)))
+    decoder = Decoder(mappings, TYPES)
+    samples = [decoder.decode(message) for message in source.take(6.0)]
+    assert max(s.angle for s in samples if isinstance(s, DoorSample)) > 1.0
+    assert abs(next(s.force for s in samples if isinstance(s, HandleSample)) - 5.9) < 0.3
+    assert {s.engaged for s in samples if isinstance(s, LatchSample)} == {True, False}
+    for sample in samples:
+        if isinstance(sample, PassageSample):
+            assert all(sample.range_min < r < sample.range_max for r in sample.ranges)
+
+
+@pytest.mark.parametrize(
+    ("type_name", "field"),
+    [
+        ("sensor_msgs/msg/JointState", "position"),
+        ("sensor_msgs/msg/MultiDOFJointState", "wrench[0].force.x"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(type_name: str, field: str) -> None:
+    mapping = TopicMapping(Signal.DOOR, "/d", type_name, field)
+    with pytest.raises(MadrobError, match="/d cannot be simulated"):
+        SimulatedSource(None, VirtualClock(START_NS), TYPES, [mapping])
+
+
+def test_in_real_time_messages_come_as_time_passes() -> None:
+    clock = SystemClock()
+    clock.hold()
+    source = simulated(clock=clock)
+    began = time.monotonic()
+    messages = source.take(0.2)
+    took = time.monotonic() - began
+    assert 0.2 <= took < 2.0
+    assert 0.5 * took * 300 < len(messages) <= 1.1 * took * 300 + 6
+    assert all(m.receive_ns <= clock.now_ns() for m in messages)
+
+
+def test_at_ten_times_the_speed_ten_times_as_much_comes() -> None:
+    source = simulated(clock=SystemClock(speed=10.0))
+    began = time.monotonic()
+    messages = source.take(1.0)
+    assert time.monotonic() - began < 1.0
+    assert len(messages) >= 290
+
+
+@pytest.mark.parametrize("step", [-3600.0, 3600.0])
+def test_a_stepped_clock_neither_floods_nor_silences(step: float) -> None:
+    class Stepped(VirtualClock):
+        offset = 0
+
+        def now_ns(self) -> int:
+            return super().now_ns() + self.offset
+
+    clock = Stepped(START_NS)
+    source = simulated(clock=clock)
+    source.take(1.0)
+    clock.offset = nanoseconds(step)
+    source.take(0.02)
+    messages = source.take(1.0)
+    assert len(messages) == pytest.approx(300, abs=12)
+    assert abs(seconds(messages[-1].receive_ns - clock.now_ns())) < 0.1
+
+
+def test_simulating_is_a_hundred_times_faster_than_living() -> None:
+    source = simulated()
+    source.announce_state(state("countdown", seconds(START_NS)))
+    began = time.process_time()
+    source.take(20.0)
+    assert time.process_time() - began < 1.0

@@ -1,0 +1,333 @@
+from __future__ import annotations
+
+import math
+import statistics
+from itertools import pairwise
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.simulation import (
+    DoorGeometry,
+    MotionPlan,
+    RobotBody,
+    RobotSettings,
+    Scenario,
+    SensorSettings,
+    SimulatedTestbed,
+    plan_run,
+)
+from madrob_console.testbeds.simulation.motion import Levels, Profile, Track
+from madrob_console.testbeds.simulation.observation import is_clear_cut, observe
+from madrob_console.testbeds.simulation.performance import Manner, Performance
+from madrob_console.testbeds.simulation.plan import LOAD_CELL_LIMIT
+from madrob_console.testbeds.simulation.sensors import Scene, SensorModel
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    BenchmarkType,
+    Condition,
+    PassageSensor,
+    Side,
+    Signal,
+    Strip,
+    Thresholds,
+)
+
+GEOMETRY = DoorGeometry()
+START_NS = 1_700_000_000_000_000_000
+PULL, PUSH = Condition.from_number(1), Condition.from_number(6)
+
+
+@pytest.mark.parametrize("sensor", PASSAGE_SENSORS, ids=lambda s: f"{s.side}{s.index}")
+def test_a_sensor_sees_the_panel_only_well_inside_of_its_mask(sensor: PassageSensor) -> None:
+    thresholds, mount = Thresholds(), GEOMETRY.mount(sensor)
+    upper = thresholds.mask_to_cw if sensor.side is Side.CW else thresholds.mask_to_ccw
+    low, high = thresholds.mask_from[sensor.index] / 0.5, upper[sensor.index] / 1.125
+    angles = [i * 0.0005 for i in range(-3142, 3143)]
+    seen = [a for a in angles if GEOMETRY.sees_panel(mount, math.sin(a), math.cos(a))]
+    assert seen, "the panel does pass under it"
+    for angle in seen:
+        assert low < angle * sensor.side.sign < high
+        assert thresholds.masked(sensor.side, sensor.index, angle)
+    stated = GEOMETRY.panel_seen(mount)
+    assert stated == pytest.approx((min(map(abs, seen)), max(map(abs, seen))), abs=0.001)
+
+
+def test_sixteen_sensors_hang_where_the_protocol_counts_them() -> None:
+    assert len({(m.strip, m.element) for m in GEOMETRY.mounts}) == 16
+    for side in Side:
+        used = [GEOMETRY.mount(s) for s in PASSAGE_SENSORS if s.side is side]
+        assert all(mount.side is side and mount.strip.side is side for mount in used)
+        reaches = [mount.reach for mount in used]
+        assert reaches == sorted(reaches, reverse=True), "index 0 is the farthest from the hinge"
+        row = [m.reach for m in GEOMETRY.mounts if m.side is side]
+        assert row[:5] == reaches
+        assert 0 < min(row) < max(row) < GEOMETRY.doorway_width
+
+
+def test_a_doorway_that_does_not_fit_the_masks_is_refused() -> None:
+    with pytest.raises(MadrobError, match="outside of their masks"):
+        SimulatedTestbed(geometry=DoorGeometry(sensor_distance=0.4))
+
+
+@given(st.floats(-1.6, 1.6))
+def test_the_encoder_counts_3600_a_turn(angle: float) -> None:
+    count = GEOMETRY.encode(angle) / (math.tau / 3600)
+    assert count == pytest.approx(round(count), abs=1e-9)
+    assert abs(GEOMETRY.encode(angle) - angle) <= math.tau / 7200 + 1e-12
+
+
+@given(st.floats(0.01, 1.5), st.sampled_from([360, 3600, 8192]))
+def test_a_reading_reaches_a_threshold_exactly_where_it_is_said_to(
+    threshold: float, counts: int
+) -> None:
+    geometry = DoorGeometry(encoder_counts=counts)
+    reached, exceeded = geometry.reading_reaches(threshold), geometry.reading_exceeds(threshold)
+    assert geometry.encode(reached + 1e-9) >= threshold
+    assert geometry.encode(reached - 1e-9) < threshold
+    assert geometry.encode(exceeded + 1e-9) > threshold
+    assert geometry.encode(exceeded - 1e-9) <= threshold
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_a_move_is_monotone_and_arrives(profile: Profile) -> None:
+    track = Track(1.0)
+    assert track.move(2.0, -1.0, 3.0, profile) == 5.0
+    motion = track.motion()
+    values = [motion.at(i * 0.01) for i in range(700)]
+    assert all(b <= a for a, b in pairwise(values))
+    assert (values[0], motion.at(2.0), motion.at(5.0), values[-1]) == (1.0, 1.0, -1.0, -1.0)
+    steepest = max((a - b) / 0.01 for a, b in pairwise(values))
+    assert steepest <= motion.segments[0].fastest == pytest.approx(steepest, rel=0.01)
+
+
+def test_a_minimum_jerk_move_is_at_rest_at_both_ends() -> None:
+    track = Track(0.0)
+    track.move(0.0, 1.0, 1.0)
+    motion = track.motion()
+    assert motion.at(0.01) < 1e-5
+    assert motion.at(0.99) > 1 - 1e-5
+    assert motion.at(0.5) == pytest.approx(0.5)
+
+
+def test_a_move_waits_for_the_one_before_it() -> None:
+    track = Track(0.0)
+    track.move(0.0, 1.0, 2.0)
+    assert track.move(1.0, 0.0, 2.0) == 4.0
+    assert track.motion().at(2.0) == 1.0
+
+
+@given(st.lists(st.integers(-5, 5), min_size=2, max_size=6), st.integers(-6, 5))
+def test_crossings_lie_between_two_sides_of_the_level(values: list[int], below: int) -> None:
+    level = below + 0.5
+    track = Track(values[0])
+    for i, value in enumerate(values[1:]):
+        track.move(float(i), value, 1.0)
+    motion = track.motion()
+    crossings = Levels(motion.at, motion.knots).crossings(level)
+    ups = [(a < level) != (b < level) for a, b in pairwise(values)]
+    assert len(crossings) == sum(ups)
+    for time in crossings:
+        assert (motion.at(time) < level) != (motion.at(time - 2e-6) < level)
+
+
+def any_plan(seed: int) -> MotionPlan:
+    return plan_run(Scenario.RANDOM, None, GEOMETRY, Random(seed))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_robot_is_seen_before_it_sets_out_nor_turns_the_panel_too_fast(seed: int) -> None:
+    plan = any_plan(seed)
+    assert is_clear_cut(plan, GEOMETRY)
+    side = plan.condition.starting_side
+    assert plan.robot.initial * side.sign > GEOMETRY.clear_distance(plan.body)
+    assert plan.robot.at(0.5) == plan.robot.initial
+    times = [i * 0.005 for i in range(int(plan.end / 0.005) + 1)]
+    speeds = [abs(plan.opening(b) - plan.opening(a)) / 0.005 for a, b in pairwise(times)]
+    assert max(speeds) < GEOMETRY.fastest_panel
+    assert min(plan.opening(t) for t in times) >= 0.0
+    assert max(abs(plan.contact(t)) for t in times) <= LOAD_CELL_LIMIT
+
+
+def test_random_runs_are_of_every_kind() -> None:
+    plans = [any_plan(seed) for seed in range(80)]
+    assert {plan.scenario for plan in plans} == set(Scenario) - {Scenario.RANDOM}
+    assert len({plan.condition.number for plan in plans}) == 20
+    assert min(plan.body.height for plan in plans) < 0.9
+    assert max(plan.body.height for plan in plans) > 1.7
+
+
+def test_the_same_random_state_gives_the_same_plan() -> None:
+    assert any_plan(5) == any_plan(5)
+    assert any_plan(5) != any_plan(6)
+
+
+def test_no_slam_is_faster_than_the_masks_can_follow() -> None:
+    hasty = Manner(slam_time=0.05, opening_time=0.1)
+    robot = Performance(hasty, PUSH, RobotBody(), GEOMETRY)
+    robot.open()
+    robot.slam()
+    segments = robot.plan(Scenario.SLAM, latch=False).panel.segments
+    assert 2.0 < max(segment.fastest for segment in segments) < GEOMETRY.fastest_panel
+
+
+Moves = list[tuple[float, float, float]]
+
+
+def passage(robot: Moves, panel: Moves) -> MotionPlan:
+    """A way from CCW to CW through a door that opens to CW: moves as (start, target, s)."""
+    way, door = Track(1.5), Track(0.0)
+    for move in robot:
+        way.move(*move)
+    for move in panel:
+        door.move(*move)
+    return MotionPlan(
+        Scenario.NOMINAL, PUSH, RobotBody(), way.motion(), door.motion(), (), Track(0.0).motion()
+    )
+
+
+def cw_sensor(index: int) -> PassageSensor:
+    return next(s for s in PASSAGE_SENSORS if s.side is Side.CW and s.index == index)
+
+
+AJAR = (0.0, 0.5, 1.0)
+"""At 0.5 rad the panel has passed the sensors 0 to 2 and masks 3 and 4."""
+
+
+def test_a_robot_that_comes_under_a_masked_sensor_shows_when_the_mask_ends() -> None:
+    seen = observe(passage([(2.0, -0.3, 2.0)], [AJAR, (6.0, 1.0, 2.0)]), GEOMETRY)
+    free, masked = cw_sensor(2), cw_sensor(3)
+    assert [change for _, change in seen.occupied[free].changes] == [True]
+    assert 2.0 < seen.occupied[free].instants[0] < 4.0
+    assert [change for _, change in seen.occupied[masked].changes] == [True]
+    assert seen.occupied[masked].instants[0] == seen.masked[masked].instants[-1]
+    assert 6.0 < seen.occupied[masked].instants[0] < 8.0
+
+
+def test_a_robot_that_comes_and_goes_under_a_masked_sensor_never_shows() -> None:
+    seen = observe(passage([(2.0, -1.5, 4.0)], [AJAR, (7.0, 1.0, 2.0)]), GEOMETRY)
+    assert len(seen.present[cw_sensor(3)].changes) == 2
+    assert seen.occupied[cw_sensor(3)].changes == ()
+    assert len(seen.occupied[cw_sensor(2)].changes) == 2
+
+
+def test_a_robot_that_leaves_a_masked_sensor_is_gone_when_the_mask_ends() -> None:
+    plan = passage(
+        [(2.0, -0.3, 2.0), (5.5, -1.5, 2.0)], [(0.0, 1.0, 2.0), (4.0, 0.2, 1.0), (9.0, 0.0, 1.0)]
+    )
+    seen = observe(plan, GEOMETRY)
+    sensor = cw_sensor(0)
+    assert 5.5 < seen.present[sensor].instants[-1] < 7.5
+    assert [change for _, change in seen.occupied[sensor].changes] == [True, False]
+    assert seen.occupied[sensor].instants[-1] == seen.masked[sensor].instants[-1]
+    assert 9.0 < seen.occupied[sensor].instants[-1] < 10.0
+
+
+def test_a_robot_that_no_sample_could_judge_is_refused() -> None:
+    waist_high = RobotSettings(RobotBody(height=0.51))
+    with pytest.raises(MadrobError, match="no clear run of nominal"):
+        plan_run(Scenario.NOMINAL, PULL, GEOMETRY, Random(0), waist_high)
+
+
+def test_the_hand_pushes_the_panel_the_way_it_goes() -> None:
+    for number in (1, 6):
+        condition = Condition.from_number(number)
+        plan = plan_run(Scenario.NOMINAL, condition, GEOMETRY, Random(0))
+        opens = next(t for t in plan.panel.knots)
+        closes = plan.panel.segments[-1].start
+        sign = condition.opening_side.sign
+        assert plan.contact(opens + 0.5) * sign > 2.0
+        assert plan.contact(closes + 0.5) * sign < -2.0
+
+
+def test_the_brake_is_felt_at_the_handle() -> None:
+    forces = {}
+    for benchmark in BenchmarkType:
+        condition = Condition(benchmark, Side.CCW, Side.CCW)
+        plan = plan_run(Scenario.NOMINAL, condition, GEOMETRY, Random(0))
+        opening = plan.panel.segments[0]
+        times = [opening.start + i * 0.01 for i in range(300)]
+        forces[benchmark] = max(plan.contact(t) for t in times)
+    assert forces[BenchmarkType.NO_FORCE] == 12.0
+    assert forces[BenchmarkType.CONSTANT_FORCE] == pytest.approx(12.0 + 4000 * 0.00980665)
+    assert forces[BenchmarkType.SUDDEN_RAMP] > 150.0
+
+
+def read_ranges(scene: Scene, strip: Strip, settings: SensorSettings) -> tuple[float, ...]:
+    ranges = SensorModel(GEOMETRY, settings, seed=0).read(Signal.of_strip(strip), scene)
+    assert isinstance(ranges, tuple)
+    return ranges
+
+
+def test_lasers_see_the_floor_the_robot_and_the_panel() -> None:
+    still = SensorSettings(range_noise=0.0)
+    assert read_ranges(Scene(), Strip.CCW_LEFT, still) == (2.0,) * 4
+    robot = Scene(RobotBody(width=0.5, height=1.2, shift=0.25), x=0.175)
+    assert read_ranges(robot, Strip.CCW_LEFT, still) == pytest.approx((0.8,) * 4)
+    assert read_ranges(robot, Strip.CCW_RIGHT, still) == (2.0,) * 4, "nearer to the hinge"
+    assert read_ranges(robot, Strip.CW_RIGHT, still) == (2.0,) * 4, "on the other side"
+    panel = Scene(angle=0.2)
+    assert read_ranges(panel, Strip.CCW_LEFT, still) == pytest.approx((2.0, 0.05, 0.05, 0.05))
+    assert read_ranges(panel, Strip.CW_RIGHT, still) == (2.0,) * 4
+    assert read_ranges(Scene(angle=-0.2), Strip.CW_RIGHT, still)[3] == pytest.approx(0.05)
+
+
+def test_readings_have_the_stated_noise() -> None:
+    testbed = SimulatedTestbed(seed=1)
+    readings = [testbed.read(Signal.HANDLE, START_NS + i) for i in range(2000)]
+    forces = [force for force in readings if isinstance(force, float)]
+    assert statistics.mean(forces) == pytest.approx(5.9, abs=0.01)
+    assert statistics.stdev(forces) == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_testbed_at_rest_is_closed_empty_and_locked() -> None:
+    testbed = SimulatedTestbed(sensors=SensorSettings(handle_noise=0.0, latch=True))
+    assert testbed.read(Signal.DOOR, START_NS) == 0.0
+    assert testbed.read(Signal.HANDLE, START_NS) == 5.9
+    assert testbed.read(Signal.LATCH, START_NS) is True
+    assert testbed.truth() is None
+    assert testbed.signals == tuple(Signal)
+    assert Signal.LATCH not in SimulatedTestbed().signals
+
+
+def test_a_run_moved_to_another_start_is_the_same_run() -> None:
+    testbed = SimulatedTestbed(seed=3)
+    testbed.start(START_NS)
+    first, plan = testbed.truth(), testbed.plan
+    testbed.start(START_NS + 5 * 10**9)
+    later = testbed.truth()
+    assert testbed.plan is plan
+    assert first is not None
+    assert later is not None
+    assert later.stop == pytest.approx(first.stop + 5.0)
+
+
+def test_every_repetition_of_a_seed_is_its_own_and_comes_back() -> None:
+    plans = []
+    for _ in range(2):
+        testbed = SimulatedTestbed(Scenario.RANDOM, seed=8)
+        for _ in range(3):
+            testbed.reset()
+            testbed.reset()  # sent back twice is sent back once
+            testbed.start(START_NS)
+            plans.append(testbed.plan)
+    assert plans[:3] == plans[3:]
+    assert plans[0] != plans[1] != plans[2]
+
+
+def test_the_condition_is_drawn_unless_it_is_set() -> None:
+    testbed = SimulatedTestbed(seed=1)
+    testbed.set_condition(PUSH)
+    testbed.start(START_NS)
+    assert testbed.plan is not None
+    assert testbed.plan.condition == PUSH
+    drawn = set()
+    for seed in range(20):
+        testbed = SimulatedTestbed(seed=seed)
+        testbed.start(START_NS)
+        assert testbed.plan is not None
+        drawn.add(testbed.plan.condition)
+    assert len(drawn) > 5
