@@ -1,0 +1,1 @@
+"""Joins source, recorder, detector and the referee's domain."""

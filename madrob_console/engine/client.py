@@ -1,0 +1,28 @@
+"""What a screen may ask of the engine."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.referee.acts import Act
+
+
+class EngineClient(Protocol):
+    """A connection to an engine. No call waits for more than a moment."""
+
+    def snapshot(self) -> Snapshot:
+        """The latest snapshot."""
+        ...
+
+    def act(self, act: Act) -> str | None:
+        """Hand in an act; returns the refusal in words, None when it took effect."""
+        ...
+
+    def next_run_number(self, subject: int, condition_number: int) -> int:
+        """The next run number that was never used for this subject and condition."""
+        ...
+
+    def close(self) -> None:
+        """End the connection (and, while the engine is a thread, the engine)."""
+        ...

@@ -1,0 +1,601 @@
+"""The engine: joins source, recorder, detector and the referee's domain (design: data flow).
+
+It decides everything and waits for nobody. It is single-threaded: whoever owns it calls
+`step` again and again; `madrob_console.engine.local` does so in a thread of its own.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from madrob_console.clock import Clock, seconds
+from madrob_console.engine.log import EventLog
+from madrob_console.engine.record import RunRecord
+from madrob_console.engine.recording import JOURNAL_FILE, Recording
+from madrob_console.engine.results import Scored, write_results
+from madrob_console.engine.sensors import SensorLimits, Sensors
+from madrob_console.engine.snapshot import RecorderView, Snapshot
+from madrob_console.engine.view import (
+    NO_STEPS,
+    elapsed,
+    faults,
+    question,
+    refusals,
+    remaining,
+)
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import (
+    Abort,
+    Act,
+    DeclareTimeout,
+    RestartCountdown,
+    SetUp,
+    Situation,
+    Start,
+    begin_run,
+    stop,
+    time_out,
+)
+from madrob_console.referee.journal import Entry, Journal, Origin
+from madrob_console.referee.preflight import Check, Readings, preflight
+from madrob_console.referee.rebuild import Change, act_details
+from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.runs import free_space, next_run_number
+from madrob_console.testbeds.messages import (
+    Decoder,
+    MessageError,
+    MessageTypes,
+    TopicMapping,
+)
+from madrob_console.testbeds.source import RefereeState, Source, SourceKind
+from recorder.message import RawMessage
+from scoring.evaluate import Assessment, Ending, with_remarks
+from scoring.events import EventDetector
+from scoring.procedure import Procedure
+from scoring.protocol import Event, EventName, Outcome, Step, Thresholds
+from scoring.samples import Sample
+
+POST_ROLL = 1.0
+"""Recording goes on this long after the stop is decided, s (protocol section 3)."""
+
+IN_FLIGHT = 0.1
+"""A timeout is judged this much later, s: by then what was measured before it has arrived."""
+
+FALSE_STARTS = frozenset(
+    {
+        EventName.HANDLE_IS_TOUCHED,
+        EventName.DOOR_OPENS,
+        EventName.APPROACHES_CW,
+        EventName.APPROACHES_CCW,
+    }
+)
+"""What counts as a false start during the countdown (section 7)."""
+
+_DISK_PERIOD = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """What an engine needs to know.
+
+    Attributes:
+        results: the results folder.
+        mappings: which topic carries which signal.
+        thresholds: the testbed's numbers.
+        limits: what counts as a healthy testbed.
+        competition: its name.
+        version: of the software.
+        disk_needed: bytes that must be free before a start.
+        lossless: wait for the disk instead of dropping messages (virtual time).
+    """
+
+    results: Path
+    mappings: tuple[TopicMapping, ...]
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    limits: SensorLimits = field(default_factory=SensorLimits)
+    competition: str = ""
+    version: str = ""
+    disk_needed: int = 500_000_000
+    lossless: bool = False
+
+
+class Engine:
+    """One testbed, one run after the other.
+
+    Args:
+        source: the testbed; opened with `open`.
+        clock: steady time.
+        config: what it needs to know.
+        types: the message types, shared with the source.
+    """
+
+    def __init__(
+        self, source: Source, clock: Clock, config: EngineConfig, types: MessageTypes
+    ) -> None:
+        self.source = source
+        self.config = config
+        self.log = EventLog()
+        self._clock = clock
+        self._decoder = Decoder(config.mappings, types)
+        self._sensors = Sensors(config.mappings, config.thresholds, config.limits)
+        self._run = Run()
+        self._journal = Journal()
+        self._journal_problem: str | None = None
+        self._early: list[RawMessage] = []
+        self._recording: Recording | None = None
+        self._recorder_view = RecorderView("closed")
+        self._record: RunRecord | None = None
+        self._folder: Path | None = None
+        self._assessment: Assessment | None = None
+        self._procedure: Procedure | None = None
+        self._countdown_watch: EventDetector | None = None
+        self._preroll: list[Sample] = []
+        self._lost_before: dict[str, int] = {}
+        self._known_events: set[Event] = set()
+        self._decided: float | None = None
+        self._scored: Scored | None = None
+        self._result_problem: str | None = None
+        self._disk_free: int | None = None
+        self._disk_asked: float | None = None
+
+    # ------------------------------------------------------------------ for the owner
+
+    @property
+    def run(self) -> Run:
+        """The state of the run."""
+        return self._run
+
+    @property
+    def scored(self) -> Scored | None:
+        """The run's result, once it was computed."""
+        return self._scored
+
+    @property
+    def result_problem(self) -> str | None:
+        """Why the result is not on disk, in words; None when it is."""
+        return self._result_problem
+
+    @property
+    def folder(self) -> Path | None:
+        """The run's folder, once there is one."""
+        return self._folder
+
+    def now(self) -> float:
+        """Steady time, s since the epoch."""
+        return seconds(self._clock.now_ns())
+
+    def open(self) -> None:
+        """Connect to the testbed.
+
+        Raises:
+            MadrobError: it cannot be reached.
+        """
+        self.source.open()
+        self._announce_state()
+
+    def step(self, timeout: float) -> None:
+        """Take what the testbed sends within `timeout` s of clock time, and decide."""
+        for message in self.source.take(timeout):
+            self._receive(message)
+        self._advance()
+
+    def close(self) -> None:
+        """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
+        if self._run.active:
+            self._stop(Outcome.INTERRUPTED, self.now(), "the console was closed during the run")
+        if self._recording is not None:
+            self._finish()
+        self._journal.close()
+        self.source.close()
+
+    def next_run_number(self, subject: int, condition_number: int) -> int:
+        """The next run number that was never used for this subject and condition.
+
+        Raises:
+            MadrobError: the results folder cannot be read, or all numbers are used.
+        """
+        return next_run_number(self.config.results, subject, condition_number)
+
+    # ------------------------------------------------------------------ messages
+
+    def _receive(self, message: RawMessage) -> None:
+        if self._recording is not None:
+            self._recording.put(message)
+        sample, error = None, None
+        try:
+            sample = self._decoder.decode(message)
+        except MessageError as problem:
+            error = str(problem)
+        self._sensors.receive(message, sample, error)
+        if self._recording is None or self._assessment is None:
+            return
+        if error is not None:
+            self._assessment.report_problem(error)
+        if sample is None:
+            return
+        self._assessment.feed(sample)
+        if self._countdown_watch is not None:
+            self._preroll.append(sample)
+            self._countdown_watch.feed(sample)
+
+    # ------------------------------------------------------------------ acts
+
+    def situation(self) -> Situation:
+        """What acts are judged against."""
+        now = self.now()
+        return Situation(
+            run=self._run,
+            checks=self._checks(now),
+            handle_mean=self._sensors.handle_mean(now),
+            scored=self._scored is not None,
+        )
+
+    def perform(self, act: Act) -> str | None:
+        """Do an act of the referee, if it is possible.
+
+        Args:
+            act: what to do.
+
+        Returns:
+            Why it was refused, in words; None when it took effect.
+        """
+        situation = self.situation()
+        if refused := act.refusal(situation):
+            return refused
+        if isinstance(act, Start):
+            self._clock.hold()
+        try:
+            self._take_effect(act, situation, self.now())
+        except MadrobError as error:
+            return str(error)
+        return None
+
+    def repeat(self, act: Act, at: float, handle_zero: float) -> None:
+        """Do an act that a recording tells of: it was possible then.
+
+        Args:
+            act: what was done.
+            at: when, s since the epoch.
+            handle_zero: the one stored with the run, N.
+
+        Raises:
+            MadrobError: the disk refuses.
+        """
+        self._take_effect(act, Situation(self._run, handle_mean=handle_zero), at)
+
+    def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
+        if isinstance(act, SetUp):
+            self._clear()
+        run = act.apply(situation, at)
+        try:
+            if isinstance(act, Start):
+                self._open_recording(run)
+            self._write_act(act, run, at)
+        except MadrobError:
+            if isinstance(act, Start):
+                self._discard_recording()
+            raise
+        before, self._run = self._run, run
+        self._follow_up(act, before)
+        self._advance()
+
+    def _follow_up(self, act: Act, before: Run) -> None:
+        """What an act brings with it, once it has taken effect."""
+        run = self._run
+        if isinstance(act, SetUp):
+            self.source.configure(act.setup.condition)
+            self._record_messages(self.source.announce_start_pose(act.setup.start_pose))
+        if isinstance(act, (Start, RestartCountdown)):
+            self._begin_countdown()
+        if run.phase is Phase.STOPPED and before.active:
+            self._decided = self.now()
+        if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
+            self._announce_state()
+        if self._scored is not None and run.phase in (Phase.STOPPED, Phase.FINAL):
+            self._score()
+
+    def _write_act(self, act: Act, run: Run, at: float) -> None:
+        referee = run.setup.referee if run.setup else ""
+        entry = Entry(at, Origin.REFEREE, act.name, referee, act.reason_given, act_details(act))
+        self._write(entry, must_take_effect=isinstance(act, (Abort, DeclareTimeout)))
+
+    def _clear(self) -> None:
+        """A clean next run: nothing of the one before stays."""
+        self._journal.close()
+        self._journal = Journal()
+        self._journal_problem = None
+        self._early = []
+        self._record = None
+        self._folder = None
+        self._assessment = None
+        self._procedure = None
+        self._scored = None
+        self._result_problem = None
+        self._decided = None
+        self._recorder_view = RecorderView("closed")
+
+    def _open_recording(self, run: Run) -> None:
+        assert run.setup is not None
+        assert run.start is not None
+        record = RunRecord(
+            setup=run.setup,
+            handle_zero=run.handle_zero,
+            thresholds=self.config.thresholds,
+            mappings=self.config.mappings,
+            source=self.source.kind,
+            competition=self.config.competition,
+            version=self.config.version,
+        )
+        recording = Recording(
+            self.config.results,
+            record,
+            run.start,
+            self.source.topics(),
+            lossless=self.config.lossless,
+        )
+        try:
+            self._journal.open(recording.folder / JOURNAL_FILE)
+        except OSError as error:
+            recording.close()
+            path = recording.folder / JOURNAL_FILE
+            raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
+        self._recording, self._record, self._folder = recording, record, recording.folder
+        now_ns = self._clock.now_ns()
+        for message in self._early:  # said before the bag was open, recorded as of now
+            recording.put(replace(message, receive_ns=now_ns))
+        self._early = []
+        self._preroll = []
+        self._lost_before = self._lost()
+
+    def _discard_recording(self) -> None:
+        """A start that could not take effect: its folder stays, its number is used."""
+        if self._recording is not None:
+            self._recording.close()
+        self._recording = self._record = None
+        self._clock.release()
+
+    def _begin_countdown(self) -> None:
+        run, record = self._run, self._record
+        assert run.setup is not None
+        assert run.start is not None
+        assert run.countdown_began is not None
+        assert record is not None
+        self._assessment = record.assessment(run.start)
+        for sample in self._preroll:
+            self._assessment.feed(sample)
+        self._procedure = self._assessment.procedure()
+        self._known_events = set()
+        self._countdown_watch = EventDetector(
+            run.setup.condition,
+            run.countdown_began,
+            self.config.thresholds,
+            handle_zero=run.handle_zero,
+        )
+
+    # ------------------------------------------------------------------ what time brings
+
+    def _advance(self) -> None:
+        now = self.now()
+        if self._recording is not None:
+            self._recording.add_topics(self.source.topics())
+        if self._run.phase is Phase.COUNTDOWN:
+            self._count_down(now)
+        if self._run.phase is Phase.RUNNING:
+            self._follow(now)
+        if self._decided is not None and self._recording is not None and self._post_roll_over(now):
+            self._finish()
+
+    def _post_roll_over(self, now: float) -> bool:
+        """Whether the post-roll is over; a replay goes on to the end of what was recorded."""
+        assert self._decided is not None
+        if self.source.kind is SourceKind.REPLAY:
+            return self.source.ended
+        return now >= self._decided + POST_ROLL
+
+    def _count_down(self, now: float) -> None:
+        run, watch = self._run, self._countdown_watch
+        assert run.start is not None
+        assert run.countdown_began is not None
+        assert watch is not None
+        for event in watch.events():
+            inside = run.countdown_began < event.time < run.start
+            if event.name in FALSE_STARTS and inside and event not in self._known_events:
+                self._known_events.add(event)
+                mark = FalseStart(event.time, event.name)
+                self._run = replace(self._run, false_starts=(*self._run.false_starts, mark))
+                self._note(Origin.SENSOR, Change.FALSE_START, event=event.name, time=event.time)
+        if now >= run.start:
+            self._countdown_watch, self._preroll, self._known_events = None, [], set()
+            self._run = begin_run(self._run)
+            self._note(Origin.CLOCK, Change.RUN_STARTS, time=run.start)
+            self._announce_state()
+
+    def _follow(self, now: float) -> None:
+        run, assessment = self._run, self._assessment
+        assert run.setup is not None
+        assert run.start is not None
+        assert assessment is not None
+        for event in assessment.events():
+            if event not in self._known_events and event.name is not EventName.BENCHMARK_START:
+                self._known_events.add(event)
+                self._note(Origin.SENSOR, Change.EVENT, event=event.name, time=event.time)
+        self._procedure = assessment.procedure(run.rulings)
+        completed = self._procedure.completed
+        if run.timeout_at is None and now >= run.start + run.setup.timeout:
+            run = time_out(run, run.start + run.setup.timeout, f"{run.setup.timeout:g} s elapsed")
+            self._run = run
+            self._note(
+                Origin.CLOCK, Change.TIMEOUT_ELAPSED, run.outcome_reason, time=run.timeout_at
+            )
+        if run.timeout_at is None:
+            if completed is not None:
+                self._stop(Outcome.COMPLETED, completed, "all six steps done")
+        elif now >= run.timeout_at + IN_FLIGHT:
+            self._time_out(run.timeout_at, self._procedure, now)
+
+    def _time_out(self, limit: float, procedure: Procedure, now: float) -> None:
+        """Section 2: a timeout that falls into the settle time waits for its end."""
+        completed, closed = procedure.completed, procedure.steps[Step.CLOSE - 1].final
+        if completed is not None and completed <= limit:
+            self._stop(Outcome.COMPLETED, completed, "all six steps done")
+            return
+        settling = procedure.settling and closed is not None and closed <= limit
+        patience = self.config.thresholds.settle_time + self.config.limits.lost
+        if not settling or now >= limit + patience:
+            self._stop(Outcome.TIMEOUT, limit, self._run.outcome_reason)
+
+    def _stop(self, outcome: Outcome, at: float, reason: str) -> None:
+        self._run = stop(self._run, outcome, at, reason)
+        self._decided = self.now()
+        self._note(Origin.CLOCK, Change.RUN_STOPS, reason, outcome=outcome, time=at)
+        self._announce_state()
+
+    def _finish(self) -> None:
+        """The post-roll is over: close the bag, score, write."""
+        assert self._recording is not None
+        for message in self.source.take(0.0):  # what is still on its way
+            self._receive(message)
+        recording, self._recording = self._recording, None
+        recording.close()
+        self._recorder_view = recording.view()
+        self._clock.release()
+        self._run = replace(self._run, issue=1)
+        self._score(recording.dropped())
+
+    def _score(self, dropped: dict[str, int] | None = None) -> None:
+        run, record, assessment = self._run, self._record, self._assessment
+        assert record is not None
+        assert assessment is not None
+        assert run.outcome is not None
+        for topic, count in (dropped or {}).items():
+            if count:
+                assessment.report_problem(f"{topic}: {count} messages are not in the recording")
+        if dropped is not None:
+            for topic, count in self._lost().items():
+                if lost := count - self._lost_before.get(topic, 0):
+                    assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
+        ending = Ending(run.outcome, run.outcome_reason, run.stop)
+        result, rows = assessment.result(ending, run.rulings)
+        scored = Scored(record, run, with_remarks(result, run.remarks()), rows)
+        self._procedure = assessment.procedure(run.rulings, run.stop)
+        try:
+            assert self._folder is not None
+            write_results(self._folder, scored)
+            self._result_problem = None
+            self._note(Origin.SYSTEM, Change.RESULT_WRITTEN, issue=run.issue)
+        except MadrobError as error:
+            self._result_problem = f"the result is NOT on disk: {error}"
+        self._scored = scored
+
+    def _lost(self) -> dict[str, int]:
+        """Messages lost on the way since the source was opened, where that is known."""
+        return {status.topic: status.lost or 0 for status in self.source.status()}
+
+    # ------------------------------------------------------------------ journal and topics
+
+    def _note(self, origin: Origin, what: Change, reason: str = "", **details: object) -> None:
+        """Write a line that takes effect whatever the disk says."""
+        entry = Entry(self.now(), origin, what.value, reason=reason, details=details)
+        self._write(entry, must_take_effect=True)
+
+    def _write(self, entry: Entry, *, must_take_effect: bool) -> None:
+        self._journal_problem = self._journal.append(entry, must_take_effect=must_take_effect)
+        self.log.add(entry, self._run.start)
+        self._record_messages(self.source.announce_event(entry.to_json()))
+
+    def _announce_state(self) -> None:
+        run = self._run
+        setup = run.setup
+        content = {
+            "phase": run.phase,
+            "subject": setup.subject if setup else None,
+            "team": setup.team if setup else None,
+            "run_number": setup.run_number if setup else None,
+            "condition_number": setup.condition.number if setup else None,
+            "benchmark_type": setup.condition.benchmark_type if setup else None,
+            "opening_side": setup.condition.opening_side if setup else None,
+            "starting_side": setup.condition.starting_side if setup else None,
+            "start_time": run.start,
+            "timeout": setup.timeout if setup else None,
+            "outcome": run.outcome,
+        }
+        condition = setup.condition if setup else None
+        state = RefereeState(run.phase.value, condition, run.start, json.dumps(content))
+        self._record_messages(self.source.announce_state(state))
+
+    def _record_messages(self, messages: Sequence[RawMessage]) -> None:
+        if self._recording is None:
+            self._early.extend(messages)
+            return
+        for message in messages:
+            self._recording.put(message)
+
+    # ------------------------------------------------------------------ what it shows
+
+    def _checks(self, now: float) -> tuple[Check, ...]:
+        force = self._sensors.force(now)
+        thresholds = self.config.thresholds
+        readings = Readings(
+            topic_problems=self._sensors.topic_problems(self.source.status(), now),
+            angle=self._sensors.angle(now),
+            closed_angle=thresholds.closed_angle,
+            force=None if force is None else force - self._run.handle_zero,
+            rest_force=thresholds.touch_force / 2,
+            occupied=self._sensors.occupied(now),
+            skew=self._sensors.skew(now),
+            largest_skew=self.config.limits.skew,
+            disk_free=self._free_disk(now),
+            disk_needed=self.config.disk_needed,
+            recorder_problem=None,
+        )
+        return preflight(readings, self._run)
+
+    def _free_disk(self, now: float) -> int | None:
+        if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
+            self._disk_free = free_space(self.config.results)
+            self._disk_asked = now
+        return self._disk_free
+
+    def snapshot(self) -> Snapshot:
+        """Everything that a screen shows, now."""
+        now = self.now()
+        run, sensors, assessment = self._run, self._sensors, self._assessment
+        situation = self.situation()
+        recorder = self._recording.view() if self._recording else self._recorder_view
+        dropped = self._recording.dropped() if self._recording else {}
+        topics = sensors.topics(self.source.status(), dropped, now)
+        door = sensors.door_view(now)
+        latch = sensors.latch_view(now)
+        largest_force = assessment.largest_force if assessment else None
+        procedure = self._procedure
+        return Snapshot(
+            time=now,
+            source_kind=self.source.kind,
+            source_label=self.source.label,
+            sides_problem=self.source.sides_problem,
+            run=run,
+            elapsed=elapsed(run, now),
+            remaining=remaining(run, now),
+            settling=procedure is not None and procedure.settling and run.active,
+            checks=situation.checks,
+            refusals=refusals(situation),
+            steps=procedure.steps if procedure else NO_STEPS,
+            ask_referee=question(run, procedure, latch),
+            door=door,
+            handle=sensors.handle_view(now, run.handle_zero, largest_force),
+            latch=latch,
+            passage=sensors.passage_view(now),
+            topics=topics,
+            recorder=recorder,
+            disk_free=self._free_disk(now),
+            faults=faults(
+                topics, recorder, door, run, (self._journal_problem, self._result_problem)
+            ),
+            provisional=assessment.provisional() if assessment and run.start else {},
+            log=self.log.lines,
+            result=self._scored.result if self._scored else None,
+            folder=str(self._folder) if self._folder else None,
+        )

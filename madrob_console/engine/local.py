@@ -1,0 +1,123 @@
+"""An engine in a thread of its own, and the client that talks to it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+from madrob_console.engine.engine import Engine
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Act
+
+TAKE_TIMEOUT = 0.02
+"""How long the engine waits for messages before it looks at acts and the clock, s."""
+
+SNAPSHOT_PERIOD = 0.05
+"""Screens get a new snapshot this often, s."""
+
+ANSWER_TIMEOUT = 5.0
+"""A screen waits this long for the answer to an act, s."""
+
+_T = TypeVar("_T")
+
+
+class LocalEngine:
+    """Runs an engine in a thread; an `EngineClient`.
+
+    Nothing that a screen does holds the engine up: calls are queued, snapshots are taken from
+    the latest one.
+
+    Args:
+        engine: not opened yet.
+
+    Raises:
+        MadrobError: the testbed cannot be reached.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        engine.open()
+        self._snapshot = engine.snapshot()
+        self._thread = threading.Thread(target=self._work, name="engine")
+        self._thread.start()
+
+    def _work(self) -> None:
+        shown = 0.0
+        try:
+            while not self._stop.is_set():
+                self._engine.step(TAKE_TIMEOUT)
+                self._answer_calls()
+                if time.monotonic() - shown >= SNAPSHOT_PERIOD:
+                    self._snapshot = self._engine.snapshot()
+                    shown = time.monotonic()
+        except BaseException as error:
+            self._failure = error
+            raise
+        finally:
+            self._engine.close()
+            self._answer_calls()
+
+    def _answer_calls(self) -> None:
+        while True:
+            try:
+                call = self._calls.get_nowait()
+            except Empty:
+                return
+            call()
+
+    def _ask(self, question: Callable[[], _T]) -> _T:
+        answer: Future[_T] = Future()
+
+        def call() -> None:
+            try:
+                answer.set_result(question())
+                self._snapshot = self._engine.snapshot()
+            except MadrobError as error:
+                answer.set_exception(error)
+
+        if self._failure is not None or self._stop.is_set():
+            raise MadrobError("the engine has ended: start the console again")
+        self._calls.put(call)
+        try:
+            return answer.result(ANSWER_TIMEOUT)
+        except TimeoutError:
+            raise MadrobError("the engine does not answer: look at the disk") from None
+
+    def snapshot(self) -> Snapshot:
+        """The latest snapshot.
+
+        Raises:
+            MadrobError: the engine has failed.
+        """
+        if self._failure is not None:
+            raise MadrobError(f"the engine has failed: {self._failure}")
+        return self._snapshot
+
+    def act(self, act: Act) -> str | None:
+        """Hand in an act; returns the refusal in words, None when it took effect.
+
+        Raises:
+            MadrobError: the engine has ended or does not answer.
+        """
+        return self._ask(lambda: self._engine.perform(act))
+
+    def next_run_number(self, subject: int, condition_number: int) -> int:
+        """The next run number that was never used for this subject and condition.
+
+        Raises:
+            MadrobError: the results folder cannot be read, or all numbers are used.
+        """
+        return self._ask(lambda: self._engine.next_run_number(subject, condition_number))
+
+    def close(self) -> None:
+        """End the engine; a run that goes on is cut off and kept as interrupted."""
+        self._stop.set()
+        self._thread.join()

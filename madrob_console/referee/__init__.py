@@ -1,0 +1,1 @@
+"""The referee's domain: states of a run, acts, checks, journal."""

@@ -1,0 +1,164 @@
+"""The run's journal: one JSON line for every act and every change (design: acts, journal).
+
+A line is on disk before what it says takes effect. A torn last line is set aside, never fatal.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from madrob_console.errors import MadrobError
+
+
+class Origin(StrEnum):
+    """Who or what made something happen."""
+
+    REFEREE = "referee"
+    SENSOR = "sensor"
+    CLOCK = "clock"
+    SYSTEM = "system"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line.
+
+    Attributes:
+        time: s since the epoch, steady (section 8).
+        origin: who or what.
+        what: the act or the change, in fixed words.
+        referee: the referee's name; empty unless `origin` is the referee.
+        reason: the reason given, in the referee's words.
+        details: everything needed to do it again: JSON values by name.
+    """
+
+    time: float
+    origin: Origin
+    what: str
+    referee: str = ""
+    reason: str = ""
+    details: dict[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """The entry as one line of JSON, without the line end."""
+        record = {name: getattr(self, name) for name in self.__slots__}
+        return json.dumps(record, ensure_ascii=False, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, line: str) -> Entry:
+        """The entry of a line.
+
+        Raises:
+            MadrobError: it is not a journal line.
+        """
+        try:
+            record = json.loads(line)
+            return cls(
+                time=float(record["time"]),
+                origin=Origin(record["origin"]),
+                what=str(record["what"]),
+                referee=str(record.get("referee", "")),
+                reason=str(record.get("reason", "")),
+                details=dict(record.get("details", {})),
+            )
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise MadrobError(f"not a journal line ({error}): {line[:60]!r}") from None
+
+
+class Journal:
+    """Appends to a file; every line is synced before `append` returns.
+
+    Lines from before the file exists, and lines that could not be written, are kept and
+    written with the next one, in order.
+    """
+
+    def __init__(self) -> None:
+        self._pending: list[Entry] = []
+        self._file: int | None = None
+        self._torn = False
+
+    @property
+    def pending(self) -> tuple[Entry, ...]:
+        """Lines that are not on disk yet."""
+        return tuple(self._pending)
+
+    def open(self, path: Path) -> None:
+        """Create the file and write what is pending.
+
+        Raises:
+            OSError: the file exists or cannot be written.
+        """
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        self._file = os.open(path, flags, 0o644)
+        self._write()
+
+    def append(self, entry: Entry, *, must_take_effect: bool) -> str | None:
+        """Add a line.
+
+        Args:
+            entry: the line.
+            must_take_effect: keep it if it cannot be written now, and write it later; a stop, an
+                abort or a timeout waits for no disk.
+
+        Returns:
+            Why it is not on disk yet, in words; None when it is (or when no file is open yet).
+
+        Raises:
+            MadrobError: it cannot be written and need not take effect; it is forgotten.
+        """
+        self._pending.append(entry)
+        if self._file is None:
+            return None
+        try:
+            self._write()
+        except OSError as error:
+            problem = f"the journal cannot be written ({error.strerror})"
+            if must_take_effect:
+                return f"{problem}: {len(self._pending)} lines wait"
+            self._pending.pop()
+            raise MadrobError(f"{problem}: make room, then try again") from None
+        return None
+
+    def _write(self) -> None:
+        assert self._file is not None
+        while self._pending:
+            # A full disk can take a part of a line: end it, and write the line again.
+            text = "\n" * self._torn + self._pending[0].to_json() + "\n"
+            data = text.encode()
+            written = os.write(self._file, data)
+            self._torn = self._torn if written == 0 else written < len(data)
+            if written < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self._pending.pop(0)
+        os.fsync(self._file)
+
+    def close(self) -> None:
+        """Close the file; later lines wait for the next one."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
+    """All entries of a journal file, and the lines that could not be read, as remarks.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    entries: list[Entry] = []
+    remarks: list[str] = []
+    lines = path.read_bytes().decode(errors="replace").splitlines()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            entries.append(Entry.from_json(line))
+        except MadrobError:
+            remarks.append(f"{path.name} line {number} is torn: set aside")
+    return tuple(entries), tuple(remarks)

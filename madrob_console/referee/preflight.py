@@ -1,0 +1,170 @@
+"""The pre-start checks: a list of reasons, each waivable (protocol sections 3 and 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from madrob_console.referee.run import CheckName, Run, Waiver
+
+
+class CheckState(StrEnum):
+    """What a check found. Missing data is a state of its own, never `ok`."""
+
+    OK = "ok"
+    FAILED = "failed"
+    NO_DATA = "no data"
+    WAIVED = "waived"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One pre-start check.
+
+    Attributes:
+        name: which.
+        state: what it found.
+        reason: why it is not `ok`, or what was measured, in words.
+    """
+
+    name: CheckName
+    state: CheckState
+    reason: str
+
+    @property
+    def blocks(self) -> bool:
+        """Whether it stands in the way of a start."""
+        return self.state in (CheckState.FAILED, CheckState.NO_DATA)
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the checks look at; None = no data now.
+
+    Attributes:
+        topic_problems: one line per topic that is missing, stale or off its rate.
+        angle: door angle, rad.
+        closed_angle: abs(angle) below this is closed, rad.
+        force: handle force minus handle zero, N.
+        rest_force: abs(force) above this is not at rest, N.
+        occupied: names of the used passage sensors that see something; None = no data.
+        skew: largest abs(stamp - log time) of the last second, s.
+        largest_skew: the limit for it, s.
+        disk_free: bytes; None = unknown.
+        disk_needed: bytes.
+        recorder_problem: why the recorder cannot open a file, in words.
+    """
+
+    topic_problems: tuple[str, ...]
+    angle: float | None
+    closed_angle: float
+    force: float | None
+    rest_force: float
+    occupied: tuple[str, ...] | None
+    skew: float | None
+    largest_skew: float
+    disk_free: int | None
+    disk_needed: int
+    recorder_problem: str | None
+
+
+def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
+    """All checks in order, with the waivers of `run` applied."""
+    found = (
+        _topics(readings),
+        _door(readings),
+        _handle(readings),
+        _doorway(readings),
+        _clock(readings),
+        _disk(readings),
+        _recorder(readings),
+        _pose(run),
+    )
+    return tuple(_waive(check, run.waivers) for check in found)
+
+
+def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """The checks that stand in the way of a start."""
+    return tuple(check for check in checks if check.blocks)
+
+
+def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
+    if not check.blocks:
+        return check
+    waiver = next((w for w in waivers if w.check is check.name), None)
+    if waiver is None:
+        return check
+    return Check(check.name, CheckState.WAIVED, f"{check.reason} (waived: {waiver.reason})")
+
+
+def _verdict(name: CheckName, ok: bool, reason: str) -> Check:
+    return Check(name, CheckState.OK if ok else CheckState.FAILED, reason)
+
+
+def _no_data(name: CheckName, what: str) -> Check:
+    return Check(name, CheckState.NO_DATA, f"no {what} now: check its topic")
+
+
+def _topics(r: Readings) -> Check:
+    if r.topic_problems:
+        more = len(r.topic_problems) - 1
+        rest = f" (and {more} more)" if more else ""
+        return Check(CheckName.TOPICS, CheckState.FAILED, r.topic_problems[0] + rest)
+    return Check(CheckName.TOPICS, CheckState.OK, "all fresh and at rate")
+
+
+def _door(r: Readings) -> Check:
+    if r.angle is None:
+        return _no_data(CheckName.DOOR, "door angle")
+    return _verdict(
+        CheckName.DOOR,
+        abs(r.angle) < r.closed_angle,
+        f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}",
+    )
+
+
+def _handle(r: Readings) -> Check:
+    if r.force is None:
+        return _no_data(CheckName.HANDLE, "handle force")
+    at_rest = abs(r.force) <= r.rest_force
+    text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
+    return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: zero the handle")
+
+
+def _doorway(r: Readings) -> Check:
+    if r.occupied is None:
+        return _no_data(CheckName.DOORWAY, "reading of some passage sensor")
+    text = "sensors clear" if not r.occupied else f"something under {', '.join(r.occupied)}"
+    return _verdict(CheckName.DOORWAY, not r.occupied, text)
+
+
+def _clock(r: Readings) -> Check:
+    if r.skew is None:
+        return _no_data(CheckName.CLOCK, "time stamp")
+    return _verdict(
+        CheckName.CLOCK,
+        r.skew < r.largest_skew,
+        f"stamps differ by {r.skew * 1000:.0f} ms, limit {r.largest_skew * 1000:.0f} ms",
+    )
+
+
+def _disk(r: Readings) -> Check:
+    if r.disk_free is None:
+        return Check(CheckName.DISK, CheckState.NO_DATA, "free space unknown: check the folder")
+    return _verdict(
+        CheckName.DISK,
+        r.disk_free >= r.disk_needed,
+        f"{r.disk_free / 1e9:.1f} GB free, {r.disk_needed / 1e9:.1f} GB needed",
+    )
+
+
+def _recorder(r: Readings) -> Check:
+    if r.recorder_problem is not None:
+        return Check(CheckName.RECORDER, CheckState.FAILED, r.recorder_problem)
+    return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
+
+
+def _pose(run: Run) -> Check:
+    text = "confirmed" if run.pose_confirmed else "not confirmed: look, then confirm it"
+    return _verdict(CheckName.POSE, run.pose_confirmed, text)

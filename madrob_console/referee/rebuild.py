@@ -1,0 +1,103 @@
+"""The state of a run from its journal: for scoring again, replay and recovery."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import (
+    ACTS,
+    Act,
+    SetUp,
+    Situation,
+    begin_run,
+    stop,
+    time_out,
+)
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.run import FalseStart, Run
+from scoring.protocol import EventName, Outcome
+
+
+class Change(StrEnum):
+    """Journal lines that no act wrote."""
+
+    RUN_STARTS = "run starts"
+    RUN_STOPS = "run stops"
+    TIMEOUT_ELAPSED = "timeout elapsed"
+    FALSE_START = "false start"
+    EVENT = "event"
+    RESULT_WRITTEN = "result written"
+
+
+_ACT_TYPES = {act.name: act for act in ACTS}
+
+
+def act_details(act: Act) -> dict[str, Any]:
+    """What a journal line must hold to do the act again."""
+    details: dict[str, Any] = msgspec.to_builtins(act)
+    return details
+
+
+def act_of(entry: Entry) -> Act | None:
+    """The act that a journal line tells of; None for a line of another kind.
+
+    Raises:
+        MadrobError: the line's details do not fit the act.
+    """
+    kind = _ACT_TYPES.get(entry.what)
+    if kind is None:
+        return None
+    try:
+        act: Act = msgspec.convert(entry.details, kind)
+    except msgspec.ValidationError as error:
+        raise MadrobError(f"journal line '{entry.what}' is damaged: {error}") from None
+    return act
+
+
+def rebuild(entries: Iterable[Entry], handle_zero: float = 0.0) -> Run:
+    """The run after all entries.
+
+    Args:
+        entries: of one run, in order.
+        handle_zero: the one stored with the run, N.
+
+    Raises:
+        MadrobError: a line is damaged.
+    """
+    run = Run()
+    for entry in entries:
+        run = _after(run, entry, handle_zero)
+    return replace(run, handle_zero=handle_zero)
+
+
+def _after(run: Run, entry: Entry, handle_zero: float) -> Run:
+    act = act_of(entry)
+    if act is not None:
+        if run.setup is None and not isinstance(act, SetUp):
+            return run
+        return act.apply(Situation(run, handle_mean=handle_zero), entry.time)
+    try:
+        match entry.what:
+            case Change.RUN_STARTS:
+                return begin_run(run)
+            case Change.TIMEOUT_ELAPSED:
+                return time_out(run, float(entry.details["time"]), entry.reason)
+            case Change.RUN_STOPS:
+                outcome = Outcome(entry.details["outcome"])
+                return stop(run, outcome, float(entry.details["time"]), entry.reason)
+            case Change.FALSE_START:
+                name = EventName(entry.details["event"])
+                mark = FalseStart(float(entry.details["time"]), name)
+                return replace(run, false_starts=(*run.false_starts, mark))
+            case Change.RESULT_WRITTEN:
+                return replace(run, issue=int(entry.details["issue"]))
+            case _:
+                return run
+    except (KeyError, ValueError, TypeError) as error:
+        raise MadrobError(f"journal line '{entry.what}' is damaged: {error}") from None

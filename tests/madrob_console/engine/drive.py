@@ -1,0 +1,98 @@
+"""Whole runs on the simulated testbed in virtual time, with real files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from madrob_console.clock import VirtualClock
+from madrob_console.engine.engine import Engine, EngineConfig
+from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.testbeds.simulated import SimulatedSource
+from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulation.sensors import SensorSettings
+from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
+from scoring.rulesets import RulesetName
+
+EPOCH_NS = 1_700_000_000_000_000_000
+STEP = 0.02
+PULL = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
+
+
+class Drive:
+    """An engine on a simulated testbed, driven as a referee would."""
+
+    def __init__(
+        self,
+        results: Path,
+        scenario: Scenario = Scenario.NOMINAL,
+        seed: int = 0,
+        *,
+        latch: bool = False,
+    ) -> None:
+        self.clock = VirtualClock(EPOCH_NS)
+        types = MessageTypes()
+        testbed = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
+        self.source = SimulatedSource(testbed, self.clock, types)
+        config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
+        self.engine = Engine(self.source, self.clock, config, types)
+        self.engine.open()
+
+    def wait(self, duration: float) -> None:
+        end = self.engine.now() + duration
+        while self.engine.now() < end:
+            self.engine.step(STEP)
+
+    def wait_until(self, done: Callable[[], bool], patience: float = 400.0) -> None:
+        end = self.engine.now() + patience
+        while not done():
+            assert self.engine.now() < end, "waited in vain"
+            self.engine.step(STEP)
+
+    def act(self, *acts: Act) -> None:
+        for act in acts:
+            assert self.engine.perform(act) is None
+
+    def prepare(self, setup: RunSetup) -> None:
+        """Everything up to the start."""
+        self.act(SetUp(setup))
+        self.wait(1.5)
+        self.act(ZeroHandle(), ConfirmPose())
+
+    def start(self, setup: RunSetup) -> None:
+        """Prepare and wait until the run goes on."""
+        self.prepare(setup)
+        self.act(Start())
+        self.wait_until(lambda: self.engine.run.phase is Phase.RUNNING)
+
+    def finish(self) -> None:
+        self.wait_until(lambda: self.engine.scored is not None)
+
+    def whole_run(self, setup: RunSetup) -> None:
+        self.start(setup)
+        self.finish()
+
+
+def make_setup(
+    condition: Condition = PULL,
+    *,
+    run_number: int = 1,
+    timeout: float = 60.0,
+    countdown: float = 2.0,
+    ruleset: RulesetName = RulesetName.PROTOCOL,
+    lock_detection: LockDetection = LockDetection.AUTO,
+) -> RunSetup:
+    return RunSetup(
+        subject=3,
+        team="Delft",
+        run_number=run_number,
+        condition=condition,
+        start_pose=StartPose(1.5 * condition.starting_side.sign, 0.0, 0.0),
+        referee="R. Eferee",
+        timeout=timeout,
+        countdown=countdown,
+        ruleset=ruleset,
+        lock_detection=lock_detection,
+    )
