@@ -17,19 +17,31 @@ from madrob_console.referee.acts import (
     Reissue,
     RestartCountdown,
     Rule,
+    SetUp,
     Situation,
     Start,
+    Waive,
     ZeroHandle,
 )
 from madrob_console.referee.health import Freshness
-from madrob_console.referee.run import IncidentKind, Phase, Run, TeamWord
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import CheckName, IncidentKind, Phase, Run, RunSetup, TeamWord
 from scoring.procedure import Procedure, StepRecord
-from scoring.protocol import LockDetection, Step
+from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose, Step
 
 NO_STEPS = tuple(StepRecord(step, None, None, None) for step in Step)
 """The six steps before a run."""
 
+_SAMPLE_SETUP = RunSetup(
+    subject=1,
+    team="",
+    run_number=1,
+    condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
+    start_pose=StartPose(1.0, 0.0, 0.0),
+)
+
 _SAMPLE_ACTS: tuple[Act, ...] = (
+    SetUp(_SAMPLE_SETUP),
     ConfirmPose(),
     ZeroHandle(),
     Start(),
@@ -66,7 +78,9 @@ def remaining(run: Run, now: float) -> float | None:
 
 def refusals(situation: Situation) -> dict[str, str]:
     """Act name -> why it is not possible now."""
-    judged = ((act.name, act.refusal(situation)) for act in _SAMPLE_ACTS)
+    failing = [check.name for check in blocking(situation.checks)]
+    waive = Waive(failing[0] if failing else CheckName.TOPICS, "given")
+    judged = ((act.name, act.refusal(situation)) for act in (*_SAMPLE_ACTS, waive))
     return {name: why for name, why in judged if why is not None}
 
 

@@ -154,8 +154,9 @@ class Waive(Act):
         """Only before the countdown, for a check that fails, with a reason."""
         if refused := _needs(situation, Phase.READY):
             return refused
-        if not any(c.name is self.check for c in blocking(situation.checks)):
-            return f"the check '{self.check}' does not fail"
+        failing = [check.name for check in blocking(situation.checks)]
+        if self.check not in failing:
+            return f"the check '{self.check}' does not fail" if failing else "no check fails"
         return None if self.reason.strip() else "a waiver needs a reason"
 
     def apply(self, situation: Situation, at: float) -> Run:

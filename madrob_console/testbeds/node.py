@@ -32,7 +32,7 @@ from madrob_console.testbeds.ros.loading import (
 )
 from madrob_console.testbeds.ros.parameters import ParameterValue, door_parameters
 from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulation import SimulatedTestbed
 from madrob_console.testbeds.source import RefereeState
 from recorder.bag import Durability, Qos
 from scoring.errors import ScoringError
@@ -55,19 +55,6 @@ _DEFAULT_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
 Say = Callable[[str], None]
 """Takes one line for people."""
-
-
-def run_testbed_node(
-    scenario: Scenario,
-    seed: int,
-    condition: Condition | None,
-    repeat: int,
-    *,
-    say: Say,
-    domain: int | None = None,
-) -> None:
-    """Be a testbed in which a robot plays `scenario`; see `serve_testbed`."""
-    serve_testbed(SimulatedTestbed(scenario, seed), condition, repeat, say=say, domain=domain)
 
 
 def serve_testbed(
@@ -198,8 +185,12 @@ class DoorNode:
             return
         before, self._phase = self._phase, state.phase
         self._start = self._start_of(state, before)
-        if state.condition is not None:
-            self._condition = state.condition
+        if state.condition is not None and state.condition != self._condition:
+            self._condition = condition = state.condition
+            self._say(
+                f"condition {condition.number}: {condition.benchmark_type}, opens to "
+                f"{condition.opening_side.upper()}, robot on {condition.starting_side.upper()}"
+            )
         self._source.announce_state(replace(state, start_time=self._start))
         if state.phase == "running" != before:
             self._say("robot sets out")

@@ -21,6 +21,7 @@ from madrob_console.testbeds.ros.loading import (
     RosObject,
     domain_id,
     load_message_class,
+    load_module,
 )
 from recorder.bag import Durability, Qos, Reliability
 from recorder.message import RawMessage
@@ -125,7 +126,9 @@ def flood(topics: int, messages: int, rate: float) -> None:
             for publisher in publishers:
                 publisher.publish(data)
             time.sleep(max(0.0, begin + (number + 1) / rate - time.monotonic()))
-        time.sleep(1.0)
+        # DDS may take its heartbeat of 3 s to send again what was lost under way
+        patience = load_module("rclpy.duration").Duration(seconds=20)
+        assert all(publisher.wait_for_all_acked(patience) for publisher in publishers)
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -71,7 +71,7 @@ class Inbox:
         self._node = node
         self._class = message_class
         self._direct = direct
-        self._called_back: list[Received] = []
+        self._arrived: list[Received] = []
         # rclpy's default event callbacks print warnings into the terminal
         quiet = load_module("rclpy.event_handler").SubscriptionEventCallbacks(
             use_default_callbacks=False
@@ -92,14 +92,12 @@ class Inbox:
 
     def take(self) -> list[Received]:
         """Everything that has arrived since the last call."""
-        if not self._direct:
-            taken, self._called_back = self._called_back, []
-            return taken
-        taken = []
-        handle = self._subscription.handle
-        with handle:
-            while (message := handle.take_message(self._class, True)) is not None:
-                taken.append(_received(*message))
+        if self._direct:
+            handle = self._subscription.handle
+            with handle:
+                while (message := handle.take_message(self._class, True)) is not None:
+                    self._on_message(*message)
+        taken, self._arrived = self._arrived, []
         return taken
 
     def close(self) -> None:
@@ -107,13 +105,11 @@ class Inbox:
         self._node.destroy_subscription(self._subscription)
 
     def _on_message(self, data: bytes, info: dict[str, int]) -> None:
-        self._called_back.append(_received(data, info))
-
-
-def _received(data: bytes, info: dict[str, int]) -> Received:
-    return Received(
-        data,
-        info["source_timestamp"],
-        info["received_timestamp"],
-        info["publication_sequence_number"],
-    )
+        self._arrived.append(
+            Received(
+                data,
+                info["source_timestamp"],
+                info["received_timestamp"],
+                info["publication_sequence_number"],
+            )
+        )

@@ -6,8 +6,10 @@ import atexit
 import os
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import TypeVar
 
 from madrob_console.clock import NS, Clock
 from madrob_console.errors import MadrobError
@@ -24,6 +26,8 @@ from madrob_console.testbeds.source import RefereeState, SourceKind, TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
 from scoring.protocol import Condition, StartPose
+
+_T = TypeVar("_T")
 
 _PERIOD = 0.005
 """Seconds between two takes."""
@@ -72,6 +76,7 @@ class RosSource:
         self._door: DoorParameters | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
+        self._failing: str | None = None
         self._failure: str | None = None
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -100,6 +105,21 @@ class RosSource:
         if self._thread is not None or self._stop.is_set():
             return
         connection = Connection(self._domain)
+        try:
+            door = self._join(connection)
+        except BaseException:
+            connection.close()
+            raise
+        self._connection = connection
+        self._thread = threading.Thread(
+            target=self._run, args=(connection, door), name="ros take", daemon=True
+        )
+        # A thread that is in ROS when the interpreter ends aborts the process.
+        atexit.register(self.close)
+        self._thread.start()
+
+    def _join(self, connection: Connection) -> DoorParameters:
+        """Create everything that speaks and listens."""
         self._direct = self._direct and can_take()
         console = connection.node("console")
         listener = connection.node("console_intake", spun=not self._direct)
@@ -117,13 +137,7 @@ class RosSource:
             )
             for name, type_name in self._configured.items()
         )
-        self._connection = connection
-        self._thread = threading.Thread(
-            target=self._run, args=(connection, self._door), name="ros take", daemon=True
-        )
-        # A thread that is in ROS when the interpreter ends aborts the process.
-        atexit.register(self.close)
-        self._thread.start()
+        return self._door
 
     def take(self, timeout: float) -> list[RawMessage]:
         """Messages since the last call, by receive time; waits at most `timeout` s."""
@@ -184,23 +198,29 @@ class RosSource:
     def _run(self, connection: Connection, door: DoorParameters) -> None:
         discover_at = 0.0
         while not self._stop.is_set():
-            try:
-                if time.monotonic() >= discover_at:
-                    discover_at = time.monotonic() + _DISCOVERY
-                    for intake in self._intakes:
-                        intake.discover()
-                    door.poll()
-                self._mailbox.put(self._take())
-                if self._direct and not door.pending:
-                    self._stop.wait(_PERIOD)
-                else:
-                    connection.spin(_PERIOD)
-                self._failure = None
-            except RuntimeError as error:  # what rclpy raises; the next round may succeed
-                self._failure = f"ROS failed ({next(iter(str(error).splitlines()), 'no reason')})"
-                self._stop.wait(_DISCOVERY)
+            self._failing = None
+            if time.monotonic() >= discover_at:
+                discover_at = time.monotonic() + _DISCOVERY
+                for intake in self._intakes:
+                    self._try(intake.discover)
+                self._try(door.poll)
+            self._mailbox.put(self._take())
+            self._failure = self._failing
+            if self._direct and not door.pending:
+                self._stop.wait(_PERIOD)
+            else:
+                self._try(partial(connection.spin, _PERIOD))
         self._mailbox.put(self._take())
         self._mailbox.put(self._late)
+
+    def _try(self, action: Callable[[], _T]) -> _T | None:
+        """Do something that may fail without ending the thread, and all other topics with it."""
+        try:
+            return action()
+        except Exception as error:  # noqa: BLE001  # whatever rclpy raises is shown
+            first = next(iter(str(error).splitlines()), type(error).__name__)
+            self._failing = f"ROS fails ({first}): start the console again"
+            return None
 
     def _take(self) -> list[RawMessage]:
         """What arrived by the beginning of this call, by receive time.
@@ -209,7 +229,7 @@ class RosSource:
         was emptied early may hold something older.
         """
         begin = self._clock.now_ns()
-        taken = [(intake, received) for intake in self._intakes for received in intake.take()]
+        taken = [(i, received) for i in self._intakes for received in self._try(i.take) or ()]
         now, wall = self._clock.now_ns(), time.time_ns()
         messages = [_message(intake, received, now, wall) for intake, received in taken]
         ready = self._late + [m for m in messages if m.receive_ns <= begin]

@@ -106,17 +106,19 @@ def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> No
         console.source.announce_state(state("final", start))
         console.until(lambda: "messages on" in console.lines[-1])
     assert console.lines[0].startswith("simulated testbed touch-only in ROS domain ")
-    assert console.lines[1:5] == [
+    assert console.lines[1:6] == [
         "opening side set to CW",
         "benchmark type set to Constant Force",
+        "condition 17: Constant Force, opens to CW, robot on CW",
         "robot sets out",
         "run over",
     ]
-    counts = {line.split()[-1]: int(line.split()[0]) for line in console.lines[5:]}
+    counts = {line.split()[-1]: int(line.split()[0]) for line in console.lines[6:]}
     assert counts.keys() == wanted
     assert min(counts.values()) > 50
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ros_domain")
 def test_a_rate_of_50_hz_is_kept_and_nothing_is_lost() -> None:
     testbed = SimulatedTestbed(sensors=SensorSettings(latch=True))
@@ -128,8 +130,8 @@ def test_a_rate_of_50_hz_is_kept_and_nothing_is_lost() -> None:
         console.until(lambda: time.monotonic() - first > 2)
         assert [s.lost for s in console.source.status()] == [0] * 7
     angles = [s for s in console.samples if isinstance(s, DoorSample)]
-    assert len(console.samples) == pytest.approx(7 * 100, abs=35)
-    assert len(angles) == pytest.approx(100, abs=5)
+    assert len(console.samples) == pytest.approx(7 * 100, abs=70)
+    assert len(angles) == pytest.approx(100, abs=10)
     assert all(abs(s.log_time - s.time) < 0.1 for s in angles)
 
 
@@ -149,9 +151,9 @@ def test_it_ends_after_the_runs_it_was_asked_for() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
     program = """
-        from madrob_console.testbeds.node import run_testbed_node
-        from madrob_console.testbeds.simulation import Scenario
-        run_testbed_node(Scenario.SLAM, 1, None, 0, say=lambda line: print(line, flush=True))
+        from madrob_console.testbeds.node import serve_testbed
+        from madrob_console.testbeds.simulation import SimulatedTestbed
+        serve_testbed(SimulatedTestbed(), None, 0, say=lambda line: print(line, flush=True))
     """
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(program)],
@@ -161,14 +163,17 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
         text=True,
     )
     with process:
-        assert process.stdout is not None
-        domain = os.environ["ROS_DOMAIN_ID"]
-        assert process.stdout.readline() == (
-            f"simulated testbed slam in ROS domain {domain}: waits for the referee\n"
-        )
-        time.sleep(0.3)
-        process.send_signal(number)
-        out, err = process.communicate(timeout=10)
+        try:
+            assert process.stdout is not None
+            domain = os.environ["ROS_DOMAIN_ID"]
+            assert process.stdout.readline() == (
+                f"simulated testbed nominal in ROS domain {domain}: waits for the referee\n"
+            )
+            time.sleep(0.3)
+            process.send_signal(number)
+            out, err = process.communicate(timeout=10)
+        finally:
+            process.kill()
     assert (process.returncode, err) == (0, "")
     assert len(out.splitlines()) == 6
     assert "messages on /madrob/door/angle" in out

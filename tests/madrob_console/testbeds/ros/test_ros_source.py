@@ -44,6 +44,7 @@ def test_messages_arrive_byte_for_byte_with_the_times_of_sending_and_arrival(pee
     assert before <= message.publish_ns <= message.receive_ns <= before + 1_000_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ros_domain")
 def test_nothing_is_lost_of_ten_topics_at_3000_messages_a_second() -> None:
     mappings = [
@@ -58,6 +59,8 @@ def test_nothing_is_lost_of_ten_topics_at_3000_messages_a_second() -> None:
         while process.poll() is None:
             taker.has(6000)
         assert process.returncode == 0
+    taker.has(6000)
+    assert [s.problem for s in taker.source.status()] == [None] * 10
     types = MessageTypes()
     for mapping in mappings:
         numbers = [
@@ -121,6 +124,7 @@ def test_two_publishers_on_one_topic_are_visible_and_make_the_loss_unknown(peer:
         peer.until(lambda: taker.source.status()[0].lost == 0)
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_or_doubled_when_a_publisher_with_other_qos_joins(peer: Peer) -> None:
     first = peer.publisher(LOCKED, BOOL, KEPT)
     sent, enough = 0, threading.Event()
@@ -222,6 +226,15 @@ def test_before_and_after_the_connection_every_call_is_harmless(ros_domain: int)
     assert closed.ended
 
 
+def test_a_middleware_that_fails_is_shown_and_ends_nothing(peer: Peer) -> None:
+    with Taker(source(latch())) as taker:
+        assert taker.source._connection is not None
+        taker.source._connection._context.shutdown()
+        peer.until(lambda: taker.source.status()[0].problem)
+        assert taker.source.status()[0].problem.startswith("ROS fails (")  # type: ignore[union-attr]
+        assert taker.source.take(0) == []
+
+
 def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
     publisher = peer.publisher(LOCKED, BOOL)
     with Taker(source()) as taker:
@@ -296,6 +309,7 @@ def test_without_ros_the_error_is_one_line_with_the_remedy() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_history_that_comes_again_with_another_subscription_is_no_news(peer: Peer) -> None:
     kept = peer.publisher(LOCKED, BOOL, KEPT)
     other = peer.publisher(LOCKED, BOOL, BEST_EFFORT)

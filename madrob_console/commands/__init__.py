@@ -1,0 +1,1 @@
+"""The subcommands of `madrob`, one a module; each is imported only when it is used."""

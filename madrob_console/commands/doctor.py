@@ -1,0 +1,23 @@
+"""`madrob doctor`: what is installed, found and missing."""
+
+from __future__ import annotations
+
+import argparse
+
+from madrob_console.cli import BAD_INPUT
+from madrob_console.config import load_settings
+from madrob_console.doctor import doctor, report, usable
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the findings; exit code 0 if the console runs here."""
+    settings = load_settings(arguments.settings)
+    domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
+    findings = doctor(
+        settings.mappings(),
+        settings.results.root,
+        domain=domain,
+        disk_space=settings.checks.disk_space,
+    )
+    print(report(findings))
+    return 0 if usable(findings) else BAD_INPUT

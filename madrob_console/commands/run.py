@@ -1,0 +1,185 @@
+"""`madrob run`: one run without screens, a plain line per event."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from madrob_console.commands.session import open_engine, settings_of
+from madrob_console.commands.table import result_lines
+from madrob_console.config import Settings
+from madrob_console.config.tables import DEFAULT_START_POSES
+from madrob_console.engine.engine import Engine
+from madrob_console.engine.replaying import ReplayingEngine
+from madrob_console.errors import MadrobError
+from madrob_console.names import clean_name
+from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import CheckName, RunSetup
+from scoring.protocol import Condition, Outcome, StartPose
+
+EXIT_CODES = {
+    Outcome.COMPLETED: 0,
+    Outcome.TIMEOUT: 3,
+    Outcome.ABORTED: 4,
+    Outcome.INTERRUPTED: 5,
+}
+
+STEP = 0.02
+"""The engine waits this long for messages, s of its clock."""
+
+_LOOK_PERIOD = 0.5
+_REST = 1.5
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """One run from the set-up to its result."""
+    settings = settings_of(arguments)
+    runner = _Runner(open_engine(arguments, settings))
+    with runner.stopping_on_signals():
+        return runner.go(arguments, settings)
+
+
+class _Runner:
+    """Drives an engine as a referee would, and prints what happens."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._printed = 0
+        self._signal: int | None = None
+
+    def go(self, arguments: argparse.Namespace, settings: Settings) -> int:
+        engine = self._engine
+        engine.open()
+        try:
+            print(f"testbed: {engine.source.label}", flush=True)
+            if not isinstance(engine, ReplayingEngine):
+                self._prepare(arguments, settings)
+            while engine.scored is None:
+                self._step()
+                self._heed_signal()
+                if engine.source.ended and not engine.run.active and engine.scored is None:
+                    raise MadrobError(f"{engine.source.label} ended before a run was over")
+        finally:
+            engine.close()
+            self._print_log()
+        return self._report()
+
+    def _prepare(self, arguments: argparse.Namespace, settings: Settings) -> None:
+        engine = self._engine
+        setup = _setup(arguments, settings, engine)
+        self._do(SetUp(setup))
+        if problem := engine.source.sides_problem:
+            print(f"note: {problem}", flush=True)
+        begin = engine.now()
+        self._wait_for_checks(begin + _REST, begin + arguments.wait)
+        self._do(ZeroHandle())
+        self._do(ConfirmPose())
+        if arguments.waive is not None:
+            for check in blocking(engine.situation().checks):
+                self._do(Waive(check.name, arguments.waive))
+        self._do(Start())
+
+    def _wait_for_checks(self, rest: float, end: float) -> None:
+        """Let the handle rest for a while, and wait for the checks that time can mend."""
+        by_hand = (CheckName.POSE, CheckName.HANDLE)
+        looked = 0.0
+        while (now := self._engine.now()) < end:
+            self._step()
+            if self._signal is not None:
+                raise MadrobError("stopped before the start; nothing was recorded")
+            if now < max(rest, looked + _LOOK_PERIOD):
+                continue
+            looked = now
+            if all(c.name in by_hand for c in blocking(self._engine.situation().checks)):
+                return
+
+    def _do(self, act: Act) -> None:
+        refused = self._engine.perform(act)
+        self._print_log()
+        if refused is not None:
+            raise MadrobError(f"{act.name} refused: {refused}")
+
+    def _step(self) -> None:
+        self._engine.step(STEP)
+        self._print_log()
+
+    def _print_log(self) -> None:
+        for line in self._engine.log.lines:
+            if line.number < self._printed:
+                continue
+            self._printed = line.number + 1
+            clock = "" if line.relative is None else f"{line.relative:+.3f} s"
+            print(f"{clock:>12}  {line.origin:<8}  {line.text}", flush=True)
+
+    def _heed_signal(self) -> None:
+        if self._signal is None:
+            return
+        if self._engine.run.active:
+            self._engine.perform(Abort(f"madrob run was ended by {self._name_of_signal()}"))
+        self._signal = None
+
+    def _name_of_signal(self) -> str:
+        return signal.Signals(self._signal or 0).name
+
+    @contextmanager
+    def stopping_on_signals(self) -> Iterator[None]:
+        """INT, TERM and HUP abort the run; it is kept on record as invalid."""
+
+        def note(number: int, _frame: FrameType | None) -> None:
+            self._signal = number
+
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        before = {number: signal.signal(number, note) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _report(self) -> int:
+        scored = self._engine.scored
+        assert scored is not None
+        for line in result_lines(scored.result):
+            print(line)
+        if self._engine.result_problem:
+            print(self._engine.result_problem)
+        print(f"run folder: {self._engine.folder}", flush=True)
+        return EXIT_CODES[scored.result.ending.outcome]
+
+
+def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) -> RunSetup:
+    condition = Condition(arguments.benchmark_type, arguments.opening_side, arguments.starting_side)
+    number = arguments.run
+    if number is None:
+        number = engine.next_run_number(arguments.subject, condition.number)
+    referee = arguments.referee
+    if referee is None:
+        referee = settings.competition.referee
+    defaults = settings.run
+    pose = arguments.start_pose
+    start_pose = StartPose(*pose) if pose else settings.start_pose(condition.starting_side)
+    return RunSetup(
+        subject=arguments.subject,
+        team=clean_name(arguments.team, "--team"),
+        run_number=number,
+        condition=condition,
+        start_pose=start_pose,
+        referee=clean_name(referee, "--referee"),
+        timeout=defaults.timeout if arguments.timeout is None else arguments.timeout,
+        countdown=defaults.countdown if arguments.countdown is None else arguments.countdown,
+        ruleset=arguments.ruleset or defaults.ruleset,
+        lock_detection=arguments.lock_detection or defaults.lock_detection,
+    )
+
+
+def _usual_pose(settings: Settings, condition: Condition) -> StartPose:
+    """The first pose of the settings on the starting side, else the usual one."""
+    return next(
+        p.pose
+        for p in (*settings.start_poses, *DEFAULT_START_POSES)
+        if p.pose.side is condition.starting_side
+    )

@@ -1,0 +1,189 @@
+"""What is asked before each act, and which reasons are offered."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from madrob_console.referee.acts import (
+    Abort,
+    AcceptFalseStart,
+    Act,
+    AddNote,
+    DeclareTimeout,
+    Finalise,
+    MarkIncident,
+    Reissue,
+    Rule,
+    SetUp,
+    Waive,
+)
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import CheckName, IncidentKind, Phase, RunSetup, TeamWord
+from madrob_console.ui.questions import Ask, Leave, Option, Pick, Question, Sure, Write, reasons
+from madrob_console.ui.words import relative_text
+from scoring.protocol import Outcome, Step
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
+    from scoring.procedure import Ruling
+
+_NO = Option("n", "no, the run goes on", None)
+_MEANWHILE = "Why? The run and its clock go on meanwhile."
+
+ABORT = Ask(
+    "ABORT the run: it becomes invalid and stays on record",
+    (
+        Pick(
+            _MEANWHILE,
+            (
+                _NO,
+                *reasons(
+                    "robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"
+                ),
+            ),
+        ),
+        Sure("Abort now?"),
+    ),
+    lambda reason: Abort(reason=reason),
+)
+"""Why, and then `y`."""
+
+TIMEOUT = Ask(
+    "DECLARE TIMEOUT: the run ends now and stays valid",
+    (
+        Pick(
+            _MEANWHILE,
+            (_NO, *reasons("the team gives up", "robot stuck", "robot stopped by itself")),
+        ),
+        Sure("Timeout now?"),
+    ),
+    lambda reason: DeclareTimeout(reason=reason),
+)
+"""Why, and then `y`."""
+
+INCIDENT = Ask(
+    "Mark an incident now",
+    (
+        Pick(
+            "Which? It changes no indicator; n adds a note later.",
+            tuple(Option(kind.value[0], kind.value, kind.value) for kind in IncidentKind),
+        ),
+    ),
+    lambda kind: MarkIncident(IncidentKind(kind)),
+)
+"""Which kind: the second key marks it."""
+
+NOTE = Ask("Note", (Write("Text:", missing="the note is empty"),), AddNote)
+"""The text."""
+
+FALSE_START = Ask(
+    "Accept the false start",
+    (Pick("Why?", reasons("nothing gained", "sensor false alarm", "caused by a person")),),
+    AcceptFalseStart,
+)
+"""Why it may pass."""
+
+REISSUE = Ask(
+    "Re-issue the final result; the old issue stays",
+    (Pick("Why?", reasons("a step was ruled wrongly", "protest of the team accepted")),),
+    Reissue,
+)
+"""Why."""
+
+
+def ask_ruling(snapshot: Snapshot, step: Step) -> Ask:
+    """Confirmed or denied, and why."""
+    record = next((r for r in snapshot.steps if r.step is step), None)
+    found = None if record is None else record.sensors
+    sensors = "not done" if found is None else relative_text(found, snapshot.run.start) + " s"
+    verdict = Pick(
+        f"Sensors: {sensors}. Referee: {_said(record.ruling if record else None)}.",
+        (
+            Option("c", "confirm: it is done", "confirm"),
+            Option("d", "deny: it is not done", "deny"),
+        ),
+    )
+    why = reasons("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video")
+    return Ask(
+        f"Step {step}: {step.text}",
+        (verdict, Pick("Why?", why)),
+        lambda word, reason: Rule(step, word == "confirm", reason),
+    )
+
+
+def _said(ruling: Ruling | None) -> str:
+    if ruling is None:
+        return "nothing yet"
+    return f"{'confirmed' if ruling.confirmed else 'denied'} ({ruling.reason})"
+
+
+def ask_waiver(snapshot: Snapshot, check: CheckName | None = None) -> Ask | str:
+    """Which failing check, and why; in words if there is none."""
+    failing = [c.name for c in blocking(snapshot.checks)]
+    if check is not None and check not in failing:
+        return f"the check '{check}' does not fail"
+    if not failing:
+        return "no check fails"
+    why = Pick(
+        "Why may it pass?", reasons("checked by hand", "known testbed fault", "practice run")
+    )
+    if check is None and len(failing) == 1:
+        check = failing[0]
+    if check is not None:
+        name = check
+        return Ask(f"Waive '{name}' for this run", (why,), lambda reason: Waive(name, reason))
+    which = tuple(Option(str(i), str(name), str(name)) for i, name in enumerate(failing, 1))
+    return Ask(
+        "Waive a failing check for this run",
+        (Pick("Which?", which), why),
+        lambda name, reason: Waive(CheckName(name), reason),
+    )
+
+
+def ask_finalise(snapshot: Snapshot) -> Ask:
+    """The team's word, a note, and the referee's name where it is missing."""
+    setup = snapshot.run.setup
+    referee = "" if setup is None else setup.referee
+    words = (
+        Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
+        Option("p", "protested", TeamWord.PROTESTED),
+        Option("b", "absent", TeamWord.ABSENT),
+    )
+    no = Option("n", "not yet", None)
+    team = Pick("What does the team say?", (no, *words))
+    note = Write("Note (Enter for none):")
+    name = Write("Referee's name:", missing="finalising needs the referee's name")
+    questions: tuple[Question, ...] = (team, note) if referee else (team, note, name)
+    return Ask(
+        "Finalise the result",
+        questions,
+        lambda word, text, by=referee: Finalise(TeamWord(word), by, text),
+    )
+
+
+def ask_next_run(snapshot: Snapshot, setup: RunSetup) -> Act | Ask:
+    """At once; asked first if the last result is not final."""
+    run = snapshot.run
+    if run.phase is not Phase.STOPPED or run.outcome is Outcome.ABORTED:
+        return SetUp(setup)
+    return Ask(
+        "Next run",
+        (Sure("The last result is not final: it stays as it is. Set up the next run?"),),
+        lambda: SetUp(setup),
+    )
+
+
+def ask_leave(snapshot: Snapshot) -> Ask | Leave:
+    """At once; asked first while a run goes on."""
+    if not snapshot.run.active:
+        return Leave()
+    return Ask(
+        "LEAVE the console while a run goes on",
+        (
+            Sure(
+                "The engine ends with this console: the run is cut off, scored as interrupted"
+                " and kept. F8 aborts it instead. Leave?"
+            ),
+        ),
+        Leave,
+    )

@@ -1,0 +1,145 @@
+"""The keys: fixed, the same on every screen.
+
+Function keys work while a text is typed, letters when none is. Start and Abort never move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from textual.binding import Binding
+
+from madrob_console.referee import acts
+from madrob_console.ui import asks
+from madrob_console.ui.questions import Ask, Leave
+from scoring.protocol import Step
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
+
+Answer = acts.Act | Ask | Leave | str
+"""What a key gives: an act, a dialog, the way out, or a refusal in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of the console.
+
+    Attributes:
+        name: for the program.
+        keys: as textual names them, separated by commas.
+        cap: as the footer shows it.
+        label: what it does, in a word.
+        help: what it does, in a sentence.
+        act: name of the act whose refusal dims the key; empty = always possible.
+        answer: what it gives; None = the screen itself does it.
+        pane: the pane that it shows; empty = none.
+        commits: what is typed in the set-up counts before the act.
+        over: it works while a dialog is open.
+    """
+
+    name: str
+    keys: str
+    cap: str
+    label: str
+    help: str
+    act: str = ""
+    answer: Callable[[Snapshot, str], Answer] | None = None
+    pane: str = ""
+    commits: bool = False
+    over: bool = False
+
+    def refusal(self, snapshot: Snapshot) -> str | None:
+        """Why the key does nothing now; None when it does."""
+        return snapshot.refusals.get(self.act) if self.act else None
+
+
+FUNCTION_KEYS = (
+    Key("help", "f1,question_mark", "F1", "Help", "this page; also ?", pane="help"),
+    Key("setup", "f2", "F2", "Set-up", "set up a run, pre-start checks", pane="setup"),
+    Key("live", "f3", "F3", "Live", "the run as it goes", pane="live"),
+    Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
+    Key(
+        "start", "f5", "F5", "START", "open the recording and begin the countdown",
+        acts.Start.name, lambda _s, _k: acts.Start(), commits=True,
+    ),
+    Key(
+        "pose", "f6", "F6", "Pose", "confirm: the robot stands at its start pose",
+        acts.ConfirmPose.name, lambda _s, _k: acts.ConfirmPose(), commits=True,
+    ),
+    Key(
+        "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
+        acts.ZeroHandle.name, lambda _s, _k: acts.ZeroHandle(),
+    ),
+    Key(
+        "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
+        acts.Abort.name, lambda _s, _k: asks.ABORT, over=True,
+    ),
+    Key(
+        "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
+        acts.DeclareTimeout.name, lambda _s, _k: asks.TIMEOUT,
+    ),
+    Key(
+        "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
+        answer=lambda s, _k: asks.ask_leave(s), over=True,
+    ),
+)  # fmt: skip
+
+LETTER_KEYS = (
+    Key(
+        "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
+        acts.Rule.name, lambda s, k: asks.ask_ruling(s, Step(int(k))),
+    ),
+    Key(
+        "incident", "i", "i", " Incident", "mark an incident; the second key says which",
+        acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT,
+    ),
+    Key(
+        "note", "n", "n", " Note", "write a note beside the run",
+        acts.AddNote.name, lambda _s, _k: asks.NOTE,
+    ),
+    Key(
+        "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
+        acts.Waive.name, lambda s, _k: asks.ask_waiver(s),
+    ),
+    Key(
+        "accept", "a", "a", " Accept", "accept a false start, with a reason",
+        acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START,
+    ),
+    Key(
+        "restart", "r", "r", " Restart", "begin the countdown again after a false start",
+        acts.RestartCountdown.name, lambda _s, _k: acts.RestartCountdown(),
+    ),
+    Key(
+        "finalise", "f", "f", " Finalise", "close the result with the team's word",
+        acts.Finalise.name, lambda s, _k: asks.ask_finalise(s),
+    ),
+    Key("next", "x", "x", " Next", "set up the next run", acts.SetUp.name),
+    Key(
+        "reissue", "u", "u", " Redo", "open a final result again; its next issue gets a number",
+        acts.Reissue.name, lambda _s, _k: asks.REISSUE,
+    ),
+)  # fmt: skip
+
+KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS)}
+
+
+def bindings() -> list[Binding]:
+    """Textual's bindings.
+
+    All come before the widgets', so that keys act in the order in which they are typed; a
+    text field keeps the letters for itself (`check_consume_key`).
+    """
+    return [
+        Binding(
+            pressed,
+            f"press('{key.name}', '{pressed}')",
+            key.label.strip(),
+            show=False,
+            priority=True,
+        )
+        for key in KEYS.values()
+        for pressed in key.keys.split(",")
+    ]

@@ -1,0 +1,78 @@
+"""What a dialog asks before an act: plain data, no terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from madrob_console.referee.acts import Act
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One answer to a question.
+
+    Attributes:
+        key: the key that chooses it.
+        label: in words.
+        value: what is handed on; None = close the dialog, nothing happens.
+        free: ask for a text instead of handing on `value`.
+    """
+
+    key: str
+    label: str
+    value: str | None
+    free: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """Choose one; Enter takes the marked one, which is the first to begin with."""
+
+    text: str
+    options: tuple[Option, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """Type a text. `missing` refuses an empty one in words; empty = an empty text will do."""
+
+    text: str
+    initial: str = ""
+    missing: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sure:
+    """Only `y` goes on; Enter, n and Escape close the dialog."""
+
+    text: str
+
+
+Question = Pick | Write | Sure
+
+
+@dataclass(frozen=True, slots=True)
+class Leave:
+    """Leave the console."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A dialog.
+
+    Attributes:
+        title: what it is about.
+        questions: asked one after the other.
+        deed: makes the act out of the answers of `Pick` and `Write`, in order.
+    """
+
+    title: str
+    questions: tuple[Question, ...]
+    deed: Callable[..., Act | Leave]
+
+
+def reasons(*texts: str) -> tuple[Option, ...]:
+    """A short list of reasons under digits, and free text under `o`."""
+    listed = (Option(str(number), text, text) for number, text in enumerate(texts, 1))
+    return (*listed, Option("o", "other: type it", None, free=True))

@@ -1,0 +1,56 @@
+"""The one thing that the referee should look at now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.referee.acts import Start
+from madrob_console.referee.run import Phase
+from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
+from madrob_console.ui.words import wrapped
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
+
+
+class Banner(View):
+    """A false start, a question, or what comes next."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """The text on as many rows as it needs."""
+        text, tone = banner(snapshot)
+        return [line(Span(row, tone)) for row in wrapped(text, width)]
+
+
+def banner(snapshot: Snapshot) -> tuple[str, Tone]:
+    """What to look at now, the most urgent first."""
+    run = snapshot.run
+    if (false_start := run.undecided_false_start) is not None:
+        at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
+        what = str(false_start.event).replace("_", " ")
+        again = "r restarts the countdown, " if run.phase is Phase.COUNTDOWN else ""
+        return f" FALSE START: {what}{at}: {again}a accepts it with a reason ", Tone.ALARM
+    if snapshot.ask_referee is not None:
+        return f" REFEREE: {snapshot.ask_referee} (1-6 rules on a step) ", Tone.NOTICE
+    if snapshot.settling:
+        return "door closed: waiting for the settle time of step 6", Tone.WARN
+    return _next(snapshot), Tone.PLAIN
+
+
+def _next(snapshot: Snapshot) -> str:
+    match snapshot.run.phase:
+        case Phase.IDLE:
+            return "F2: set up a run"
+        case Phase.READY:
+            refused = snapshot.refusals.get(Start.name)
+            return "F5 starts the countdown" if refused is None else f"F5 waits: {refused}"
+        case Phase.COUNTDOWN:
+            return "countdown: nobody touches the handle or the door"
+        case Phase.RUNNING:
+            step = next((record for record in snapshot.steps if not record.done), None)
+            return "" if step is None else f"next: step {step.step} {step.step.text}"
+        case Phase.STOPPED:
+            return "F4: result" if snapshot.result is not None else "the result is being written"
+        case Phase.FINAL:
+            return "the result is final: x sets up the next run"

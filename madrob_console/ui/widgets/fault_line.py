@@ -1,0 +1,45 @@
+"""What is wrong now; it stays until it is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
+from madrob_console.ui.words import wrapped
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
+
+MOST_ROWS = 3
+"""Rows that faults may take from the screen."""
+
+
+class FaultLine(View):
+    """The faults, one a row; the last row counts those that found no room."""
+
+    trouble: str | None = None
+    """Why the snapshot cannot be trusted, in words; None = it can."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """Up to three rows."""
+        faults = list(snapshot.faults)
+        if self.trouble is not None:
+            faults.insert(0, self.trouble)
+        if not faults:
+            return [line(Span("no faults", Tone.DIM))]
+        rows: list[str] = []
+        shown = 0
+        for fault in faults:
+            lines = wrapped(fault, width - 7)
+            if rows and len(rows) + len(lines) > MOST_ROWS:
+                break
+            rows.extend(lines[:MOST_ROWS])
+            shown += 1
+        if hidden := len(faults) - shown:
+            rows[-1] = f"{rows[-1][: width - 24]} (and {hidden} more: F3)"
+        marks = [" FAULT "] + ["       "] * (len(rows) - 1)
+        return [
+            line(Span(mark, Tone.ALARM), Span(row, Tone.BAD))
+            for mark, row in zip(marks, rows, strict=True)
+        ]

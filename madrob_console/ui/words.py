@@ -1,0 +1,115 @@
+"""How the screens say things: times, sizes, outcomes, lines that fit."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from rich.cells import cell_len
+
+from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp, Waive
+from madrob_console.referee.run import Phase
+from scoring.protocol import Condition, Outcome
+
+OUTCOMES = {
+    Outcome.COMPLETED: "COMPLETED",
+    Outcome.TIMEOUT: "TIMEOUT",
+    Outcome.ABORTED: "ABORTED: the run is invalid",
+    Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, left out of every aggregate",
+}
+PHASES = {
+    Phase.IDLE: "NO RUN SET UP",
+    Phase.READY: "READY",
+    Phase.COUNTDOWN: "COUNTDOWN",
+    Phase.RUNNING: "RUNNING",
+    Phase.STOPPED: "STOPPED",
+    Phase.FINAL: "FINAL",
+}
+
+
+def clock_text(seconds: float) -> str:
+    """Minutes, seconds and tenths, cut and never rounded up: `-0:04.2`, `12:03.9`."""
+    tenths = math.floor(abs(seconds) * 10 + 1e-6)
+    sign = "-" if seconds < 0 and tenths else ""
+    return f"{sign}{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
+
+
+def minutes_text(seconds: float) -> str:
+    """Minutes and seconds of a time to go, rounded up so that 0:00 means none is left."""
+    whole = math.ceil(max(0.0, seconds) - 1e-6)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def time_of_day(epoch: float) -> str:
+    """The local time of day of a time in s since the epoch."""
+    return time.strftime("%H:%M:%S", time.localtime(epoch))
+
+
+def relative_text(at: float | None, start: float | None) -> str:
+    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
+    if at is None or start is None:
+        return "-"
+    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
+
+
+def size_text(size: float) -> str:
+    """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 999.5:
+            return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} TB"
+
+
+def condition_text(condition: Condition) -> str:
+    """What a condition asks of the robot, in words."""
+    way = "pull" if condition.must_pull else "push"
+    return f"{way}, from {condition.starting_side.upper()} to {condition.destination_side.upper()}"
+
+
+def done_text(act: Act) -> str:
+    """What an act that took effect did."""
+    match act:
+        case SetUp(setup):
+            return f"Done: run {setup.run_number} of subject {setup.subject} is set up"
+        case Rule(step, confirmed):
+            what = f"step {step} {'confirmed' if confirmed else 'denied'}"
+        case Waive(check):
+            what = f"'{check}' waived"
+        case MarkIncident(kind):
+            what = f"{kind} marked"
+        case Finalise(team_word):
+            what = f"the result is final, {team_word} by the team"
+        case _:
+            what = act.name
+    return f"Done: {what}" + (f" ({act.reason_given})" if act.reason_given else "")
+
+
+def fitted(text: str, width: int) -> str:
+    """The text in exactly `width` cells; what is cut shows an ellipsis."""
+    missing = width - cell_len(text)
+    if missing >= 0:
+        return text + " " * missing
+    while text and cell_len(text) > width - 1:
+        text = text[:-1]
+    return fitted(text + "…", width) if width > 0 else ""
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """The text in lines of at most `width` cells, broken at blanks where there are any."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and cell_len(lines[-1]) + 1 + cell_len(word) <= width:
+            lines[-1] += f" {word}"
+        else:
+            lines.extend(_pieces(word, max(2, width)))
+    return lines or [""]
+
+
+def _pieces(word: str, width: int) -> list[str]:
+    pieces = [""]
+    for char in word:
+        if cell_len(pieces[-1] + char) > width:
+            pieces.append("")
+        pieces[-1] += char
+    return pieces

@@ -1,0 +1,90 @@
+"""Drives the console in a test: keys in, text of the screen out."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from textual.pilot import Pilot
+
+from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.screens.console import ConsoleScreen
+from tests.madrob_console.ui.fake_engine import FakeEngine
+
+SMALL = (80, 24)
+LARGE = (120, 36)
+DEFAULTS = ConsoleDefaults(
+    competition="Autumn Cup", results="/results", team="Door Bots", referee="Ada"
+)
+
+
+@dataclass
+class Driver:
+    """The console under test."""
+
+    app: MadrobApp
+    engine: FakeEngine
+    pilot: Pilot[None]
+
+    @property
+    def console(self) -> ConsoleScreen:
+        screen = self.app.screen
+        assert isinstance(screen, ConsoleScreen)
+        return screen
+
+    async def press(self, *keys: str) -> None:
+        """Press keys and let the screen follow."""
+        await self.pilot.press(*keys)
+        await self.settle()
+
+    async def type(self, text: str) -> None:
+        """Type a text."""
+        await self.press(*("space" if char == " " else char for char in text))
+
+    async def set_up(self) -> None:
+        """A run is set up and its pose confirmed."""
+        await self.press("f2", "enter", "f6")
+
+    async def run(self) -> None:
+        """A run goes on for a second."""
+        await self.set_up()
+        await self.press("f5")
+        await self.let_pass(6.0)
+
+    async def let_pass(self, duration: float) -> None:
+        """Time of the engine."""
+        self.engine.tick(duration)
+        await self.settle()
+
+    async def settle(self) -> None:
+        """Look at the engine once more and let all messages pass."""
+        await self.pilot.pause()
+        self.app.poll()
+        await self.pilot.pause()
+
+    def rows(self) -> Sequence[str]:
+        """The screen as text."""
+        width, height = self.app.size
+        strips = self.app.screen._compositor.render_strips()
+        return [strip.text[:width].rstrip() for strip in strips[:height]]
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.rows())
+
+
+@asynccontextmanager
+async def driving(
+    engine: FakeEngine,
+    size: tuple[int, int] = SMALL,
+    defaults: ConsoleDefaults = DEFAULTS,
+    monotonic: Callable[[], float] = lambda: 0.0,
+) -> AsyncIterator[Driver]:
+    """The console on `engine`, in a terminal of `size`; time stands still for the screens."""
+    app = MadrobApp(engine, defaults, monotonic)
+    async with app.run_test(size=size) as pilot:
+        driver = Driver(app, engine, pilot)
+        await driver.settle()
+        yield driver

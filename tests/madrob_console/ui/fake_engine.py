@@ -1,0 +1,239 @@
+"""A scripted engine: real acts on a real run, a testbed that the test sets by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from madrob_console.engine.snapshot import (
+    DoorView,
+    HandleView,
+    LatchView,
+    LogLine,
+    RecorderView,
+    SensorView,
+    Snapshot,
+    TopicView,
+)
+from madrob_console.engine.view import NO_STEPS, elapsed, refusals, remaining
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Act, Situation, Start, begin_run, stop
+from madrob_console.referee.health import Freshness
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.preflight import Check, Readings, preflight
+from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.testbeds.source import SourceKind
+from scoring.evaluate import Ending, Result
+from scoring.indicators import UNITS, Indicator, IndicatorName
+from scoring.procedure import StepRecord
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    EventName,
+    LockDetection,
+    Outcome,
+    Side,
+    Signal,
+    Step,
+    Thresholds,
+)
+from scoring.quality import Quality, SignalQuality
+
+EPOCH = 1_700_000_000.0
+TOPICS = (
+    "/madrob/door/angle",
+    "/madrob/handle/force",
+    "/madrob/passage/cw_left",
+    "/madrob/passage/cw_right",
+    "/madrob/passage/ccw_left",
+    "/madrob/passage/ccw_right",
+)
+FOLDER = "/results/subject_001_cond_001_run_001_20231114_221320"
+
+
+@dataclass
+class FakeEngine:
+    """An `EngineClient` whose clock and testbed stand still until a test moves them."""
+
+    now: float = EPOCH
+    run: Run = field(default_factory=Run)
+    kind: SourceKind = SourceKind.SIMULATED
+    label: str = "SIMULATED nominal"
+    angle: float | None = 0.0
+    force: float | None = 0.4
+    maximum: float | None = None
+    freshness: Freshness = Freshness.FRESH
+    occupied: set[tuple[Side, int]] = field(default_factory=set)
+    steps: tuple[StepRecord, ...] = NO_STEPS
+    result: Result | None = None
+    sides_problem: str | None = None
+    faults: tuple[str, ...] = ()
+    ask_referee: str | None = None
+    settling: bool = False
+    recorder: RecorderView = field(default_factory=lambda: RecorderView("closed"))
+    disk_free: int | None = 41_000_000_000
+    log: tuple[LogLine, ...] = ()
+    acts: list[Act] = field(default_factory=list)
+    used_numbers: dict[tuple[int, int], int] = field(default_factory=dict)
+    failure: str | None = None
+    closed: bool = False
+
+    # what a client does
+
+    def snapshot(self) -> Snapshot:
+        self._answer()
+        situation = self._situation()
+        return Snapshot(
+            time=self.now,
+            source_kind=self.kind,
+            source_label=self.label,
+            sides_problem=self.sides_problem,
+            run=self.run,
+            elapsed=elapsed(self.run, self.now),
+            remaining=remaining(self.run, self.now),
+            settling=self.settling,
+            checks=situation.checks,
+            refusals=refusals(situation),
+            steps=self.steps,
+            ask_referee=self.ask_referee,
+            door=self._door(),
+            handle=HandleView(
+                self.force, self.run.handle_zero, 1.96133, self.maximum, self.freshness
+            ),
+            latch=LatchView(None, Freshness.NEVER),
+            passage=tuple(self._sensor(s.side, s.index) for s in PASSAGE_SENSORS),
+            topics=tuple(
+                TopicView(t, "t", 1, self.freshness, 0.01, 50.0, 100, 0, 0, False, None)
+                for t in TOPICS
+            ),
+            recorder=self.recorder,
+            disk_free=self.disk_free,
+            faults=self.faults,
+            log=self.log,
+            result=self.result,
+            folder=None if self.result is None else FOLDER,
+        )
+
+    def act(self, act: Act) -> str | None:
+        self._answer()
+        situation = self._situation()
+        if (refused := act.refusal(situation)) is not None:
+            return refused
+        self.run = act.apply(situation, self.now)
+        self.acts.append(act)
+        if isinstance(act, Start):
+            self._use_number()
+            self.recorder = RecorderView("recording", 12, 4_000)
+        if self.run.phase is Phase.READY:
+            self.result, self.steps = None, NO_STEPS
+        return None
+
+    def next_run_number(self, subject: int, condition_number: int) -> int:
+        self._answer()
+        return self.used_numbers.get((subject, condition_number), 0) + 1
+
+    def close(self) -> None:
+        self.closed = True
+
+    # what a test does
+
+    def tick(self, duration: float) -> None:
+        """Let time pass; a countdown becomes a run."""
+        self.now += duration
+        if self.run.phase is Phase.COUNTDOWN and self.now >= (self.run.start or 0.0):
+            self.run = begin_run(self.run)
+            self.recorder = RecorderView("recording", 12345, 3_400_000)
+
+    def do_step(self, step: Step) -> None:
+        """A step is done now."""
+        done = StepRecord(step, self.now, None, self.now)
+        self.steps = tuple(done if record.step is step else record for record in self.steps)
+
+    def false_start(self, event: EventName = EventName.HANDLE_IS_TOUCHED) -> None:
+        """Somebody touches the handle in the countdown."""
+        found = FalseStart(self.now, event)
+        self.run = replace(self.run, false_starts=(*self.run.false_starts, found))
+
+    def say(self, text: str, origin: Origin = Origin.SENSOR) -> None:
+        """One more line in the log."""
+        at = None if self.run.start is None else self.now - self.run.start
+        self.log = (*self.log, LogLine(len(self.log), self.now, at, origin, text))
+
+    def finish(self, outcome: Outcome = Outcome.COMPLETED, reason: str = "step 6 is done") -> None:
+        """The run ends by itself and is scored."""
+        self.run = stop(self.run, outcome, self.now, reason)
+        self.score()
+
+    def score(self) -> None:
+        """The result of the stopped run is written."""
+        setup, start = self.run.setup, self.run.start
+        assert setup is not None
+        assert start is not None
+        self.run = replace(self.run, issue=self.run.issue + 1)
+        self.result = Result(
+            ruleset=setup.ruleset,
+            condition=setup.condition,
+            ending=Ending(self.run.outcome or Outcome.COMPLETED, self.run.outcome_reason, self.now),
+            start=start,
+            indicators=indicators(missing=self.run.outcome is not Outcome.COMPLETED),
+            steps=self.steps,
+            lock_detection=LockDetection.SETTLE,
+            events=(),
+            handle_zero=self.run.handle_zero,
+            quality=Quality(tuple(quality(s) for s in list(Signal)[:-1]), ()),
+        )
+
+    # details
+
+    def _use_number(self) -> None:
+        setup = self.run.setup
+        assert setup is not None
+        key = (setup.subject, setup.condition.number)
+        self.used_numbers[key] = max(self.used_numbers.get(key, 0), setup.run_number)
+
+    def _answer(self) -> None:
+        if self.failure is not None:
+            raise MadrobError(self.failure)
+
+    def _situation(self) -> Situation:
+        return Situation(self.run, self._checks(), self.force, scored=self.result is not None)
+
+    def _checks(self) -> tuple[Check, ...]:
+        force = None if self.force is None else self.force - self.run.handle_zero
+        readings = Readings(
+            topic_problems=(),
+            angle=self.angle,
+            closed_angle=0.03,
+            force=force,
+            rest_force=0.98,
+            occupied=tuple(f"{side} {index}" for side, index in sorted(self.occupied)),
+            skew=0.004,
+            largest_skew=0.1,
+            disk_free=self.disk_free,
+            disk_needed=1_000_000_000,
+            recorder_problem=self.recorder.problem,
+        )
+        return preflight(readings, self.run)
+
+    def _door(self) -> DoorView:
+        is_open = None if self.angle is None else abs(self.angle) >= 0.03
+        return DoorView(self.angle, is_open, self.freshness, 0.03)
+
+    def _sensor(self, side: Side, index: int) -> SensorView:
+        masked = self.angle is not None and Thresholds().masked(side, index, self.angle)
+        return SensorView(side, index, (side, index) in self.occupied, masked, None, self.freshness)
+
+
+def indicators(*, missing: bool = False) -> tuple[Indicator, ...]:
+    """Eight indicators; without a crossing where `missing`."""
+    values = (17.432, 3.214, 4.5, 12.25, 1.875, 0.0625, 14.75, 6)
+    gone = (IndicatorName.DOOR_OCCUPATION_TIME, IndicatorName.PASSAGE_TIME)
+    return tuple(
+        Indicator(name, None, UNITS[name], "robot never reached the destination side")
+        if missing and name in gone
+        else Indicator(name, value, UNITS[name], None)
+        for name, value in zip(IndicatorName, values, strict=True)
+    )
+
+
+def quality(signal: Signal) -> SignalQuality:
+    """A good signal."""
+    return SignalQuality(signal, 1221, 50.0, 0.0213, 0, 0.0008, 0, 0, 0, 0.004)

@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from madrob_console.engine.snapshot import RecorderView
+from madrob_console.referee.health import Freshness
+from madrob_console.referee.journal import Origin
+from madrob_console.testbeds.source import SourceKind
+from scoring.procedure import Ruling
+from scoring.protocol import Side, Step
+from tests.madrob_console.ui.driver import LARGE, SMALL, driving
+from tests.madrob_console.ui.fake_engine import FakeEngine
+
+SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
+
+
+@SIZES
+def test_the_live_pane_shows_the_whole_run(engine: FakeEngine, size: tuple[int, int]) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            engine.angle, engine.force, engine.maximum = 0.31, 12.3, 15.2
+            engine.do_step(Step.TOUCH)
+            await driver.let_pass(1.25)
+            engine.do_step(Step.UNLOCK)
+            engine.do_step(Step.OPEN)
+            engine.say("door opens")
+            for _ in range(3):  # the log waits for every third look
+                await driver.settle()
+            for text in (
+                "RUNNING  4:58 left of 5:00",
+                "run 1 of subject 1 Door Bots",
+                "condition 1: No Force, pull, from CCW to CW",
+                "next: step 4 cross the threshold",
+                "✓ 1 touch the handle      1.000  -           1.000",
+                "✓ 3 open the door         2.250  -           2.250",
+                "> 4 cross the threshold       -  -              no",
+                "  6 lock the door             -  -              no",
+                "door +0.310 rad  +17.8 deg open",
+                "handle  +12.30 zero +0.00 max 15.2 N",
+                "touch ±1.96 N",
+                "recorder recording, 12345 messages, 3.4 MB, 0 dropped  sources 6 of 6 fresh",
+                "   +2.25 sensor  door opens",
+            ):
+                assert text in driver.text
+            assert "…" not in "".join(driver.rows()[1:])
+
+    asyncio.run(drive())
+
+
+def test_the_clock_reads_the_time_in_large_digits(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            await driver.let_pass(63.0)  # 1:04.0
+            rows = [row[10:31].rstrip() for row in driver.rows()[2:5]]
+            assert rows == [
+                "▀█  ▄ █▀█ █ █   █▀█",
+                " █  ▄ █ █ ▀▀█   █ █",
+                "▀▀▀   ▀▀▀   ▀ ▀ ▀▀▀",
+            ]
+
+    asyncio.run(drive())
+
+
+def test_three_columns_tell_sensors_referee_and_what_counts(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.do_step(Step.TOUCH)
+            denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
+            first = replace(engine.steps[0], ruling=denied, final=None)
+            engine.steps = (first, *engine.steps[1:])
+            await driver.settle()
+            assert "x 1 touch the handle      1.000  denied         no" in driver.text
+
+    asyncio.run(drive())
+
+
+@SIZES
+def test_a_false_start_says_what_to_do(engine: FakeEngine, size: tuple[int, int]) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.set_up()
+            await driver.press("f5")
+            await driver.let_pass(1.5)
+            assert "COUNTDOWN  starts in 0:04" in driver.text
+            engine.false_start()
+            await driver.settle()
+            shown = " ".join(driver.text.split())
+            assert "FALSE START: handle is touched at -3.5 s: r restarts the countdown" in shown
+            assert "a accepts it with a reason" in shown
+            await driver.press("r")
+            assert "FALSE START" not in driver.text
+            assert "starts in 0:05" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_a_question_to_the_referee_is_shown(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.ask_referee = "the latch is silent: is the door locked?"
+            await driver.settle()
+            assert "REFEREE: the latch is silent: is the door locked? (1-6 rules" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_sensors_show_their_state_by_symbol_in_their_place(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.occupied = {(Side.CCW, 4), (Side.CW, 0), (Side.CCW, 1)}
+            await driver.settle()
+            ccw, cw = "CCW   O   .   .   O   .", "CW    .   .   .   .   O"
+            assert ccw in driver.text
+            assert cw in driver.text
+            engine.angle = 0.1
+            await driver.settle()
+            assert "CCW   M   m   m   M   m" in driver.text
+            assert cw in driver.text
+            engine.freshness = Freshness.STALE
+            await driver.settle()
+            assert "CCW   s   s   s   s   s" in driver.text
+            engine.freshness = Freshness.LOST
+            await driver.settle()
+            assert "CW    ?   ?   ?   ?   ?" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_a_value_that_is_lost_is_a_word_and_no_number(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.freshness = Freshness.STALE
+            await driver.settle()
+            assert "+0.000 rad   +0.0 deg stale" in driver.text
+            engine.angle, engine.force, engine.freshness = None, None, Freshness.LOST
+            for _ in range(3):
+                await driver.settle()
+            assert "no angle: lost" in driver.text
+            assert "no force: lost" in driver.text
+            assert "0 of 6 fresh" in driver.text
+            assert "/madrob/door/angle lost" in driver.text
+            assert "●" not in driver.text
+
+    asyncio.run(drive())
+
+
+def test_the_panel_is_where_it_is(engine: FakeEngine) -> None:
+    scales = {
+        0.0: "CW -------------[●]============= CCW",
+        0.029: "CW -------------[●]============= CCW",
+        0.031: "CW -------------[|]●============ CCW",
+        -0.031: "CW ------------●[|]============= CCW",
+        1.5708: "CW -------------[|]============● CCW",
+        -3.0: "CW ●------------[|]============= CCW",
+    }
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("enter", "f3")
+            for angle, scale in scales.items():
+                engine.angle = angle
+                await driver.settle()
+                assert scale in driver.text
+
+    asyncio.run(drive())
+
+
+def test_the_source_cannot_be_mistaken(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            assert driver.rows()[0].startswith(" ~~ SIMULATED nominal ~~ ")
+            engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
+            for _ in range(4):
+                await driver.settle()
+            assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
+            assert "~" not in driver.rows()[0]
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("label", ["SIMULATED nominal", f"REPLAY subject_001_{'x' * 60}"])
+def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, label: str) -> None:
+    engine.label = label
+    recorders = (
+        RecorderView("recording", 1234567, 987_654_321, 1234),
+        RecorderView("finished", 123456, 12_345_678),
+        RecorderView("failed", 12, 4_000, 5, "disk full"),
+    )
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            assert "rec closed" in driver.rows()[0]
+            for engine.recorder in recorders:
+                for _ in range(4):
+                    await driver.settle()
+                top = driver.rows()[0]
+                assert label.split(maxsplit=1)[0] in top
+                assert f"{engine.recorder.messages} msg" in top
+                assert f"{engine.recorder.dropped} dropped" in top
+                assert top.endswith(":20")
+
+    asyncio.run(drive())
+
+
+def test_faults_stay_until_they_are_gone(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            assert "no faults" in driver.rows()[1]
+            engine.faults = ("panel at -0.043 rad, against the opening side",)
+            await driver.let_pass(60.0)
+            assert " FAULT panel at -0.043 rad, against the opening side" in driver.rows()[1]
+            engine.faults = tuple(f"fault number {n} of the testbed" for n in range(5))
+            await driver.settle()
+            assert "fault number 2 of the testbed (and 2 more: F3)" in driver.rows()[3]
+            await driver.press("f8")
+            assert "FAULT" in driver.rows()[1]
+            await driver.press("escape")
+            engine.faults = ()
+            await driver.settle()
+            assert "no faults" in driver.rows()[1]
+
+    asyncio.run(drive())
+
+
+def test_an_engine_that_fails_is_a_fault_and_no_crash(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.failure = "the engine has failed: disk full"
+            await driver.settle()
+            assert "the engine has failed: disk full: what you see is old" in driver.rows()[1]
+            await driver.press("i", "c")
+            assert "the engine has failed" in driver.console.status
+
+    asyncio.run(drive())
+
+
+def test_an_engine_that_stands_still_is_called_silent(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        times = iter([0.0, 0.0, *[10.0] * 1000])
+        async with driving(engine, monotonic=lambda: next(times)) as driver:
+            await driver.settle()
+            assert "the engine is silent for 10 s: what you see is old" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_the_log_shows_its_newest_lines(engine: FakeEngine) -> None:
+    for number in range(50):
+        engine.say(f"line {number} [bold]x[/]", Origin.SYSTEM)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3")
+            assert "system  line 49 [bold]x[/]" in driver.text
+            assert "line 40" not in driver.text
+
+    asyncio.run(drive())
+
+
+def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
+    engine.faults = ("a fault with some words in it",)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.finish()
+            for size in ((1, 1), (10, 4), (40, 12), (60, 18), (200, 60), SMALL):
+                await driver.pilot.resize_terminal(*size)
+                for key in ("f1", "f2", "f3", "n", "escape", "f4"):
+                    await driver.press(key)
+            assert "COMPLETED" in driver.text
+
+    asyncio.run(drive())
