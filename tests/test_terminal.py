@@ -25,12 +25,12 @@ def test_hanging_up_reaches_the_program() -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "complaint"),
+    ("script", "patience", "complaint"),
     [
-        ("echo something else", r"ended before 'a word':\nsomething else"),
-        ("echo something else; sleep 60", r"did not come in 0.3 s:\nsomething else"),
+        ("echo something else", 30.0, r"ended before 'a word':\nsomething else"),
+        ("echo something else; sleep 60", 2.0, r"did not come in 2 s:\nsomething else"),
     ],
 )
-def test_waiting_in_vain_shows_the_screen(script: str, complaint: str) -> None:
+def test_waiting_in_vain_shows_the_screen(script: str, patience: float, complaint: str) -> None:
     with Terminal(["sh", "-c", script]) as terminal, pytest.raises(AssertionError, match=complaint):
-        terminal.wait_for("a word", timeout=0.3)
+        terminal.wait_for("a word", timeout=patience)

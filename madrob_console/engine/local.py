@@ -78,10 +78,12 @@ class LocalEngine:
 
         def call() -> None:
             try:
-                answer.set_result(question())
-                self._snapshot = self._engine.snapshot()
+                result = question()
             except MadrobError as error:
                 answer.set_exception(error)
+                return
+            self._snapshot = self._engine.snapshot()  # before the answer: it shows what was done
+            answer.set_result(result)
 
         if self._failure is not None or self._stop.is_set():
             raise MadrobError("the engine has ended: start the console again")

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 _NAME = 29
 
+FROM_THE_START = ("execution_time", "time_to_handle")
+"""They include the delay of a start made by hand (protocol section 8)."""
+
 
 class IndicatorTable(View):
     """One row each; a long reason takes more."""
@@ -22,14 +25,19 @@ class IndicatorTable(View):
         """A header and the indicators."""
         if snapshot.result is None:
             return ()
-        lines = [line(Span("indicators", Tone.STRONG))]
+        lines = [
+            line(
+                Span("indicators", Tone.STRONG), Span("  * with the manual start's delay", Tone.DIM)
+            )
+        ]
         for indicator in snapshot.result.indicators:
             lines += _rows(indicator, width)
         return lines
 
 
 def _rows(indicator: Indicator, width: int) -> list[Line]:
-    name = str(indicator.name).replace("_", " ")
+    star = " *" if indicator.name in FROM_THE_START else ""
+    name = str(indicator.name).replace("_", " ") + star
     if indicator.value is None:
         texts = wrapped(f"none: {indicator.reason}", max(10, width - _NAME))
         first = line(f"{name:<{_NAME}}", Span(texts[0], Tone.WARN))
