@@ -292,10 +292,10 @@ class Assessment:
         events = self._scoring.events(self._end(ending))
         if stop is None:
             events = tuple(e for e in events if e.name is not EventName.BENCHMARK_STOP)
+        if self._end(ending) < self.start:
+            events = ()  # ended in the countdown: nothing has started
         rows = self._cut(self._rows(), ending, procedure)
         if ending.outcome is Outcome.ABORTED:
-            if self._end(ending) < self.start:
-                events = ()  # aborted in the countdown: nothing has started
             indicators = tuple(
                 Indicator.missing(name, "run aborted: invalid") for name in IndicatorName
             )

@@ -6,15 +6,16 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from madrob_console.clock import Clock, seconds
+from madrob_console.engine.chronicle import Chronicle
+from madrob_console.engine.course import Course, Happening
 from madrob_console.engine.log import EventLog
 from madrob_console.engine.record import RunRecord
-from madrob_console.engine.recording import JOURNAL_FILE, Recording
+from madrob_console.engine.recording import Recording
 from madrob_console.engine.results import Scored, write_results
 from madrob_console.engine.sensors import SensorLimits, Sensors
 from madrob_console.engine.snapshot import RecorderView, Snapshot
@@ -35,44 +36,22 @@ from madrob_console.referee.acts import (
     SetUp,
     Situation,
     Start,
-    begin_run,
-    stop,
-    time_out,
 )
-from madrob_console.referee.journal import Entry, Journal, Origin
+from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.rebuild import Change, act_details
-from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.transitions import stop
 from madrob_console.runs import free_space, next_run_number
-from madrob_console.testbeds.messages import (
-    Decoder,
-    MessageError,
-    MessageTypes,
-    TopicMapping,
-)
-from madrob_console.testbeds.source import RefereeState, Source, SourceKind
+from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes, TopicMapping
+from madrob_console.testbeds.source import Source, SourceKind
 from recorder.message import RawMessage
-from scoring.evaluate import Assessment, Ending, with_remarks
-from scoring.events import EventDetector
+from scoring.evaluate import Ending, with_remarks
 from scoring.procedure import Procedure
-from scoring.protocol import Event, EventName, Outcome, Step, Thresholds
-from scoring.samples import Sample
+from scoring.protocol import Outcome, Thresholds
 
 POST_ROLL = 1.0
 """Recording goes on this long after the stop is decided, s (protocol section 3)."""
-
-IN_FLIGHT = 0.1
-"""A timeout is judged this much later, s: by then what was measured before it has arrived."""
-
-FALSE_STARTS = frozenset(
-    {
-        EventName.HANDLE_IS_TOUCHED,
-        EventName.DOOR_OPENS,
-        EventName.APPROACHES_CW,
-        EventName.APPROACHES_CCW,
-    }
-)
-"""What counts as a false start during the countdown (section 7)."""
 
 _DISK_PERIOD = 2.0
 
@@ -117,24 +96,18 @@ class Engine:
     ) -> None:
         self.source = source
         self.config = config
-        self.log = EventLog()
         self._clock = clock
+        self._chronicle = Chronicle(source, clock)
         self._decoder = Decoder(config.mappings, types)
         self._sensors = Sensors(config.mappings, config.thresholds, config.limits)
         self._run = Run()
-        self._journal = Journal()
-        self._journal_problem: str | None = None
-        self._early: list[RawMessage] = []
         self._recording: Recording | None = None
         self._recorder_view = RecorderView("closed")
         self._record: RunRecord | None = None
         self._folder: Path | None = None
-        self._assessment: Assessment | None = None
+        self._course: Course | None = None
         self._procedure: Procedure | None = None
-        self._countdown_watch: EventDetector | None = None
-        self._preroll: list[Sample] = []
         self._lost_before: dict[str, int] = {}
-        self._known_events: set[Event] = set()
         self._decided: float | None = None
         self._scored: Scored | None = None
         self._result_problem: str | None = None
@@ -142,6 +115,11 @@ class Engine:
         self._disk_asked: float | None = None
 
     # ------------------------------------------------------------------ for the owner
+
+    @property
+    def log(self) -> EventLog:
+        """The event log."""
+        return self._chronicle.log
 
     @property
     def run(self) -> Run:
@@ -174,7 +152,7 @@ class Engine:
             MadrobError: it cannot be reached.
         """
         self.source.open()
-        self._announce_state()
+        self._chronicle.announce_state(self._run)
 
     def step(self, timeout: float) -> None:
         """Take what the testbed sends within `timeout` s of clock time, and decide."""
@@ -185,10 +163,10 @@ class Engine:
     def close(self) -> None:
         """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
         if self._run.active:
-            self._stop(Outcome.INTERRUPTED, self.now(), "the console was closed during the run")
+            self._interrupt("the console was closed during the run")
         if self._recording is not None:
             self._finish()
-        self._journal.close()
+        self._chronicle.close()
         self.source.close()
 
     def next_run_number(self, subject: int, condition_number: int) -> int:
@@ -210,16 +188,12 @@ class Engine:
         except MessageError as problem:
             error = str(problem)
         self._sensors.receive(message, sample, error)
-        if self._recording is None or self._assessment is None:
+        if self._recording is None or self._course is None:
             return
         if error is not None:
-            self._assessment.report_problem(error)
-        if sample is None:
-            return
-        self._assessment.feed(sample)
-        if self._countdown_watch is not None:
-            self._preroll.append(sample)
-            self._countdown_watch.feed(sample)
+            self._course.assessment.report_problem(error)
+        if sample is not None:
+            self._course.feed(sample)
 
     # ------------------------------------------------------------------ acts
 
@@ -287,30 +261,32 @@ class Engine:
         run = self._run
         if isinstance(act, SetUp):
             self.source.configure(act.setup.condition)
-            self._record_messages(self.source.announce_start_pose(act.setup.start_pose))
-        if isinstance(act, (Start, RestartCountdown)):
-            self._begin_countdown()
+            self._chronicle.announce_start_pose(act.setup.start_pose)
+        if isinstance(act, Start):
+            assert self._record is not None
+            self._course = Course(self._record, run, self.config.limits.lost)
+        if isinstance(act, RestartCountdown):
+            assert self._course is not None
+            self._course.restart(run)
         if run.phase is Phase.STOPPED and before.active:
             self._decided = self.now()
         if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
-            self._announce_state()
+            self._chronicle.announce_state(run)
         if self._scored is not None and run.phase in (Phase.STOPPED, Phase.FINAL):
             self._score()
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
         referee = run.setup.referee if run.setup else ""
         entry = Entry(at, Origin.REFEREE, act.name, referee, act.reason_given, act_details(act))
-        self._write(entry, must_take_effect=isinstance(act, (Abort, DeclareTimeout)))
+        must = isinstance(act, (Abort, DeclareTimeout))
+        self._chronicle.write(entry, self._run.start, must_take_effect=must)
 
     def _clear(self) -> None:
         """A clean next run: nothing of the one before stays."""
-        self._journal.close()
-        self._journal = Journal()
-        self._journal_problem = None
-        self._early = []
+        self._chronicle.begin()
         self._record = None
         self._folder = None
-        self._assessment = None
+        self._course = None
         self._procedure = None
         self._scored = None
         self._result_problem = None
@@ -337,43 +313,20 @@ class Engine:
             lossless=self.config.lossless,
         )
         try:
-            self._journal.open(recording.folder / JOURNAL_FILE)
-        except OSError as error:
+            self._chronicle.attach(recording)
+        except MadrobError:
             recording.close()
-            path = recording.folder / JOURNAL_FILE
-            raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
+            raise
         self._recording, self._record, self._folder = recording, record, recording.folder
-        now_ns = self._clock.now_ns()
-        for message in self._early:  # said before the bag was open, recorded as of now
-            recording.put(replace(message, receive_ns=now_ns))
-        self._early = []
-        self._preroll = []
         self._lost_before = self._lost()
 
     def _discard_recording(self) -> None:
         """A start that could not take effect: its folder stays, its number is used."""
+        self._chronicle.detach()
         if self._recording is not None:
             self._recording.close()
-        self._recording = self._record = None
+        self._recording = self._record = self._folder = None
         self._clock.release()
-
-    def _begin_countdown(self) -> None:
-        run, record = self._run, self._record
-        assert run.setup is not None
-        assert run.start is not None
-        assert run.countdown_began is not None
-        assert record is not None
-        self._assessment = record.assessment(run.start)
-        for sample in self._preroll:
-            self._assessment.feed(sample)
-        self._procedure = self._assessment.procedure()
-        self._known_events = set()
-        self._countdown_watch = EventDetector(
-            run.setup.condition,
-            run.countdown_began,
-            self.config.thresholds,
-            handle_zero=run.handle_zero,
-        )
 
     # ------------------------------------------------------------------ what time brings
 
@@ -381,10 +334,8 @@ class Engine:
         now = self.now()
         if self._recording is not None:
             self._recording.add_topics(self.source.topics())
-        if self._run.phase is Phase.COUNTDOWN:
-            self._count_down(now)
-        if self._run.phase is Phase.RUNNING:
-            self._follow(now)
+        if self._course is not None and self._run.active:
+            self._go_on(*self._course.advance(self._run, now))
         if self._decided is not None and self._recording is not None and self._post_roll_over(now):
             self._finish()
 
@@ -395,63 +346,22 @@ class Engine:
             return self.source.ended
         return now >= self._decided + POST_ROLL
 
-    def _count_down(self, now: float) -> None:
-        run, watch = self._run, self._countdown_watch
-        assert run.start is not None
-        assert run.countdown_began is not None
-        assert watch is not None
-        for event in watch.events():
-            inside = run.countdown_began < event.time < run.start
-            if event.name in FALSE_STARTS and inside and event not in self._known_events:
-                self._known_events.add(event)
-                mark = FalseStart(event.time, event.name)
-                self._run = replace(self._run, false_starts=(*self._run.false_starts, mark))
-                self._note(Origin.SENSOR, Change.FALSE_START, event=event.name, time=event.time)
-        if now >= run.start:
-            self._countdown_watch, self._preroll, self._known_events = None, [], set()
-            self._run = begin_run(self._run)
-            self._note(Origin.CLOCK, Change.RUN_STARTS, time=run.start)
-            self._announce_state()
+    def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
+        before, self._run = self._run, run
+        if self._course is not None:
+            self._procedure = self._course.procedure
+        for one in happened:
+            self._note(one)
+        if run.phase is Phase.STOPPED:
+            self._decided = self.now()
+        if run.phase is not before.phase:
+            self._chronicle.announce_state(run)
 
-    def _follow(self, now: float) -> None:
-        run, assessment = self._run, self._assessment
-        assert run.setup is not None
-        assert run.start is not None
-        assert assessment is not None
-        for event in assessment.events():
-            if event not in self._known_events and event.name is not EventName.BENCHMARK_START:
-                self._known_events.add(event)
-                self._note(Origin.SENSOR, Change.EVENT, event=event.name, time=event.time)
-        self._procedure = assessment.procedure(run.rulings)
-        completed = self._procedure.completed
-        if run.timeout_at is None and now >= run.start + run.setup.timeout:
-            run = time_out(run, run.start + run.setup.timeout, f"{run.setup.timeout:g} s elapsed")
-            self._run = run
-            self._note(
-                Origin.CLOCK, Change.TIMEOUT_ELAPSED, run.outcome_reason, time=run.timeout_at
-            )
-        if run.timeout_at is None:
-            if completed is not None:
-                self._stop(Outcome.COMPLETED, completed, "all six steps done")
-        elif now >= run.timeout_at + IN_FLIGHT:
-            self._time_out(run.timeout_at, self._procedure, now)
-
-    def _time_out(self, limit: float, procedure: Procedure, now: float) -> None:
-        """Section 2: a timeout that falls into the settle time waits for its end."""
-        completed, closed = procedure.completed, procedure.steps[Step.CLOSE - 1].final
-        if completed is not None and completed <= limit:
-            self._stop(Outcome.COMPLETED, completed, "all six steps done")
-            return
-        settling = procedure.settling and closed is not None and closed <= limit
-        patience = self.config.thresholds.settle_time + self.config.limits.lost
-        if not settling or now >= limit + patience:
-            self._stop(Outcome.TIMEOUT, limit, self._run.outcome_reason)
-
-    def _stop(self, outcome: Outcome, at: float, reason: str) -> None:
-        self._run = stop(self._run, outcome, at, reason)
-        self._decided = self.now()
-        self._note(Origin.CLOCK, Change.RUN_STOPS, reason, outcome=outcome, time=at)
-        self._announce_state()
+    def _interrupt(self, reason: str) -> None:
+        at, outcome = self.now(), Outcome.INTERRUPTED
+        details = {"outcome": outcome, "time": at}
+        stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
+        self._go_on(stop(self._run, outcome, at, reason), [stopped])
 
     def _finish(self) -> None:
         """The post-roll is over: close the bag, score, write."""
@@ -459,6 +369,7 @@ class Engine:
         for message in self.source.take(0.0):  # what is still on its way
             self._receive(message)
         recording, self._recording = self._recording, None
+        self._chronicle.detach()
         recording.close()
         self._recorder_view = recording.view()
         self._clock.release()
@@ -466,9 +377,10 @@ class Engine:
         self._score(recording.dropped())
 
     def _score(self, dropped: dict[str, int] | None = None) -> None:
-        run, record, assessment = self._run, self._record, self._assessment
+        run, record, course = self._run, self._record, self._course
         assert record is not None
-        assert assessment is not None
+        assert course is not None
+        assessment = course.assessment
         assert run.outcome is not None
         for topic, count in (dropped or {}).items():
             if count:
@@ -485,7 +397,8 @@ class Engine:
             assert self._folder is not None
             write_results(self._folder, scored)
             self._result_problem = None
-            self._note(Origin.SYSTEM, Change.RESULT_WRITTEN, issue=run.issue)
+            details = {"issue": run.issue}
+            self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
         except MadrobError as error:
             self._result_problem = f"the result is NOT on disk: {error}"
         self._scored = scored
@@ -494,44 +407,16 @@ class Engine:
         """Messages lost on the way since the source was opened, where that is known."""
         return {status.topic: status.lost or 0 for status in self.source.status()}
 
-    # ------------------------------------------------------------------ journal and topics
-
-    def _note(self, origin: Origin, what: Change, reason: str = "", **details: object) -> None:
+    def _note(self, happened: Happening) -> None:
         """Write a line that takes effect whatever the disk says."""
-        entry = Entry(self.now(), origin, what.value, reason=reason, details=details)
-        self._write(entry, must_take_effect=True)
-
-    def _write(self, entry: Entry, *, must_take_effect: bool) -> None:
-        self._journal_problem = self._journal.append(entry, must_take_effect=must_take_effect)
-        self.log.add(entry, self._run.start)
-        self._record_messages(self.source.announce_event(entry.to_json()))
-
-    def _announce_state(self) -> None:
-        run = self._run
-        setup = run.setup
-        content = {
-            "phase": run.phase,
-            "subject": setup.subject if setup else None,
-            "team": setup.team if setup else None,
-            "run_number": setup.run_number if setup else None,
-            "condition_number": setup.condition.number if setup else None,
-            "benchmark_type": setup.condition.benchmark_type if setup else None,
-            "opening_side": setup.condition.opening_side if setup else None,
-            "starting_side": setup.condition.starting_side if setup else None,
-            "start_time": run.start,
-            "timeout": setup.timeout if setup else None,
-            "outcome": run.outcome,
-        }
-        condition = setup.condition if setup else None
-        state = RefereeState(run.phase.value, condition, run.start, json.dumps(content))
-        self._record_messages(self.source.announce_state(state))
-
-    def _record_messages(self, messages: Sequence[RawMessage]) -> None:
-        if self._recording is None:
-            self._early.extend(messages)
-            return
-        for message in messages:
-            self._recording.put(message)
+        entry = Entry(
+            self.now(),
+            happened.origin,
+            happened.change.value,
+            reason=happened.reason,
+            details=happened.details,
+        )
+        self._chronicle.write(entry, self._run.start, must_take_effect=True)
 
     # ------------------------------------------------------------------ what it shows
 
@@ -562,7 +447,8 @@ class Engine:
     def snapshot(self) -> Snapshot:
         """Everything that a screen shows, now."""
         now = self.now()
-        run, sensors, assessment = self._run, self._sensors, self._assessment
+        run, sensors = self._run, self._sensors
+        assessment = self._course.assessment if self._course else None
         situation = self.situation()
         recorder = self._recording.view() if self._recording else self._recorder_view
         dropped = self._recording.dropped() if self._recording else {}
@@ -592,7 +478,7 @@ class Engine:
             recorder=recorder,
             disk_free=self._free_disk(now),
             faults=faults(
-                topics, recorder, door, run, (self._journal_problem, self._result_problem)
+                topics, recorder, door, run, (self._chronicle.problem, self._result_problem)
             ),
             provisional=assessment.provisional() if assessment and run.start else {},
             log=self.log.lines,

@@ -23,11 +23,14 @@ from madrob_console.referee.run import (
     TeamWord,
     Waiver,
 )
+from madrob_console.referee.transitions import (
+    begin_countdown,
+    decide_false_starts,
+    stop,
+    time_out,
+)
 from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step
-
-LEAST_PREROLL = 1.0
-"""Recording begins at least this long before the start, s (protocol section 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,42 +382,3 @@ ACTS: tuple[type[Act], ...] = (
     Reissue,
 )
 """All acts."""
-
-
-def begin_countdown(run: Run, at: float) -> Run:
-    """The countdown begins at `at` (s since the epoch); the start lies at least 1 s later."""
-    assert run.setup is not None
-    return replace(
-        run,
-        phase=Phase.COUNTDOWN,
-        countdown_began=at,
-        start=at + max(run.setup.countdown, LEAST_PREROLL),
-    )
-
-
-def begin_run(run: Run) -> Run:
-    """The planned start has come."""
-    return replace(run, phase=Phase.RUNNING)
-
-
-def decide_false_starts(run: Run, reason: str) -> Run:
-    """All undecided false starts are let pass with `reason`."""
-    decided = tuple(replace(f, accepted=f.accepted or reason) for f in run.false_starts)
-    return replace(run, false_starts=decided)
-
-
-def time_out(run: Run, at: float, reason: str) -> Run:
-    """The timeout came at `at`, elapsed or declared (section 2)."""
-    return replace(run, timeout_at=at, outcome_reason=reason)
-
-
-def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
-    """The run ends at `at` (s since the epoch)."""
-    return replace(
-        run,
-        phase=Phase.STOPPED,
-        outcome=outcome,
-        stop=at,
-        outcome_reason=reason,
-        timeout_at=None,
-    )

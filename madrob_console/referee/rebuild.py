@@ -15,12 +15,10 @@ from madrob_console.referee.acts import (
     Act,
     SetUp,
     Situation,
-    begin_run,
-    stop,
-    time_out,
 )
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import FalseStart, Run
+from madrob_console.referee.transitions import begin_run, stop, time_out
 from scoring.protocol import EventName, Outcome
 
 

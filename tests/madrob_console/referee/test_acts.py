@@ -24,9 +24,6 @@ from madrob_console.referee.acts import (
     Start,
     Waive,
     ZeroHandle,
-    begin_countdown,
-    begin_run,
-    stop,
 )
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.run import (
@@ -38,6 +35,7 @@ from madrob_console.referee.run import (
     RunSetup,
     TeamWord,
 )
+from madrob_console.referee.transitions import begin_countdown, begin_run, stop
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, StartPose, Step
 
 SETUP = RunSetup(

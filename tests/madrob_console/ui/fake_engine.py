@@ -16,11 +16,12 @@ from madrob_console.engine.snapshot import (
 )
 from madrob_console.engine.view import NO_STEPS, elapsed, refusals, remaining
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import Act, Situation, Start, begin_run, stop
+from madrob_console.referee.acts import Act, Situation, Start
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.referee.transitions import begin_run, stop
 from madrob_console.testbeds.source import SourceKind
 from scoring.evaluate import Ending, Result
 from scoring.indicators import UNITS, Indicator, IndicatorName
