@@ -21,6 +21,7 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.errors import MadrobError
+from scoring.run_info import series_prefix
 
 LARGEST_NUMBER = 999
 """Subjects and runs are numbered from 1 to this: file names have three digits for them."""
@@ -46,7 +47,7 @@ class RunId:
     def folder_name(self, start_time: float) -> str:
         """The name of the run's folder, with `start_time` (s since the epoch) in local time."""
         local = datetime.fromtimestamp(start_time, tz=UTC).astimezone()
-        series = _series(self.subject, self.condition)
+        series = series_prefix(self.subject, self.condition)
         return f"{series}{self.run:03d}_{local.strftime(_TIME_FORMAT)}"
 
 
@@ -194,17 +195,13 @@ def free_space(path: Path) -> int | None:
     return None
 
 
-def _series(subject: int, condition: int) -> str:
-    return f"subject_{subject:03d}_cond_{condition:03d}_run_"
-
-
 def _line(run: RunId) -> bytes:
     return msgspec.json.encode(run) + b"\n"
 
 
 def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
     """Every run number of a subject and condition, from the folders and from the numbers file."""
-    series = _series(subject, condition)
+    series = series_prefix(subject, condition)
     try:
         names = os.listdir(root)  # noqa: PTH208  ten thousand Paths take too long
         given_out = (root / NUMBERS_FILE).read_bytes() if NUMBERS_FILE in names else b""

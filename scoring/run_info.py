@@ -14,6 +14,11 @@ CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
 """The keys that describe a condition."""
 
 
+def series_prefix(subject: int, condition_number: int) -> str:
+    """What the file names of all runs of a subject and condition begin with (section 10)."""
+    return f"subject_{subject:03d}_cond_{condition_number:03d}_run_"
+
+
 @dataclass(frozen=True, slots=True)
 class RunInfo:
     """Everything set for a run.
@@ -45,9 +50,7 @@ class RunInfo:
     @property
     def prefix(self) -> str:
         """How the names of the run's files begin: `subject_SSS_cond_CCC_run_RRR`."""
-        return (
-            f"subject_{self.subject:03d}_cond_{self.condition.number:03d}_run_{self.run_number:03d}"
-        )
+        return f"{series_prefix(self.subject, self.condition.number)}{self.run_number:03d}"
 
     def mapping(self) -> dict[str, object]:
         """The content of `run_info_<prefix>.yaml`: EUROBENCH's keys and ours."""

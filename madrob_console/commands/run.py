@@ -11,7 +11,6 @@ from types import FrameType
 from madrob_console.commands.session import open_engine, settings_of
 from madrob_console.commands.table import result_lines
 from madrob_console.config import Settings
-from madrob_console.config.tables import DEFAULT_START_POSES
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.replaying import ReplayingEngine
 from madrob_console.errors import MadrobError
@@ -72,10 +71,10 @@ class _Runner:
         engine = self._engine
         setup = _setup(arguments, settings, engine)
         self._do(SetUp(setup))
-        if problem := engine.source.sides_problem:
-            print(f"note: {problem}", flush=True)
         begin = engine.now()
         self._wait_for_checks(begin + _REST, begin + arguments.wait)
+        if problem := engine.source.sides_problem:
+            print(f"note: {problem}", flush=True)
         self._do(ZeroHandle())
         self._do(ConfirmPose())
         if arguments.waive is not None:
@@ -173,13 +172,4 @@ def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) ->
         countdown=defaults.countdown if arguments.countdown is None else arguments.countdown,
         ruleset=arguments.ruleset or defaults.ruleset,
         lock_detection=arguments.lock_detection or defaults.lock_detection,
-    )
-
-
-def _usual_pose(settings: Settings, condition: Condition) -> StartPose:
-    """The first pose of the settings on the starting side, else the usual one."""
-    return next(
-        p.pose
-        for p in (*settings.start_poses, *DEFAULT_START_POSES)
-        if p.pose.side is condition.starting_side
     )
