@@ -11,6 +11,7 @@ from pathlib import Path
 
 from madrob_console.engine.record import RECORD_NAME, RunRecord
 from madrob_console.engine.recording import JOURNAL_FILE
+from madrob_console.engine.results import ending_of
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
@@ -26,8 +27,7 @@ from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench import read_eurobench
-from scoring.evaluate import Ending, Result, Rows, with_remarks
-from scoring.protocol import Outcome
+from scoring.evaluate import Result, Rows, with_remarks
 from scoring.published import evaluate_published
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 
@@ -145,9 +145,6 @@ def _score_bag(path: Path, rules: RulesetName | None) -> ScoredPath:
             continue
         if sample is not None:
             assessment.feed(sample)
-    ending = Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
-    if run.outcome is not None:
-        ending = Ending(run.outcome, run.outcome_reason, run.stop)
-    result, rows = assessment.result(ending, run.rulings)
+    result, rows = assessment.result(ending_of(run), run.rulings)
     remarks = (*run.remarks(), *recorded.remarks, *([bag.problem] if bag.problem else []))
     return ScoredPath(path, with_remarks(result, remarks), rows)

@@ -16,7 +16,7 @@ from madrob_console.engine.course import Course, Happening
 from madrob_console.engine.log import EventLog
 from madrob_console.engine.record import RunRecord
 from madrob_console.engine.recording import Recording
-from madrob_console.engine.results import Scored, write_results
+from madrob_console.engine.results import Scored, ending_of, write_results
 from madrob_console.engine.sensors import SensorLimits, Sensors
 from madrob_console.engine.snapshot import RecorderView, Snapshot
 from madrob_console.engine.view import (
@@ -46,7 +46,7 @@ from madrob_console.runs import free_space, next_run_number
 from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes, TopicMapping
 from madrob_console.testbeds.source import Source, SourceKind
 from recorder.message import RawMessage
-from scoring.evaluate import Ending, with_remarks
+from scoring.evaluate import with_remarks
 from scoring.procedure import Procedure
 from scoring.protocol import Outcome, Thresholds
 
@@ -358,6 +358,7 @@ class Engine:
             self._chronicle.announce_state(run)
 
     def _interrupt(self, reason: str) -> None:
+        """The run is cut off by no decision of sensors, clock or referee."""
         at, outcome = self.now(), Outcome.INTERRUPTED
         details = {"outcome": outcome, "time": at}
         stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
@@ -381,7 +382,6 @@ class Engine:
         assert record is not None
         assert course is not None
         assessment = course.assessment
-        assert run.outcome is not None
         for topic, count in (dropped or {}).items():
             if count:
                 assessment.report_problem(f"{topic}: {count} messages are not in the recording")
@@ -389,7 +389,7 @@ class Engine:
             for topic, count in self._lost().items():
                 if lost := count - self._lost_before.get(topic, 0):
                     assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
-        ending = Ending(run.outcome, run.outcome_reason, run.stop)
+        ending = ending_of(run)
         result, rows = assessment.result(ending, run.rulings)
         scored = Scored(record, run, with_remarks(result, run.remarks()), rows)
         self._procedure = assessment.procedure(run.rulings, run.stop)

@@ -19,7 +19,7 @@ from madrob_console.testbeds.replay import ReplaySource
 class ReplayingEngine(Engine):
     """An engine on a `ReplaySource`: it repeats the acts of the recorded run.
 
-    What the referee may not know again, the run number, is the next free one.
+    The run number is the next free one; a run whose recording was cut off is interrupted.
 
     Args:
         source: the recording.
@@ -55,6 +55,8 @@ class ReplayingEngine(Engine):
                 super().step(time - self.now())
             self._repeat(act, time)
         super().step(timeout)
+        if self.source.ended and self._run.active:
+            self._interrupt("the recording ends during the run")
 
     def _repeat(self, act: Act, time: float) -> None:
         if isinstance(act, (Finalise, Reissue)):

@@ -14,7 +14,7 @@ from madrob_console.referee.run import Run
 from madrob_console.runs import RESULT_FILE, atomic_write
 from scoring.errors import ScoringError
 from scoring.eurobench import Wrench, write_run_files
-from scoring.evaluate import Result, Rows
+from scoring.evaluate import Ending, Result, Rows
 from scoring.protocol import Outcome
 from scoring.run_info import RunInfo
 
@@ -32,6 +32,18 @@ class Scored:
     run: Run
     result: Result
     rows: Rows
+
+
+def ending_of(run: Run) -> Ending:
+    """How a run ended, for its result.
+
+    An interrupted run has no stop: the time at which the machine failed says nothing about the
+    robot. So does a run whose journal ends before its stop.
+    """
+    if run.outcome is None:
+        return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
+    interrupted = run.outcome is Outcome.INTERRUPTED
+    return Ending(run.outcome, run.outcome_reason, None if interrupted else run.stop)
 
 
 def scores(result: Result) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +37,7 @@ from madrob_console.testbeds.replay import ReplaySource
 from madrob_console.testbeds.simulation import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag
+from scoring.evaluate import Result
 from scoring.indicators import IndicatorName
 from scoring.protocol import Condition, LockDetection, Outcome, Step
 from scoring.rulesets import RulesetName
@@ -102,18 +105,11 @@ def test_bag_replay_and_live_run_give_the_same_digits(
     for name in (f"{folder.name}_0.mcap", "metadata.yaml"):
         (bag_alone / name).write_bytes((folder / name).read_bytes())
     assert score_path(bag_alone)[0].result == live.result
-    types = MessageTypes()
-    source = ReplaySource(folder, types, speed=0)
-    config = EngineConfig(tmp_path / "replays", DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
-    replay = ReplayingEngine(source, config, types)
-    replay.open()
-    while replay.scored is None:
-        replay.step(0.02)
-    assert replay.scored.result == live.result
-    assert replay.folder is not None
+    assert replay(folder, tmp_path / "replays") == live.result
+    repeated = next((tmp_path / "replays").glob("subject_*"))
     for kind in ("event", "jointState", "wrench"):
         name = f"subject_003_cond_001_run_001_{kind}.csv"
-        assert (replay.folder / name).read_bytes() == (folder / name).read_bytes()
+        assert (repeated / name).read_bytes() == (folder / name).read_bytes()
 
 
 def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(tmp_path: Path) -> None:
@@ -354,7 +350,35 @@ def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
     document = json.loads((folder_of(drive) / "result.json").read_text())
     assert document["outcome"] == "interrupted"
     assert document["indicators"]["time_to_handle"]["value"] is not None
+    assert document["indicators"]["execution_time"]["reason"] == "no benchmark stop"
     assert read_bag(folder_of(drive)).complete
+    assert score_path(folder_of(drive))[0].result == drive.engine.scored.result  # type: ignore[union-attr]
+
+
+def replay(folder: Path, results: Path) -> Result:
+    types = MessageTypes()
+    source = ReplaySource(folder, types, speed=0)
+    config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
+    engine = ReplayingEngine(source, config, types)
+    engine.open()
+    while engine.scored is None:
+        engine.step(0.02)
+    return engine.scored.result
+
+
+def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(6.0)
+    time.sleep(0.5)  # the bag is synced every 0.2 s of real time
+    cut = tmp_path / "cut"
+    shutil.copytree(folder_of(drive), cut)  # what a kill at this moment leaves behind
+    drive.engine.close()
+    scored, replayed = score_path(cut)[0].result, replay(cut, tmp_path / "replays")
+    assert scored.ending.outcome is replayed.ending.outcome is Outcome.INTERRUPTED
+    assert scored.indicators == replayed.indicators
+    assert scored.indicator(IndicatorName.EXECUTION_TIME).value is None
+    assert scored.indicator(IndicatorName.TIME_TO_HANDLE).value is not None
 
 
 class Silenced(Drive):
