@@ -177,7 +177,9 @@ def _add_doctor(commands: _Commands) -> None:
 
 def _add_settings(commands: _Commands) -> None:
     parser = _command(
-        commands, "settings", "print the settings file with every setting and its default"
+        commands,
+        "settings",
+        "check the settings file; print one with every default",
     )
     _add_settings_option(parser)
 

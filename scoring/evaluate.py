@@ -174,6 +174,12 @@ def compute_indicators(
     )
 
 
+def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
+    """Whether the run was completed by a door that stayed closed (section 5)."""
+    settled = procedure.lock_detection is LockDetection.SETTLE
+    return settled and ending.outcome is Outcome.COMPLETED
+
+
 class Assessment:
     """Follows one run from the opening of the recording to its result.
 
@@ -287,18 +293,18 @@ class Assessment:
             ending: how the run ended.
             rulings: the referee's, in the order in which they were made.
         """
-        stop = ending.stop
-        procedure = self.procedure(rulings, self._end(ending))
-        events = self._scoring.events(self._end(ending))
-        if stop is None:
+        end = self._end(ending)
+        events = self._scoring.events(end)
+        if ending.stop is None:
             events = tuple(e for e in events if e.name is not EventName.BENCHMARK_STOP)
-        if self._end(ending) < self.start:
-            events = ()  # ended in the countdown: nothing has started
+        problem = "run aborted: invalid" if ending.outcome is Outcome.ABORTED else None
+        if end < self.start:  # it ended in the countdown
+            events, end = (), -math.inf
+            problem = problem or "the run never started"
+        procedure = self.procedure(rulings, end)
         rows = self._cut(self._rows(), ending, procedure)
-        if ending.outcome is Outcome.ABORTED:
-            indicators = tuple(
-                Indicator.missing(name, "run aborted: invalid") for name in IndicatorName
-            )
+        if problem is not None:
+            indicators = tuple(Indicator.missing(name, problem) for name in IndicatorName)
         else:
             indicators = compute_indicators(
                 events,
@@ -325,7 +331,7 @@ class Assessment:
     def _end(self, ending: Ending) -> float:
         if ending.stop is not None:
             return ending.stop
-        return max(self.start, self._newest or self.start)
+        return -math.inf if self._newest is None else self._newest
 
     def _rows(self) -> Rows:
         joint = joint_state(
@@ -342,7 +348,7 @@ class Assessment:
         if not self._ruleset.cut_rows:
             return rows
         end = self._end(ending)
-        if ending.outcome is Outcome.COMPLETED and procedure.lock_detection is LockDetection.SETTLE:
+        if completed_by_settling(ending, procedure):
             end += self._thresholds.settle_time  # a slam ends after the panel has closed
         return cut_rows(rows, self.start, end)
 

@@ -130,7 +130,7 @@ class EventDetector:
         self._of_strip = {
             strip: tuple(s for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip
         }
-        self._last_fall: tuple[float, Side] | None = None
+        self._falls: list[tuple[float, Side]] = []
         self._crossed_since: float | None = None
         self._latch: list[Edge] = []
         self._latch_events: list[Event] = []
@@ -200,15 +200,16 @@ class EventDetector:
         unchanged = level.state is present
         level.update(time, present, self._start)
         for edge in level.edges[known:]:
-            if not edge.value and (self._last_fall is None or edge.time >= self._last_fall[0]):
-                self._last_fall = (edge.time, sensor.side)
+            if not edge.value:
+                self._falls.append((edge.time, sensor.side))
         if not unchanged or len(level.edges) > known:
             self._follow_crossing(max(time, self._start))
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
         destination = self._condition.destination_side
-        fell_there = self._last_fall is not None and self._last_fall[1] is destination
+        fall = self._last_fall()
+        fell_there = fall is not None and fall[1] is destination
         holds = not self._side_occupied(self._condition.starting_side) and (
             fell_there or self._side_occupied(destination)
         )
@@ -299,10 +300,10 @@ class EventDetector:
     def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
         """When and on which side the robot left the doorway (section 7, "at the stop")."""
         if self._ruleset.passage_events_to_end:
-            return self._last_fall
+            return self._last_fall()
         if stop is None:
             occupied = any(level.state for level in self._sensors.values())
-            return None if occupied else self._last_fall
+            return None if occupied else self._last_fall()
         starting, destination = self._condition.starting_side, self._condition.destination_side
         at_stop = {side: self._occupied_at(side, stop) for side in Side}
         if all(at_stop.values()):
@@ -312,13 +313,12 @@ class EventDetector:
         for side in Side:
             if at_stop[side]:
                 return (stop, side)
-        falls = [
-            (edge.time, sensor.side)
-            for sensor, level in self._sensors.items()
-            for edge in level.edges
-            if not edge.value and edge.time <= stop
-        ]
-        return max(falls, key=lambda fall: fall[0]) if falls else None
+        return self._last_fall(stop)
+
+    def _last_fall(self, until: float = math.inf) -> tuple[float, Side] | None:
+        """The last fall up to `until`; of two at the same instant the one that was fed last."""
+        falls = (fall for fall in reversed(self._falls) if fall[0] <= until)
+        return max(falls, key=lambda fall: fall[0], default=None)
 
     def _occupied_at(self, side: Side, time: float) -> bool:
         return any(level.at(time) for s, level in self._sensors.items() if s.side is side)

@@ -5,10 +5,19 @@ Events and acceleration are taken from the files as they are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from scoring.eurobench import EurobenchRun, door_stays_closed, recorded_until
-from scoring.evaluate import Ending, Result, Rows, compute_indicators, cut_rows, process_rows
+from scoring.evaluate import (
+    Ending,
+    Result,
+    Rows,
+    completed_by_settling,
+    compute_indicators,
+    cut_rows,
+    process_rows,
+)
 from scoring.events import Edge, Evidence
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
@@ -43,9 +52,10 @@ def evaluate_published(
         events = (*kept, Event(ending.stop, EventName.BENCHMARK_STOP))
     wrench = run.wrench
     rows = process_rows(run.joint_state, wrench.time, wrench.force, ruleset, thresholds)
-    if ruleset.cut_rows and ending.stop is not None:
-        settled = ending.outcome is Outcome.COMPLETED
-        end = ending.stop + (thresholds.settle_time if settled else 0.0)
+    if ruleset.cut_rows:
+        end = math.inf if ending.stop is None else ending.stop
+        if completed_by_settling(ending, procedure):
+            end += thresholds.settle_time
         rows = cut_rows(rows, run.start_time, end)
     indicators = compute_indicators(
         events, procedure.done, rows, run.condition, ruleset, thresholds.closed_angle

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.config import example_toml
+from madrob_console.config import example_toml, load_settings
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print every setting with its default."""
+    """Check the settings file, if there is one, and print every setting with its default."""
+    load_settings(arguments.settings)  # a file that is there has to be right
     print(example_toml())
     return 0

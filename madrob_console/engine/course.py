@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -47,11 +48,16 @@ class Course:
         record: what is set for the run.
         run: its state as the countdown begins.
         silence: how long a settle time may wait for a door that went silent, s.
+        before: the newest sample of each signal; what is up before the countdown is no false
+            start.
     """
 
-    def __init__(self, record: RunRecord, run: Run, silence: float) -> None:
+    def __init__(
+        self, record: RunRecord, run: Run, silence: float, before: Sequence[Sample] = ()
+    ) -> None:
         self._record = record
         self._patience = record.thresholds.settle_time + silence
+        self._before = tuple(before)
         self._preroll: list[Sample] = []
         self.restart(run)
 
@@ -70,6 +76,8 @@ class Course:
             self._record.thresholds,
             handle_zero=self._record.handle_zero,
         )
+        for sample in (*self._before, *self._preroll):
+            self._watch.feed(sample)
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample of the recording."""

@@ -32,6 +32,7 @@ from madrob_console.referee.acts import (
     Abort,
     Act,
     DeclareTimeout,
+    Finalise,
     RestartCountdown,
     SetUp,
     Situation,
@@ -264,7 +265,8 @@ class Engine:
             self._chronicle.announce_start_pose(act.setup.start_pose)
         if isinstance(act, Start):
             assert self._record is not None
-            self._course = Course(self._record, run, self.config.limits.lost)
+            silence = self.config.limits.lost
+            self._course = Course(self._record, run, silence, self._sensors.newest())
         if isinstance(act, RestartCountdown):
             assert self._course is not None
             self._course.restart(run)
@@ -272,7 +274,9 @@ class Engine:
             self._decided = self.now()
         if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
             self._chronicle.announce_state(run)
-        if self._scored is not None and run.phase in (Phase.STOPPED, Phase.FINAL):
+        if self._scored is not None and (
+            run.phase is Phase.STOPPED or isinstance(act, Finalise)
+        ):  # a final result stays as it was signed
             self._score()
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
@@ -354,6 +358,8 @@ class Engine:
             self._note(one)
         if run.phase is Phase.STOPPED:
             self._decided = self.now()
+            if self._course is not None:  # what was live is judged as of the stop now
+                self._procedure = self._course.assessment.procedure(run.rulings, run.stop)
         if run.phase is not before.phase:
             self._chronicle.announce_state(run)
 

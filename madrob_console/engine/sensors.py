@@ -71,6 +71,7 @@ class Sensors:
         self._force: float | None = None
         self._forces: deque[tuple[float, float]] = deque()
         self._skews: deque[tuple[float, float]] = deque()
+        self._newest: dict[Signal, Sample] = {}
         self._heights: dict[tuple[Strip, int], float | None] = {}
         # A start that never comes: this detector only keeps states.
         self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
@@ -90,6 +91,7 @@ class Sensors:
         if sample is None:
             return
         self._states.feed(sample)
+        self._newest[sample.signal] = sample
         self._keep(self._skews, now, abs(sample.time - sample.log_time))
         match sample:
             case HandleSample() if math.isfinite(sample.force):
@@ -109,6 +111,10 @@ class Sensors:
         values.append((now, value))
         while values[0][0] < now - self.limits.averaging:
             values.popleft()
+
+    def newest(self) -> tuple[Sample, ...]:
+        """The newest sample of each signal."""
+        return tuple(self._newest.values())
 
     def freshness(self, signal: Signal, now: float) -> Freshness:
         """State of the topic that delivers a signal."""

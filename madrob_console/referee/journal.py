@@ -48,7 +48,7 @@ class Entry:
     def to_json(self) -> str:
         """The entry as one line of JSON, without the line end."""
         record = {name: getattr(self, name) for name in self.__slots__}
-        return json.dumps(record, ensure_ascii=False, allow_nan=False)
+        return json.dumps(record, allow_nan=False)
 
     @classmethod
     def from_json(cls, line: str) -> Entry:
@@ -127,16 +127,16 @@ class Journal:
 
     def _write(self) -> None:
         assert self._file is not None
-        while self._pending:
+        for entry in self._pending:
             # A full disk can take a part of a line: end it, and write the line again.
-            text = "\n" * self._torn + self._pending[0].to_json() + "\n"
+            text = "\n" * self._torn + entry.to_json() + "\n"
             data = text.encode()
             written = os.write(self._file, data)
             self._torn = self._torn if written == 0 else written < len(data)
             if written < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            self._pending.pop(0)
         os.fsync(self._file)
+        self._pending.clear()
 
     def close(self) -> None:
         """Close the file; later lines wait for the next one."""
@@ -153,7 +153,7 @@ def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
     """
     entries: list[Entry] = []
     remarks: list[str] = []
-    lines = path.read_bytes().decode(errors="replace").splitlines()
+    lines = path.read_bytes().decode(errors="replace").split("\n")
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -85,7 +86,10 @@ class RunSetup:
             return f"subject {self.subject}: use a number from 1 to 999"
         if not 1 <= self.run_number <= 999:
             return f"run number {self.run_number}: use a number from 1 to 999"
-        side = self.start_pose.side
+        pose = self.start_pose
+        if not all(math.isfinite(value) for value in (pose.x, pose.y, pose.yaw)):
+            return "start pose: x, y and yaw must be numbers"
+        side = pose.side
         if side is not self.condition.starting_side:
             where = "on the threshold" if side is None else f"on the {side.upper()} side"
             wanted = self.condition.starting_side

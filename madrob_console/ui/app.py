@@ -102,6 +102,8 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def action_press(self, name: str, pressed: str) -> None:
         """A key of the console was pressed."""
+        if self._timer is None:  # typed before the screens are there
+            return
         key = KEYS[name]
         if self._console.dialogs and not self._over_dialogs(key):
             return

@@ -163,6 +163,7 @@ def test_a_bad_setting_is_named(
     [
         (["--subject", "0"], "subject"),
         (["--start-pose", "-1,0,0"], "CCW side"),
+        (["--start-pose", "1.5,0,nan"], "start pose"),
         (["--timeout", "0"], "timeout"),
         (["--team", "x" * 200], "--team"),
         (["--speed", "-1"], "--speed"),
@@ -223,6 +224,9 @@ def test_settings_prints_a_file_that_can_be_read_again(
     path = tmp_path / "again.toml"
     path.write_text(capsys.readouterr().out)
     assert madrob("settings", "--settings", str(path)) == 0
+    capsys.readouterr()
+    assert madrob("settings", "--settings", str(tmp_path / "none.toml")) == 2
+    assert "none.toml" in one_line(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(

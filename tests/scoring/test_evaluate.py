@@ -99,10 +99,9 @@ def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> Non
     assert changed == {IndicatorName.CAPABILITY_LEVEL, IndicatorName.PASSAGE_TIME}
 
 
-@pytest.mark.parametrize("ending", [COMPLETED, Ending(Outcome.INTERRUPTED, "", None)])
 @pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020])
-def test_a_run_without_data_has_reasons_only(ending: Ending, ruleset: Ruleset) -> None:
-    found = assessment([], ruleset=ruleset).result(ending)[0]
+def test_a_run_without_data_has_reasons_only(ruleset: Ruleset) -> None:
+    found = assessment([], ruleset=ruleset).result(COMPLETED)[0]
     for indicator in found.indicators:
         if indicator.name is IndicatorName.CAPABILITY_LEVEL:
             assert indicator.value == 0
@@ -119,3 +118,12 @@ def test_panel_against_the_opening_side_is_kept_in_the_quality() -> None:
     samples = [*steady_run(), door(9, -0.05), door(9.02, -0.05)]
     found = assessment(samples).result(COMPLETED)[0]
     assert any("against the opening side" in remark for remark in found.quality.remarks)
+
+
+def test_a_run_cut_off_in_the_countdown_has_nothing() -> None:
+    found = assessment([door(-1, 0.5), handle(-1, 10.0)]).result(
+        Ending(Outcome.INTERRUPTED, "cut off", None)
+    )[0]
+    assert found.events == ()
+    assert {i.reason for i in found.indicators} == {"the run never started"}
+    assert all(record.final is None for record in found.steps)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from scoring.evaluate import Assessment
@@ -9,6 +11,7 @@ from scoring.procedure import Procedure, Ruling
 from scoring.protocol import LockDetection, Side, Step
 from scoring.samples import Sample
 from tests.scoring.runs import (
+    CONDITION,
     START,
     assessment,
     clear,
@@ -168,3 +171,19 @@ def test_times_of_steps_never_go_back() -> None:
         assert done == sorted(done)
         assert found[: len(done)] == done
         assert all(t <= stop for t in done)
+
+
+@pytest.mark.parametrize("start_side", list(Side))
+def test_sides_that_clear_at_the_same_stamp_are_judged_alike_live_and_at_the_stop(
+    start_side: Side,
+) -> None:
+    to = start_side.opposite
+    condition = replace(CONDITION, starting_side=start_side)
+    run = Assessment(condition, START)
+    for sample in (
+        door(-1, 0.0), handle(-1, 0.0), handle(2, 10.0), door(3, 0.5), under(4, start_side),
+        under(4.4, to), clear(5, start_side), clear(5, to), door(6, 0.0), door(7, 0.0),
+    ):  # fmt: skip
+        run.feed(sample)
+    assert run.procedure().completed == START + 6
+    assert run.procedure(stop=START + 6).level == 6

@@ -238,6 +238,18 @@ def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
     assert score_path(folder_of(drive))[0].result == scored.result
 
 
+def test_what_was_up_before_the_countdown_is_no_false_start(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.act(SetUp(make_setup(countdown=3.0)))
+    drive.wait(1.5)  # the handle is not zeroed: it counts as pressed all the time
+    drive.act(Waive(CheckName.HANDLE, "stuck"), ConfirmPose(), Start())
+    drive.wait(1.0)
+    drive.act(RestartCountdown("again"))
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    assert drive.engine.run.false_starts == ()
+    drive.engine.close()
+
+
 def test_an_accepted_false_start_stands_in_the_result(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
     drive.prepare(make_setup(countdown=6.0))

@@ -132,6 +132,8 @@ def test_the_result_has_to_be_written_before_the_next_run() -> None:
     [
         ({"start_pose": StartPose(-1.0, 0, 0)}, "CCW side"),
         ({"start_pose": StartPose(0.0, 0, 0)}, "threshold"),
+        ({"start_pose": StartPose(1.5, float("nan"), 0)}, "start pose"),
+        ({"start_pose": StartPose(float("inf"), 0, 0)}, "start pose"),
         ({"subject": 0}, "subject"),
         ({"run_number": 1000}, "run number"),
         ({"timeout": 0.0}, "timeout"),

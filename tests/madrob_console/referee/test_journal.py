@@ -137,3 +137,31 @@ def test_a_damaged_line_is_named() -> None:
         act_of(Entry(1.0, Origin.REFEREE, "rule on a step", details={"step": 9}))
     with pytest.raises(MadrobError, match="run stops"):
         rebuild([Entry(1.0, Origin.CLOCK, "run stops", details={"outcome": "won"})])
+
+
+@pytest.mark.parametrize("text", ["robot\u2028never touched", "a\x85b", "a\u2029b", "\udcff"])
+def test_every_character_of_a_reason_survives(text: str, tmp_path: Path) -> None:
+    journal, path = Journal(), tmp_path / "journal.jsonl"
+    journal.open(path)
+    entry = Entry(1.0, Origin.REFEREE, "note", reason=text)
+    journal.append(entry, must_take_effect=False)
+    journal.close()
+    assert read_journal(path) == ((entry,), ())
+
+
+def test_a_disk_that_does_not_sync_refuses_a_note_and_keeps_an_abort(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_file: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    journal, path = Journal(), tmp_path / "journal.jsonl"
+    journal.open(path)
+    monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises(MadrobError, match="Input/output error"):
+        journal.append(line(1), must_take_effect=False)
+    assert journal.append(line(2), must_take_effect=True) is not None
+    assert journal.pending == (line(2),)
+    monkeypatch.undo()
+    assert journal.append(line(3), must_take_effect=True) is None
+    assert [e.what for e in read_journal(path)[0]][-2:] == ["line 2", "line 3"]
