@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from madrob_console.engine.record import RECORD_NAME, RunRecord
 from madrob_console.engine.recording import JOURNAL_FILE
 from madrob_console.engine.results import ending_of
@@ -16,6 +18,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
+from madrob_console.runs import RESULT_FILE
 from madrob_console.testbeds.messages import (
     REFEREE_EVENT_TOPIC,
     Decoder,
@@ -27,8 +30,9 @@ from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench import read_eurobench
-from scoring.evaluate import Result, Rows, with_remarks
+from scoring.evaluate import Assessment, Rows, with_remarks
 from scoring.published import evaluate_published
+from scoring.result import Result
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 
 
@@ -49,6 +53,23 @@ class RecordedRun:
     entries: tuple[Entry, ...]
     run: Run
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedRun:
+    """A run of the results folder, read back: where it stands, and its data."""
+
+    folder: Path
+    recorded: RecordedRun
+    assessment: Assessment
+
+
+class _StoredQuality(msgspec.Struct):
+    remarks: list[str]
+
+
+class _Stored(msgspec.Struct):
+    quality: _StoredQuality
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,8 +148,12 @@ def _journal_in(bag: Bag) -> Iterable[Entry]:
             yield Entry.from_json(decode_text(types, message.data))
 
 
-def _score_bag(path: Path, rules: RulesetName | None) -> ScoredPath:
-    recorded = read_recorded_run(path)
+def assess(recorded: RecordedRun, rules: RulesetName | None = None) -> Assessment:
+    """Follow a recorded run once more, to the end of its bag.
+
+    Raises:
+        RecorderError: the bag cannot be read.
+    """
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
     assessment = record.assessment(run.start, rules)
@@ -145,6 +170,42 @@ def _score_bag(path: Path, rules: RulesetName | None) -> ScoredPath:
             continue
         if sample is not None:
             assessment.feed(sample)
-    result, rows = assessment.result(ending_of(run), run.rulings)
-    remarks = (*run.remarks(), *recorded.remarks, *([bag.problem] if bag.problem else []))
-    return ScoredPath(path, with_remarks(result, remarks), rows)
+    for remark in (*recorded.remarks, *([bag.problem] if bag.problem else [])):
+        assessment.report_problem(remark)
+    return assessment
+
+
+def open_run(folder: Path) -> OpenedRun:
+    """Read a run of the results folder, to look at it and to go on with it.
+
+    What its stored result says of the data and the bag cannot tell (messages dropped on the way)
+    is kept.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    try:
+        recorded = read_recorded_run(folder)
+        assessment = assess(recorded)
+    except (RecorderError, ScoringError) as error:
+        raise MadrobError(str(error)) from None
+    known = {*assessment.quality().remarks, *recorded.run.remarks()}
+    for remark in _stored_remarks(folder):
+        if remark not in known:
+            assessment.report_problem(remark)
+    return OpenedRun(folder, recorded, assessment)
+
+
+def _stored_remarks(folder: Path) -> list[str]:
+    try:
+        stored = msgspec.json.decode((folder / RESULT_FILE).read_bytes(), type=_Stored)
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+        return []  # none was written, or it is damaged: it is made again
+    return stored.quality.remarks
+
+
+def _score_bag(path: Path, rules: RulesetName | None) -> ScoredPath:
+    recorded = read_recorded_run(path)
+    run = recorded.run
+    result, rows = assess(recorded, rules).result(ending_of(run), run.rulings)
+    return ScoredPath(path, with_remarks(result, run.remarks()), rows)

@@ -19,9 +19,9 @@ import yaml
 from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
-from scoring.indicators import Indicator
 from scoring.kinematics import LARGEST_GAP, JointState
 from scoring.protocol import Condition, Event, EventName
+from scoring.result import Indicator
 from scoring.rulesets import ruleset
 from scoring.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
 from scoring.tables import Table, parse_table

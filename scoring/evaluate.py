@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from scoring import indicators as pi
 from scoring.events import EventDetector
-from scoring.indicators import Indicator, IndicatorName
 from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
-from scoring.procedure import Procedure, Ruling, StepRecord, follow_procedure
+from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -32,60 +31,13 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, QualityCounter, missing_readings
-from scoring.rulesets import PROTOCOL, Ruleset, RulesetName
+from scoring.result import Ending, Indicator, IndicatorName, Result
+from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, Sample
 
 Array = NDArray[np.float64]
 
 _USED = {strip: tuple(s.element for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip}
-
-
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """How the run ended.
-
-    Attributes:
-        outcome: completed, timeout, aborted or interrupted.
-        reason: why, in words.
-        stop: s since the epoch; None for a run cut off by a failure of the machine.
-    """
-
-    outcome: Outcome
-    reason: str
-    stop: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """The result of one run (sections 6 and 7).
-
-    Attributes:
-        ruleset: the rules that made it.
-        condition: of the run.
-        ending: how it ended.
-        start: s since the epoch.
-        indicators: the eight, in the protocol's order.
-        steps: the six, with what sensors and referee say.
-        lock_detection: what decided step 6; never `AUTO`.
-        events: all events by time.
-        handle_zero: N, as set by the referee.
-        quality: of the data.
-    """
-
-    ruleset: RulesetName
-    condition: Condition
-    ending: Ending
-    start: float
-    indicators: tuple[Indicator, ...]
-    steps: tuple[StepRecord, ...]
-    lock_detection: LockDetection
-    events: tuple[Event, ...]
-    handle_zero: float
-    quality: Quality
-
-    def indicator(self, name: IndicatorName) -> Indicator:
-        """One of the eight."""
-        return next(i for i in self.indicators if i.name is name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,45 +7,19 @@ An indicator that cannot be computed has no value but a reason in words. Values 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.errors import ScoringError
 from scoring.protocol import Condition, Event, EventName, Step
+from scoring.result import Indicator, IndicatorName
 from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
 
 Steps = AbstractSet[Step] | tuple[Step, ...]
 """Steps that are done."""
 
-
-class IndicatorName(StrEnum):
-    """The indicators in the protocol's order, named like their files."""
-
-    EXECUTION_TIME = "execution_time"
-    TIME_TO_HANDLE = "time_to_handle"
-    DOOR_OCCUPATION_TIME = "door_occupation_time"
-    PASSAGE_TIME = "passage_time"
-    UNSAFETY_OF_DOOR_OPERATION = "unsafety_of_door_operation"
-    SMOOTHNESS_OF_DOOR_ACTUATION = "smoothness_of_door_actuation"
-    ROUGHNESS_OF_DOOR_ACTUATION = "roughness_of_door_actuation"
-    CAPABILITY_LEVEL = "capability_level"
-
-
-UNITS: Mapping[IndicatorName, str] = {
-    IndicatorName.EXECUTION_TIME: "s",
-    IndicatorName.TIME_TO_HANDLE: "s",
-    IndicatorName.DOOR_OCCUPATION_TIME: "s",
-    IndicatorName.PASSAGE_TIME: "s",
-    IndicatorName.UNSAFETY_OF_DOOR_OPERATION: "rad/s^2",
-    IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: "s^3/rad",
-    IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: "N",
-    IndicatorName.CAPABILITY_LEVEL: "steps",
-}
 
 SMOOTHNESS_SCALE = 10.0
 """Factor of the smoothness, "to rescale the values in a more comfortable range"."""
@@ -57,46 +31,6 @@ _NEVER_OPENED = "door never opened"
 _NEVER_CLOSED = "door never closed"
 _NEVER_APPROACHED = "robot never approached on the starting side"
 _NEVER_THROUGH = "robot never reached the destination side"
-
-
-@dataclass(frozen=True, slots=True)
-class Indicator:
-    """One performance indicator: a value, or the reason why there is none.
-
-    Attributes:
-        name: which one.
-        value: the value in `unit`; None where it cannot be computed.
-        unit: unit of the value.
-        reason: why there is no value, in words; None where there is one.
-
-    Raises:
-        ScoringError: there are both or neither of value and reason, or the value is not finite.
-    """
-
-    name: IndicatorName
-    value: float | int | None
-    unit: str
-    reason: str | None
-
-    def __post_init__(self) -> None:
-        if (self.value is None) == (self.reason is None):
-            raise ScoringError(f"{self.name}: give either a value or the reason why there is none")
-        if self.value is not None and not math.isfinite(self.value):
-            raise ScoringError(f"{self.name}: {self.value} is no value: give a reason instead")
-
-    @classmethod
-    def of(cls, name: IndicatorName, value: float) -> Indicator:
-        """An indicator with a value; a value that is not finite becomes a reason."""
-        if not math.isfinite(value):
-            return cls.missing(name, "out of the range of numbers")
-        # numpy scalars would be written as object tags by YAML
-        plain = int(value) if name is IndicatorName.CAPABILITY_LEVEL else float(value)
-        return cls(name, plain, UNITS[name], None)
-
-    @classmethod
-    def missing(cls, name: IndicatorName, reason: str) -> Indicator:
-        """An indicator without a value."""
-        return cls(name, None, UNITS[name], reason)
 
 
 def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:

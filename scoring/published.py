@@ -9,19 +9,12 @@ import math
 from collections.abc import Sequence
 
 from scoring.eurobench import EurobenchRun, door_stays_closed, recorded_until
-from scoring.evaluate import (
-    Ending,
-    Result,
-    Rows,
-    completed_by_settling,
-    compute_indicators,
-    cut_rows,
-    process_rows,
-)
+from scoring.evaluate import Rows, completed_by_settling, compute_indicators, cut_rows, process_rows
 from scoring.events import Edge, Evidence
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
 from scoring.quality import Quality
+from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from madrob_console.cli import software_version
 from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings, load_settings
-from madrob_console.engine.engine import Engine, EngineConfig
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
 from madrob_console.engine.replaying import ReplayingEngine
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.messages import MessageTypes

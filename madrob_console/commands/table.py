@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from madrob_console.engine.results import MANUAL_START
-from scoring.evaluate import Result
+from scoring.result import Result
 
 
 def result_lines(result: Result) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from madrob_console.clock import Clock
 from madrob_console.engine.log import EventLog
@@ -56,6 +57,33 @@ class Chronicle:
         now_ns = self._clock.now_ns()
         self._record([replace(message, receive_ns=now_ns) for message in self._early])
         self._early = []
+
+    def reopen(self, folder: Path, entries: Sequence[Entry]) -> None:
+        """Put the run at hand away and go on with the journal of an earlier one.
+
+        Args:
+            folder: the run's folder.
+            entries: its journal so far; written down where the folder has none.
+
+        Raises:
+            MadrobError: another program writes it, or the folder refuses.
+        """
+        path, journal = folder / JOURNAL_FILE, Journal()
+        try:
+            try:
+                journal.reopen(path)
+            except FileNotFoundError:
+                for entry in entries:
+                    journal.append(entry, must_take_effect=True)
+                journal.open(path)
+        except BlockingIOError:
+            raise MadrobError(f"{folder.name}: another console works on this run") from None
+        except OSError as error:
+            raise MadrobError(
+                f"{path}: cannot be written ({error.strerror}); `madrob score` reads such a run"
+            ) from None
+        self.begin()
+        self._journal = journal
 
     def detach(self) -> None:
         """The bag is about to be closed; the journal goes on."""

@@ -7,17 +7,19 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from madrob_console.clock import Clock, seconds
 from madrob_console.engine.chronicle import Chronicle
+from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.course import Course, Happening
 from madrob_console.engine.log import EventLog
+from madrob_console.engine.pre_start import PreStart
 from madrob_console.engine.record import RunRecord
 from madrob_console.engine.recording import Recording
 from madrob_console.engine.results import Scored, ending_of, write_results
-from madrob_console.engine.sensors import SensorLimits, Sensors
+from madrob_console.engine.sensors import Sensors
 from madrob_console.engine.snapshot import RecorderView, Snapshot
 from madrob_console.engine.view import (
     NO_STEPS,
@@ -37,49 +39,23 @@ from madrob_console.referee.acts import (
     SetUp,
     Situation,
     Start,
+    ZeroHandle,
 )
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.rebuild import Change, act_details
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import stop
-from madrob_console.runs import free_space, next_run_number
-from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes, TopicMapping
+from madrob_console.rescore import OpenedRun
+from madrob_console.runs import next_run_number
+from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes
 from madrob_console.testbeds.source import Source, SourceKind
 from recorder.message import RawMessage
-from scoring.evaluate import with_remarks
+from scoring.evaluate import Assessment, with_remarks
 from scoring.procedure import Procedure
-from scoring.protocol import Outcome, Thresholds
+from scoring.protocol import Outcome
 
 POST_ROLL = 1.0
 """Recording goes on this long after the stop is decided, s (protocol section 3)."""
-
-_DISK_PERIOD = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class EngineConfig:
-    """What an engine needs to know.
-
-    Attributes:
-        results: the results folder.
-        mappings: which topic carries which signal.
-        thresholds: the testbed's numbers.
-        limits: what counts as a healthy testbed.
-        competition: its name.
-        version: of the software.
-        disk_needed: bytes that must be free before a start.
-        lossless: wait for the disk instead of dropping messages (virtual time).
-    """
-
-    results: Path
-    mappings: tuple[TopicMapping, ...]
-    thresholds: Thresholds = field(default_factory=Thresholds)
-    limits: SensorLimits = field(default_factory=SensorLimits)
-    competition: str = ""
-    version: str = ""
-    disk_needed: int = 500_000_000
-    lossless: bool = False
 
 
 class Engine:
@@ -101,19 +77,20 @@ class Engine:
         self._chronicle = Chronicle(source, clock)
         self._decoder = Decoder(config.mappings, types)
         self._sensors = Sensors(config.mappings, config.thresholds, config.limits)
+        self._pre_start = PreStart(config, self._sensors)
         self._run = Run()
         self._recording: Recording | None = None
         self._recorder_view = RecorderView("closed")
         self._record: RunRecord | None = None
         self._folder: Path | None = None
         self._course: Course | None = None
+        self._opened: OpenedRun | None = None
+        self._kept_zero = 0.0
         self._procedure: Procedure | None = None
         self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
         self._result_problem: str | None = None
-        self._disk_free: int | None = None
-        self._disk_asked: float | None = None
 
     # ------------------------------------------------------------------ for the owner
 
@@ -178,6 +155,38 @@ class Engine:
         """
         return next_run_number(self.config.results, subject, condition_number)
 
+    def open_run(self, opened: OpenedRun) -> str | None:
+        """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
+
+        A run that was cut off is stopped as interrupted, and scored.
+
+        Returns:
+            Why that is not possible now, in words; None when it is done.
+
+        Raises:
+            MadrobError: another console works on it, or its folder refuses.
+        """
+        if self._run.active:
+            return "a run is going on"
+        if self._run.phase is Phase.STOPPED and self._scored is None:
+            return "the result of the last run is being written"
+        if opened.folder == self._folder:
+            return None
+        recorded = opened.recorded
+        self._chronicle.reopen(opened.folder, recorded.entries)
+        if self._opened is None:
+            self._kept_zero = self._run.handle_zero
+        self._clear()
+        self._opened, self._record, self._folder = opened, recorded.record, opened.folder
+        self._run = recorded.run
+        if self._run.active:
+            self._interrupt("the program or the machine failed", recorded.entries[-1].time)
+            self._decided = None
+        written = self._run.issue > 0
+        self._run = replace(self._run, issue=max(1, self._run.issue))
+        self._score(write=not written)
+        return None
+
     # ------------------------------------------------------------------ messages
 
     def _receive(self, message: RawMessage) -> None:
@@ -203,7 +212,7 @@ class Engine:
         now = self.now()
         return Situation(
             run=self._run,
-            checks=self._checks(now),
+            checks=self._pre_start.checks(self._run, self.source.status(), now),
             handle_mean=self._sensors.handle_mean(now),
             scored=self._scored is not None,
         )
@@ -243,6 +252,9 @@ class Engine:
 
     def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
         if isinstance(act, SetUp):
+            if self._opened is not None:  # its handle zero is of its day
+                situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
+            self._chronicle.begin()
             self._clear()
         run = act.apply(situation, at)
         try:
@@ -260,6 +272,8 @@ class Engine:
     def _follow_up(self, act: Act, before: Run) -> None:
         """What an act brings with it, once it has taken effect."""
         run = self._run
+        if isinstance(act, ZeroHandle):
+            self._kept_zero = run.handle_zero
         if isinstance(act, SetUp):
             self.source.configure(act.setup.condition)
             self._chronicle.announce_start_pose(act.setup.start_pose)
@@ -287,10 +301,10 @@ class Engine:
 
     def _clear(self) -> None:
         """A clean next run: nothing of the one before stays."""
-        self._chronicle.begin()
         self._record = None
         self._folder = None
         self._course = None
+        self._opened = None
         self._procedure = None
         self._scored = None
         self._result_problem = None
@@ -363,9 +377,9 @@ class Engine:
         if run.phase is not before.phase:
             self._chronicle.announce_state(run)
 
-    def _interrupt(self, reason: str) -> None:
-        """The run is cut off by no decision of sensors, clock or referee."""
-        at, outcome = self.now(), Outcome.INTERRUPTED
+    def _interrupt(self, reason: str, at: float | None = None) -> None:
+        """The run is cut off by no decision of sensors, clock or referee; `at` = None: now."""
+        at, outcome = at or self.now(), Outcome.INTERRUPTED
         details = {"outcome": outcome, "time": at}
         stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
         self._go_on(stop(self._run, outcome, at, reason), [stopped])
@@ -383,11 +397,16 @@ class Engine:
         self._run = replace(self._run, issue=1)
         self._score(recording.dropped())
 
-    def _score(self, dropped: dict[str, int] | None = None) -> None:
-        run, record, course = self._run, self._record, self._course
+    @property
+    def _assessment(self) -> Assessment | None:
+        if self._opened is not None:
+            return self._opened.assessment
+        return None if self._course is None else self._course.assessment
+
+    def _score(self, dropped: dict[str, int] | None = None, *, write: bool = True) -> None:
+        run, record, assessment = self._run, self._record, self._assessment
         assert record is not None
-        assert course is not None
-        assessment = course.assessment
+        assert assessment is not None
         for topic, count in (dropped or {}).items():
             if count:
                 assessment.report_problem(f"{topic}: {count} messages are not in the recording")
@@ -399,15 +418,19 @@ class Engine:
         result, rows = assessment.result(ending, run.rulings)
         scored = Scored(record, run, with_remarks(result, run.remarks()), rows)
         self._procedure = assessment.procedure(run.rulings, run.stop)
+        if write:
+            self._write(scored)
+        self._scored = scored
+
+    def _write(self, scored: Scored) -> None:
         try:
             assert self._folder is not None
             write_results(self._folder, scored)
             self._result_problem = None
-            details = {"issue": run.issue}
+            details = {"issue": scored.run.issue}
             self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
         except MadrobError as error:
             self._result_problem = f"the result is NOT on disk: {error}"
-        self._scored = scored
 
     def _lost(self) -> dict[str, int]:
         """Messages lost on the way since the source was opened, where that is known."""
@@ -426,35 +449,11 @@ class Engine:
 
     # ------------------------------------------------------------------ what it shows
 
-    def _checks(self, now: float) -> tuple[Check, ...]:
-        force = self._sensors.force(now)
-        thresholds = self.config.thresholds
-        readings = Readings(
-            topic_problems=self._sensors.topic_problems(self.source.status(), now),
-            angle=self._sensors.angle(now),
-            closed_angle=thresholds.closed_angle,
-            force=None if force is None else force - self._run.handle_zero,
-            rest_force=thresholds.touch_force / 2,
-            occupied=self._sensors.occupied(now),
-            skew=self._sensors.skew(now),
-            largest_skew=self.config.limits.skew,
-            disk_free=self._free_disk(now),
-            disk_needed=self.config.disk_needed,
-            recorder_problem=None,
-        )
-        return preflight(readings, self._run)
-
-    def _free_disk(self, now: float) -> int | None:
-        if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
-            self._disk_free = free_space(self.config.results)
-            self._disk_asked = now
-        return self._disk_free
-
     def snapshot(self) -> Snapshot:
         """Everything that a screen shows, now."""
         now = self.now()
         run, sensors = self._run, self._sensors
-        assessment = self._course.assessment if self._course else None
+        assessment = self._assessment
         situation = self.situation()
         recorder = self._recording.view() if self._recording else self._recorder_view
         dropped = self._recording.dropped() if self._recording else {}
@@ -482,12 +481,14 @@ class Engine:
             passage=sensors.passage_view(now),
             topics=topics,
             recorder=recorder,
-            disk_free=self._free_disk(now),
+            disk_free=self._pre_start.free_disk(now),
             faults=faults(
                 topics, recorder, door, run, (self._chronicle.problem, self._result_problem)
             ),
             provisional=assessment.provisional() if assessment and run.start else {},
             log=self.log.lines,
             result=self._scored.result if self._scored else None,
+            result_source=self._scored.record.source if self._scored else None,
+            opened=self._opened is not None,
             folder=str(self._folder) if self._folder else None,
         )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 
-from madrob_console.engine.engine import Engine, EngineConfig
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
 from madrob_console.engine.record import RECORD_NAME, RunRecord
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act, Finalise, Reissue, SetUp
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import act_of
 from madrob_console.referee.run import Run
+from madrob_console.rescore import OpenedRun
 from madrob_console.testbeds.messages import MessageTypes
 from madrob_console.testbeds.replay import ReplaySource
 
@@ -46,6 +48,10 @@ class ReplayingEngine(Engine):
         acts = ((entry.time, act_of(entry)) for entry in entries)
         self._acts = deque((time, act) for time, act in acts if act is not None)
         self._run = Run(handle_zero=self._recorded.handle_zero)
+
+    def open_run(self, opened: OpenedRun) -> str | None:
+        """Refused: a replay shows its own run."""
+        return "a replay shows its own run: leave it to open another one"
 
     def step(self, timeout: float) -> None:
         """Go on by `timeout` s of recorded time, or to the next act."""

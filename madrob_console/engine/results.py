@@ -14,8 +14,9 @@ from madrob_console.referee.run import Run
 from madrob_console.runs import RESULT_FILE, atomic_write
 from scoring.errors import ScoringError
 from scoring.eurobench import Wrench, write_run_files
-from scoring.evaluate import Ending, Result, Rows
+from scoring.evaluate import Rows
 from scoring.protocol import Outcome
+from scoring.result import Ending, Result
 from scoring.run_info import RunInfo
 
 FORMAT = 1

@@ -9,9 +9,9 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.source import SourceKind
-from scoring.evaluate import Result
 from scoring.procedure import StepRecord
 from scoring.protocol import Side
+from scoring.result import Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +151,8 @@ class Snapshot:
         provisional: indicator file name -> value (s) of the time indicators known so far.
         log: the last 200 lines.
         result: once it is written to disk.
+        result_source: what the result was measured on; None without one.
+        opened: whether it is an earlier run, opened again.
         folder: the run folder as text, once it exists.
     """
 
@@ -177,4 +179,6 @@ class Snapshot:
     provisional: dict[str, float] = field(default_factory=dict)
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
+    result_source: SourceKind | None = None
+    opened: bool = False
     folder: str | None = None

@@ -6,6 +6,7 @@ A line is on disk before what it says takes effect. A torn last line is set asid
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 from dataclasses import dataclass, field
@@ -71,6 +72,9 @@ class Entry:
             raise MadrobError(f"not a journal line ({error}): {line[:60]!r}") from None
 
 
+_FLAGS = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
 class Journal:
     """Appends to a file; every line is synced before `append` returns.
 
@@ -91,12 +95,31 @@ class Journal:
     def open(self, path: Path) -> None:
         """Create the file and write what is pending.
 
+        The file is locked, so that nobody else takes the run for one that was cut off.
+
         Raises:
             OSError: the file exists or cannot be written.
         """
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
-        self._file = os.open(path, flags, 0o644)
+        self._file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o644)
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._write()
+
+    def reopen(self, path: Path) -> None:
+        """Go on in the file of an earlier run; a torn last line stays by itself.
+
+        Raises:
+            BlockingIOError: another program writes it.
+            OSError: there is none or it cannot be written.
+        """
+        file = os.open(path, _FLAGS)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            size = os.fstat(file).st_size
+            self._torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
+        except OSError:
+            os.close(file)
+            raise
+        self._file = file
 
     def append(self, entry: Entry, *, must_take_effect: bool) -> str | None:
         """Add a line.

@@ -20,9 +20,9 @@ from scoring.eurobench import (
     read_run,
     write_run_files,
 )
-from scoring.indicators import Indicator, IndicatorName
 from scoring.kinematics import JointState, joint_state
 from scoring.protocol import Condition, Event, EventName, StartPose
+from scoring.result import Indicator, IndicatorName
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName
 from scoring.run_info import RunInfo
 

@@ -6,10 +6,9 @@ import math
 
 import pytest
 
-from scoring.evaluate import Ending, Result
-from scoring.indicators import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
+from scoring.result import Ending, IndicatorName, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.samples import Sample
 from tests.scoring.runs import START, assessment, door, handle, passage_through

@@ -9,9 +9,6 @@ from hypothesis import strategies as st
 
 from scoring.errors import ScoringError
 from scoring.indicators import (
-    UNITS,
-    Indicator,
-    IndicatorName,
     capability_level,
     door_occupation_time,
     execution_time,
@@ -23,6 +20,7 @@ from scoring.indicators import (
 )
 from scoring.kinematics import jerk, joint_state, low_pass
 from scoring.protocol import Condition, Event, EventName, Side, Step
+from scoring.result import UNITS, Indicator, IndicatorName
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
 CCW_TO_CW = Condition.from_number(1)

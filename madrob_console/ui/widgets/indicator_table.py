@@ -10,7 +10,7 @@ from madrob_console.ui.words import wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from scoring.indicators import Indicator
+    from scoring.result import Indicator
 
 _NAME = 29
 

@@ -12,7 +12,7 @@ from madrob_console.ui.words import OUTCOMES, condition_text, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from scoring.evaluate import Result
+    from scoring.result import Result
 
 
 class ResultHead(View):

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from madrob_console.clock import VirtualClock
-from madrob_console.engine.engine import Engine, EngineConfig
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes

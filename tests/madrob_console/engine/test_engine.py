@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.engine import EngineConfig
+from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.replaying import ReplayingEngine
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import (
@@ -37,9 +37,8 @@ from madrob_console.testbeds.replay import ReplaySource
 from madrob_console.testbeds.simulation import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag
-from scoring.evaluate import Result
-from scoring.indicators import IndicatorName
 from scoring.protocol import Condition, LockDetection, Outcome, Step
+from scoring.result import IndicatorName, Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 

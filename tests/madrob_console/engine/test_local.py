@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.clock import SystemClock
-from madrob_console.engine.engine import Engine, EngineConfig
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
 from madrob_console.engine.local import LocalEngine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, ZeroHandle

@@ -15,9 +15,8 @@ from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, Decoder, MessageT
 from madrob_console.testbeds.simulation import Scenario
 from madrob_console.testbeds.simulation.truth import Truth
 from recorder.reader import read_bag
-from scoring.evaluate import Result
-from scoring.indicators import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
+from scoring.result import IndicatorName, Result
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 TIMEOUT = 60.0

@@ -23,8 +23,6 @@ from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
 from madrob_console.referee.transitions import begin_run, stop
 from madrob_console.testbeds.source import SourceKind
-from scoring.evaluate import Ending, Result
-from scoring.indicators import UNITS, Indicator, IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,
@@ -37,6 +35,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, SignalQuality
+from scoring.result import UNITS, Ending, Indicator, IndicatorName, Result
 
 EPOCH = 1_700_000_000.0
 TOPICS = (

@@ -1,0 +1,179 @@
+"""Opening an earlier run again: the referee goes on with it where it stands."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from madrob_console.engine.engine import Engine
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
+from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.rescore import open_run
+from scoring.protocol import Outcome, Step
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+
+def finished(results: Path, run_number: int = 1) -> Path:
+    """A completed run on disk."""
+    drive = Drive(results)
+    drive.whole_run(make_setup(run_number=run_number))
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+def cut_off(results: Path) -> Path:
+    """A run whose engine was killed: no stop in the journal, no result, no end of the bag."""
+    drive = Drive(results)
+    drive.start(make_setup())
+    drive.wait(6.0)
+    folder = drive.engine.folder
+    assert folder is not None
+    time.sleep(0.6)  # the recorder syncs by the wall clock
+    copy = results / "copy"
+    shutil.copytree(folder, copy)
+    drive.engine.close()
+    shutil.rmtree(folder)
+    copy.rename(folder)
+    return folder
+
+
+def shown(engine: Engine, folder: Path) -> None:
+    assert engine.open_run(open_run(folder)) is None
+
+
+def test_an_opened_run_shows_the_same_digits_and_writes_nothing(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup())
+    folder, live = drive.engine.folder, drive.engine.scored
+    assert folder is not None
+    assert live is not None
+    drive.engine.close()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    later = Drive(tmp_path)
+    shown(later.engine, folder)
+    snapshot = later.engine.snapshot()
+    assert snapshot.opened
+    assert snapshot.result == live.result
+    assert snapshot.run.phase is Phase.STOPPED
+    assert snapshot.run.issue == 1
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    later.engine.close()
+
+
+def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
+    tmp_path: Path,
+) -> None:
+    folder = finished(tmp_path)
+    drive = Drive(tmp_path)
+    shown(drive.engine, folder)
+    drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.PROTESTED, "Ada", "no"))
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    assert document["indicators"]["capability_level"]["value"] == 3
+    assert document["closure"]["team_word"] == "protested"
+    drive.engine.close()
+
+    again = Drive(tmp_path)
+    shown(again.engine, folder)
+    assert again.engine.run.phase is Phase.FINAL
+    again.act(Reissue("video"), Rule(Step.CROSS, True, "video"))
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    assert document["issue"] == 2
+    assert document["indicators"]["capability_level"]["value"] == 6
+    assert (folder / "result_issue_1.json").exists()
+    again.engine.close()
+
+
+def test_a_run_that_was_cut_off_is_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:
+    folder = cut_off(tmp_path)
+    drive = Drive(tmp_path)
+    shown(drive.engine, folder)
+    snapshot = drive.engine.snapshot()
+    assert snapshot.run.outcome is Outcome.INTERRUPTED
+    assert snapshot.elapsed is not None
+    assert 0 < snapshot.elapsed < 10
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    assert document["outcome"] == "interrupted"
+    assert document["indicators"]["time_to_handle"]["value"] is not None
+    drive.engine.close()
+    once_more = Drive(tmp_path)
+    shown(once_more.engine, folder)
+    assert once_more.engine.run.outcome is Outcome.INTERRUPTED
+    once_more.engine.close()
+
+
+def test_a_run_that_goes_on_in_another_console_cannot_be_opened(tmp_path: Path) -> None:
+    running, other = Drive(tmp_path), Drive(tmp_path)
+    running.start(make_setup())
+    running.wait(1.0)
+    assert running.engine.folder is not None
+    with pytest.raises(MadrobError, match="another console works on this run"):
+        other.engine.open_run(open_run(running.engine.folder))
+    assert other.engine.run.phase is Phase.IDLE
+    running.finish()
+    for drive in (running, other):
+        drive.engine.close()
+
+
+def test_no_run_is_opened_while_one_goes_on(tmp_path: Path) -> None:
+    folder = finished(tmp_path)
+    drive = Drive(tmp_path)
+    drive.start(make_setup(run_number=2))
+    opened = open_run(folder)
+    assert drive.engine.open_run(opened) == "a run is going on"
+    drive.act(Abort("enough"))
+    assert drive.engine.open_run(opened) == "the result of the last run is being written"
+    drive.finish()
+    assert drive.engine.open_run(opened) is None
+    drive.engine.close()
+
+
+def test_the_handle_zero_of_today_outlives_a_look_at_an_earlier_run(tmp_path: Path) -> None:
+    folder = finished(tmp_path)
+    drive = Drive(tmp_path)
+    drive.prepare(make_setup(run_number=2))
+    zero = drive.engine.run.handle_zero
+    shown(drive.engine, folder)
+    drive.act(SetUp(make_setup(run_number=2)))
+    assert drive.engine.run.handle_zero == zero != 0
+    assert not drive.engine.snapshot().opened
+    drive.engine.close()
+
+
+def test_remarks_that_only_the_stored_result_knows_are_kept(tmp_path: Path) -> None:
+    folder = finished(tmp_path)
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    document["quality"]["remarks"].append("/madrob/door/angle: 3 messages were lost on the way")
+    (folder / "result.json").write_bytes(msgspec.json.encode(document))
+    drive = Drive(tmp_path)
+    shown(drive.engine, folder)
+    result = drive.engine.snapshot().result
+    assert result is not None
+    assert result.quality.remarks == ("/madrob/door/angle: 3 messages were lost on the way",)
+    drive.engine.close()
+
+
+def test_a_folder_without_its_journal_gets_one_again(tmp_path: Path) -> None:
+    folder = finished(tmp_path)
+    (folder / "journal.jsonl").unlink()
+    drive = Drive(tmp_path)
+    shown(drive.engine, folder)
+    drive.act(Finalise(TeamWord.ABSENT, "Ada"))
+    drive.engine.close()
+    again = Drive(tmp_path)
+    shown(again.engine, folder)
+    assert again.engine.run.phase is Phase.FINAL
+    again.engine.close()
+
+
+def test_a_folder_without_a_bag_is_refused_in_one_line(tmp_path: Path) -> None:
+    empty = tmp_path / "subject_003_cond_001_run_001_20231114_221320"
+    empty.mkdir()
+    with pytest.raises(MadrobError, match="run_001") as refused:
+        open_run(empty)
+    assert "\n" not in str(refused.value)
