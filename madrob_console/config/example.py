@@ -14,7 +14,7 @@ from madrob_console.config.shape import description, fields, plain
 from scoring.protocol import Signal
 
 _LISTS_HELP = """\
-# The teams, by subject number.
+# The teams, by subject number. One that stands here counts, whatever the teams file says.
 #[[teams]]
 #subject = 3
 #name = "Team Walker"

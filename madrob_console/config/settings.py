@@ -16,6 +16,7 @@ from madrob_console.config.tables import (
     DEFAULT_START_POSES,
     Checks,
     Competition,
+    ConsoleSettings,
     Freshness,
     Results,
     RunDefaults,
@@ -49,6 +50,7 @@ class Settings(Table, frozen=True):
     freshness: Freshness = Freshness()
     checks: Checks = Checks()
     results: Results = Results()
+    console: ConsoleSettings = ConsoleSettings()
     simulated: Simulated = Simulated()
 
     def __post_init__(self) -> None:

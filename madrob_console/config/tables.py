@@ -11,6 +11,7 @@ from msgspec.structs import force_setattr
 
 from madrob_console.names import clean_name
 from madrob_console.testbeds.source import SourceKind
+from madrob_console.theme_name import ThemeName
 from scoring.protocol import LockDetection, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
@@ -34,10 +35,21 @@ class Competition(Table, frozen=True):
 
     name: Annotated[str, Meta(description="stands on screens and in reports")] = ""
     referee: Annotated[str, Meta(description="the referee's name, proposed at set-up")] = ""
+    teams_file: Annotated[str, Meta(description="CSV file with lines `subject,team`")] = ""
+    best_runs: Annotated[
+        int, Meta(ge=0, le=100, description="how many of the best runs count; 0 = all of them")
+    ] = 0
 
     def __post_init__(self) -> None:
         for key in ("name", "referee"):
             force_setattr(self, key, clean_name(getattr(self, key), key))
+        if self.teams_file:
+            _demand_whole_path("teams_file", self.teams_file)
+
+    @property
+    def teams_path(self) -> Path | None:
+        """The teams file, if there is one."""
+        return Path(self.teams_file).expanduser() if self.teams_file else None
 
 
 class RunDefaults(Table, frozen=True):
@@ -177,10 +189,30 @@ class Results(Table, frozen=True):
     )
 
     def __post_init__(self) -> None:
-        if not Path(self.folder).expanduser().is_absolute():
-            raise ValueError("folder: begin it with / or ~/")
+        _demand_whole_path("folder", self.folder)
 
     @property
     def root(self) -> Path:
         """The results folder."""
         return Path(self.folder).expanduser()
+
+
+class ConsoleSettings(Table, frozen=True):
+    """[console]: the referee's screens."""
+
+    theme: Annotated[ThemeName, Meta(description="dark, light or high-contrast")] = ThemeName.DARK
+    bell: Annotated[bool, Meta(description="ring at start, stop and fault")] = True
+    mouse: Annotated[bool, Meta(description="false leaves the mouse to the terminal")] = True
+    ascii: (
+        Annotated[bool, Meta(description="draw with ASCII only; found out when not set")] | None
+    ) = None
+
+
+def _demand_whole_path(key: str, path: str) -> None:
+    """A path that means the same wherever the console is started."""
+    try:
+        whole = Path(path).expanduser()
+    except RuntimeError:  # `~name` of a user that does not exist
+        whole = Path(path)
+    if not whole.is_absolute():
+        raise ValueError(f"{key}: begin it with / or ~/")

@@ -17,7 +17,8 @@ from madrob_console.config import (
     load_settings,
     parse_settings,
 )
-from madrob_console.engine.engine import EngineConfig
+from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.sensors import SensorLimits
 from madrob_console.errors import MadrobError
 from madrob_console.referee.run import RunSetup
@@ -26,6 +27,7 @@ from madrob_console.testbeds.simulation.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulation.scenarios import RobotSettings
 from madrob_console.testbeds.simulation.sensors import SensorSettings
 from madrob_console.testbeds.source import SourceKind
+from madrob_console.theme_name import ThemeName
 from madrob_console.ui.defaults import POSE_PRESETS, PosePreset
 from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
@@ -60,6 +62,7 @@ def test_without_a_file_everything_is_as_the_protocol_has_it(home: Path) -> None
     for name in ("timeout", "countdown", "lock_detection", "ruleset"):
         assert getattr(settings.run, name) == set_up[name]
     assert settings.results.root == home / "madrob_runs"
+    assert settings.competition.teams_path is None
 
 
 def test_the_file_is_looked_for_in_the_users_configuration(home: Path) -> None:
@@ -77,6 +80,8 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         [competition]
         name = "Robot  Cup\\u001b[31m"
         referee = "../Ada"
+        teams_file = "~/cup/teams.csv"
+        best_runs = 3
         [run]
         countdown = 3
         lock_detection = "referee"
@@ -104,6 +109,11 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         largest_skew = 0.2
         [results]
         folder = "/data/runs"
+        [console]
+        theme = "high-contrast"
+        bell = false
+        mouse = false
+        ascii = true
         [simulated.door]
         doorway_width = 1.2
         [simulated.sensors]
@@ -114,6 +124,8 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     )
     assert settings.competition.name == "Robot Cup"
     assert settings.competition.referee == "Ada"
+    assert settings.competition.teams_path == Path.home() / "cup" / "teams.csv"
+    assert settings.competition.best_runs == 3
     assert settings.run.countdown == 3.0
     assert settings.run.timeout == 300.0
     assert settings.run.lock_detection is LockDetection.REFEREE
@@ -127,6 +139,9 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     assert settings.scoring_thresholds() == Thresholds(touch_force=3.0, mask_from=(0, 0, 0, 0, 0))
     assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0, skew=0.2)
     assert settings.results.root == Path("/data/runs")
+    assert settings.console == ConsoleSettings(
+        theme=ThemeName.HIGH_CONTRAST, bell=False, mouse=False, ascii=True
+    )
     assert settings.door_geometry() == DoorGeometry(
         doorway_width=1.2, thresholds=settings.scoring_thresholds()
     )
@@ -219,6 +234,21 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
         ("[thresholds]\npresent_height = 3", "thresholds: present_height: must be below"),
         ("[freshness]\nlost = 0.1", "freshness: lost: must not be below fresh"),
         ("[results]\nfolder = 'runs'", "results: folder: begin it with / or ~/"),
+        ("[results]\nfolder = '~nobody-of-that-name/a'", "results: folder: begin it with / or ~/"),
+        (
+            "[competition]\nteams_file = 'teams.csv'",
+            "competition: teams_file: begin it with / or ~/",
+        ),
+        (
+            "[competition]\nbest_runs = 101",
+            "competition.best_runs: expected a whole number <= 100",
+        ),
+        (
+            "[console]\ntheme = 'solarized'",
+            "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
+        ),
+        ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
+        ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
         ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
         ("[competition]\nreferee = '" + "x" * 99 + "'", "referee has 99 characters: use at most"),
         ("[run", "is not TOML: "),
@@ -281,8 +311,9 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
     for listed in ("topics", "teams", "start_poses"):
         assert shown.pop(listed)
         del defaults[listed]
-    assert [line.split()[0] for line in unset] == ["#kind", "#domain", "#start_distance"]
+    assert [line.split()[0] for line in unset] == ["#kind", "#domain", "#ascii", "#start_distance"]
     assert defaults["simulated"]["robot"].pop("start_distance") is None
+    assert defaults["console"].pop("ascii") is None
     assert defaults.pop("testbed") == {"kind": None, "domain": None}
     assert shown.pop("testbed") == {}
     assert shown == defaults

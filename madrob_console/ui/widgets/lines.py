@@ -74,6 +74,11 @@ class Lines(Widget):
 
     _drawn: tuple[Line, ...] = ()
 
+    @property
+    def ascii_only(self) -> bool:
+        """Whether to draw shapes that are made for ASCII; single signs are brought down anyway."""
+        return self.is_attached and bool(getattr(self.app, "ascii", False))
+
     def lines(self, width: int) -> Sequence[Line]:
         """What to show in `width` cells."""
         raise NotImplementedError

@@ -26,6 +26,21 @@ _GLYPHS = {
     ".": (" ", " ", "▀"),
     "-": ("   ", "▀▀▀", "   "),
 }
+_ASCII_GLYPHS = {
+    "0": (" _ ", "| |", "|_|"),
+    "1": ("   ", "  |", "  |"),
+    "2": (" _ ", " _|", "|_ "),
+    "3": (" _ ", " _|", " _|"),
+    "4": ("   ", "|_|", "  |"),
+    "5": (" _ ", "|_ ", " _|"),
+    "6": (" _ ", "|_ ", "|_|"),
+    "7": (" _ ", "  |", "  |"),
+    "8": (" _ ", "|_|", "|_|"),
+    "9": (" _ ", "|_|", " _|"),
+    ":": (" ", ".", "."),
+    ".": (" ", " ", "."),
+    "-": ("   ", " _ ", "   "),
+}
 
 
 class RunClock(View):
@@ -38,7 +53,7 @@ class RunClock(View):
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Three rows, to the right; plain digits where there is no room for large ones."""
         seconds, _ = _split(snapshot)
-        rows = large_digits(seconds)
+        rows = large_digits(seconds, ascii_only=self.ascii_only)
         if len(rows[0]) > width:
             rows = ("", seconds, "")
         return [line(Span(f"{row:>{width}}", _tone(snapshot))) for row in rows]
@@ -50,7 +65,8 @@ class RunTenths(View):
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Three rows."""
         _, tenths = _split(snapshot)
-        return [line(Span(f" {row}", _tone(snapshot))) for row in large_digits(tenths)]
+        rows = large_digits(tenths, ascii_only=self.ascii_only)
+        return [line(Span(f" {row}", _tone(snapshot))) for row in rows]
 
 
 def _split(snapshot: Snapshot) -> tuple[str, str]:
@@ -62,8 +78,8 @@ def _tone(snapshot: Snapshot) -> Tone:
     return Tone.WARN if snapshot.elapsed is not None and snapshot.elapsed < 0 else Tone.STRONG
 
 
-def large_digits(text: str) -> tuple[str, str, str]:
-    """Three rows of block characters that read as `text`."""
-    glyphs = [_GLYPHS[char] for char in text]
+def large_digits(text: str, *, ascii_only: bool = False) -> tuple[str, str, str]:
+    """Three rows of block characters, or of bars, that read as `text`."""
+    glyphs = [(_ASCII_GLYPHS if ascii_only else _GLYPHS)[char] for char in text]
     first, second, third = (" ".join(glyph[row] for glyph in glyphs) for row in range(3))
     return first, second, third

@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path, PurePath
+from typing import ClassVar
+
+import pytest
+from rich.color import Color, ColorSystem
+from rich.segment import Segment
+from rich.style import Style
+from rich.terminal_theme import TerminalTheme
+from textual.app import App, ComposeResult
+from textual.color import WHITE
+from textual.containers import Vertical
+from textual.screen import Screen
+from textual.theme import BUILTIN_THEMES, Theme
+
+import madrob_console.ui
+from madrob_console.theme_name import ThemeName
+from madrob_console.ui.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.widgets.field import Field
+from madrob_console.ui.widgets.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
+
+UI = Path(next(iter(madrob_console.ui.__path__)))
+Rgb = tuple[int, int, int]
+LEAST = {ThemeName.DARK: 4.5, ThemeName.LIGHT: 4.5, ThemeName.HIGH_CONTRAST: 7.0}
+XTERM = (
+    *((0, 0, 0), (205, 0, 0), (0, 205, 0), (205, 205, 0)),
+    *((0, 0, 238), (205, 0, 205), (0, 205, 205), (229, 229, 229)),
+    *((127, 127, 127), (255, 0, 0), (0, 255, 0), (255, 255, 0)),
+    *((92, 92, 255), (255, 0, 255), (0, 255, 255), (255, 255, 255)),
+)
+CONSOLE = (
+    *((0, 0, 0), (170, 0, 0), (0, 170, 0), (170, 85, 0)),
+    *((0, 0, 170), (170, 0, 170), (0, 170, 170), (170, 170, 170)),
+    *((85, 85, 85), (255, 85, 85), (85, 255, 85), (255, 255, 85)),
+    *((85, 85, 255), (255, 85, 255), (85, 255, 255), (255, 255, 255)),
+)
+"""The Linux console's."""
+
+
+class Tones(Lines):
+    """A line in each tone."""
+
+    def lines(self, width: int) -> Sequence[Line]:
+        return [line(Span(f"{tone}", tone)) for tone in Tone]
+
+
+class ConsoleScreen(Screen[None]):
+    """Has the name to which the tones are tied, and what text stands on."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+
+    def compose(self) -> ComposeResult:
+        yield Tones()
+        yield Vertical(Tones(), classes="surface")
+        yield Vertical(Tones(), classes="panel")
+        self.chosen, self.other = Field(), Field()
+        self.chosen.value, self.other.value = "field in use", "another field"
+        yield self.chosen
+        yield self.other
+
+
+class TonesApp(App[None]):
+    CSS_PATH: ClassVar[list[str | PurePath]] = [
+        UI / "screens" / "console.tcss",
+        UI / "widgets" / "field.tcss",
+        UI / "widgets" / "lines.tcss",
+    ]
+    CSS = """
+    .surface { background: $surface; height: auto; }
+    .panel { background: $panel; height: auto; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        for theme in THEMES:
+            self.register_theme(theme)
+
+    def get_default_screen(self) -> Screen[None]:
+        return ConsoleScreen()
+
+
+@cache
+def drawn() -> dict[str, list[Segment]]:
+    """What is not blank on the screen, in each theme."""
+    seen = {}
+
+    async def drive() -> None:
+        app = TonesApp()
+        async with app.run_test(size=(40, 50)) as pilot:
+            screen = app.screen
+            assert isinstance(screen, ConsoleScreen)
+            for theme in THEMES:
+                app.theme = theme.name
+                screen.set_focus(screen.other)
+                screen.set_focus(screen.chosen)  # selects its text
+                await pilot.pause()
+                segments = [s for row in screen._compositor.render_strips() for s in row]
+                await pilot.press("home")
+                segments += [s for row in screen._compositor.render_strips() for s in row]
+                seen[theme.name] = [s for s in segments if s.text.strip()]
+
+    asyncio.run(drive())
+    return seen
+
+
+def colours(segment: Segment, system: ColorSystem = ColorSystem.TRUECOLOR) -> tuple[Color, Color]:
+    """Text and background as a terminal with such colours has them."""
+    style = segment.style
+    assert style is not None
+    assert style.color is not None
+    assert style.bgcolor is not None
+    pair = style.color.downgrade(system), style.bgcolor.downgrade(system)
+    return pair[::-1] if style.reverse else pair
+
+
+def contrast(one: Rgb, other: Rgb) -> float:
+    """As WCAG 2 has it."""
+    lighter, darker = sorted((luminance(one), luminance(other)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def luminance(rgb: Rgb) -> float:
+    red, green, blue = (
+        c / 12.92 if (c := v / 255) <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for v in rgb
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def themes(suffix: str) -> Iterator[tuple[ThemeName, list[Segment]]]:
+    for name in ThemeName:
+        yield name, drawn()[f"{name}{suffix}"]
+
+
+def test_all_tones_and_fields_are_looked_at() -> None:
+    for segments in drawn().values():
+        texts = {segment.text for segment in segments}
+        assert {*Tone, "field in use", "ield in use", "another field"} <= texts
+    backgrounds = {colours(segment)[1].name for segment in drawn()["dark"]}
+    assert {"#121212", "#1c1c1c", "#262626"} <= backgrounds
+
+
+@pytest.mark.parametrize("system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT])
+def test_every_tone_can_be_read_on_every_background(system: ColorSystem) -> None:
+    for name, segments in themes(""):
+        for segment in segments:
+            text, back = (colour.get_truecolor() for colour in colours(segment, system))
+            assert contrast(text, back) >= LEAST[name], (name, segment)
+
+
+@pytest.mark.parametrize("palette", [XTERM, CONSOLE])
+def test_16_colours_can_be_read_in_the_usual_palettes(palette: Sequence[Rgb]) -> None:
+    terminal = TerminalTheme((0, 0, 0), (0, 0, 0), list(palette[:8]), list(palette[8:]))
+    for name, segments in themes("-16"):
+        for segment in segments:
+            pair = colours(segment, ColorSystem.STANDARD)
+            assert all(colour.number is not None for colour in pair), (name, segment)
+            text, back = (colour.get_truecolor(terminal) for colour in pair)
+            assert contrast(text, back) >= 4.5, (name, segment)
+
+
+def test_no_text_vanishes_where_full_colours_are_brought_down_to_16() -> None:
+    for name, segments in themes(""):
+        for segment in segments:
+            text, back = colours(segment, ColorSystem.STANDARD)
+            assert text != back, (name, segment)
+
+
+def test_a_screen_without_colours_tells_the_tones_that_matter_by_other_means() -> None:
+    looks = {s.text.strip(): s.style for s in NO_COLOURS.apply(drawn()[COLOURLESS], WHITE)}
+    assert all(style is not None and style.without_color == style for style in looks.values())
+    plain = looks[Tone.PLAIN]
+    assert all(looks[tone] != plain for tone in set(Tone) - {Tone.PLAIN, Tone.GOOD})
+
+
+def test_the_mouse_still_knows_what_is_under_it() -> None:
+    style = Style(color="red", bgcolor="blue", bold=True, meta={"@mouse.down": "grab"})
+    (bare,) = NO_COLOURS.apply([Segment("x", style)], WHITE)
+    assert bare.style == Style(bold=True, meta={"@mouse.down": "grab"})
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: str(theme.name))
+def test_no_variable_of_a_style_sheet_is_missing(theme: Theme) -> None:
+    def variables(theme: Theme) -> set[str]:
+        return {*theme.to_color_system().generate(), *theme.variables}
+
+    assert variables(BUILTIN_THEMES["textual-dark"]) <= variables(theme)
+
+
+@pytest.mark.parametrize(
+    ("environ", "theme"),
+    [
+        ({"TERM": "xterm-256color"}, "light"),
+        ({"TERM": "tmux-256color"}, "light"),
+        ({"TERM": "xterm-kitty"}, "light"),
+        ({"TERM": "xterm", "COLORTERM": "truecolor"}, "light"),
+        ({"TERM": "xterm"}, "light-16"),
+        ({"TERM": "screen"}, "light-16"),
+        ({"TERM": "linux"}, "light-16"),
+        ({"TERM": "xterm-256color", "TEXTUAL_COLOR_SYSTEM": "standard"}, "light-16"),
+        ({"TERM": "xterm", "TEXTUAL_COLOR_SYSTEM": "256"}, "light"),
+        ({"TERM": "vt100"}, COLOURLESS),
+        ({"TERM": "vt220"}, COLOURLESS),
+        ({"TERM": "xterm-256color", "NO_COLOR": "1"}, COLOURLESS),
+        ({"TERM": "linux", "NO_COLOR": "0"}, COLOURLESS),
+        ({"TERM": "xterm-256color", "NO_COLOR": ""}, "light"),
+    ],
+)
+def test_a_terminal_gets_what_it_can_show(environ: dict[str, str], theme: str) -> None:
+    assert theme_for(ThemeName.LIGHT, environ) == theme
+
+
+@pytest.mark.parametrize("name", ThemeName)
+@pytest.mark.parametrize("term", ["xterm-256color", "linux", "vt100"])
+def test_every_theme_that_is_asked_for_exists(name: ThemeName, term: str) -> None:
+    assert theme_for(name, {"TERM": term}) in {theme.name for theme in THEMES}
