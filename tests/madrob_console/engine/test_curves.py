@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from madrob_console.engine.curves import MOST_POINTS, Curve, Curves, curves_of
+from madrob_console.engine.results import Scored
+from madrob_console.referee.acts import Abort
+from madrob_console.testbeds.simulation import Scenario
+from scoring.evaluate import Rows
+from scoring.kinematics import JointState
+from scoring.procedure import StepRecord
+from scoring.protocol import (
+    BenchmarkType,
+    Condition,
+    Event,
+    EventName,
+    LockDetection,
+    Outcome,
+    Side,
+    Step,
+)
+from scoring.quality import Quality
+from scoring.result import Ending, Indicator, IndicatorName, Result
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+START = 1_700_000_000.0
+
+Array = NDArray[np.float64]
+
+
+def a_result(
+    outcome: Outcome = Outcome.COMPLETED, duration: float | None = 10.0, *events: Event
+) -> Result:
+    return Result(
+        ruleset=RulesetName.PROTOCOL,
+        condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
+        ending=Ending(outcome, "", None if duration is None else START + duration),
+        start=START,
+        indicators=tuple(Indicator.missing(name, "not asked for") for name in IndicatorName),
+        steps=tuple(StepRecord(step, None, None, None) for step in Step),
+        lock_detection=LockDetection.SETTLE,
+        events=events,
+        handle_zero=0.0,
+        quality=Quality((), ()),
+    )
+
+
+def some_rows(time: Array, value: Array) -> Rows:
+    """The same times and values in every column; `time` in s since the start."""
+    at = START + time
+    joint = JointState(at, value, value, value)
+    return Rows(joint, value, at, value, at, value, None)
+
+
+def scored_run(results: Path, scenario: Scenario) -> Scored:
+    drive = Drive(results, scenario, seed=3)
+    drive.whole_run(make_setup())
+    assert drive.engine.scored is not None
+    return drive.engine.scored
+
+
+def values(stretches: tuple[Curve, ...]) -> list[float]:
+    return [value for stretch in stretches for value in stretch.value]
+
+
+@pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.SLAM])
+def test_the_extremes_of_a_runs_curves_are_its_indicators(
+    tmp_path: Path, scenario: Scenario
+) -> None:
+    scored = scored_run(tmp_path, scenario)
+    curves = curves_of(scored.result, scored.rows)
+    result = scored.result
+    unsafety = result.indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION).value
+    assert max(map(abs, values(curves.acceleration))) == unsafety
+    roughness = result.indicator(IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION).value
+    assert max(map(abs, values(curves.force))) == roughness
+    smoothness = result.indicator(IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION).value
+    assert 10 / np.mean(np.abs(values(curves.jerk))) == pytest.approx(smoothness, rel=1e-12)
+
+
+def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> None:
+    scored = scored_run(tmp_path, Scenario.NOMINAL)
+    curves = curves_of(scored.result, scored.rows)
+    assert curves.duration == scored.result.indicator(IndicatorName.EXECUTION_TIME).value
+    assert curves.events[0] == (0.0, "benchmark_start")
+    touched = scored.result.indicator(IndicatorName.TIME_TO_HANDLE).value
+    assert (touched, "handle_is_touched") in curves.events
+    first, last = curves.extent
+    assert first == 0.0
+    assert curves.duration < last < curves.duration + 1.1  # the settle time belongs to the rows
+
+
+def test_an_aborted_run_has_no_curves(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(5.0)
+    drive.act(Abort("a person in the doorway"))
+    drive.finish()
+    assert drive.engine.scored is not None
+    curves = curves_of(drive.engine.scored.result, drive.engine.scored.rows)
+    assert curves.empty
+    assert curves.duration == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize("duration", [10.0, 0.0, -2.0, None])
+def test_a_run_without_rows_has_empty_curves(duration: float | None) -> None:
+    nothing = np.empty(0)
+    curves = curves_of(a_result(Outcome.INTERRUPTED, duration), some_rows(nothing, nothing))
+    assert curves == Curves(max(0.0, duration or 0.0))
+    assert curves.empty
+    assert curves.extent == (0.0, curves.duration)
+
+
+def test_a_run_that_was_cut_off_lasts_to_its_last_datum() -> None:
+    rows = some_rows(np.linspace(0.0, 1.98, 100), np.zeros(100))
+    curves = curves_of(a_result(Outcome.INTERRUPTED, None), rows)
+    assert curves.duration == pytest.approx(1.98)
+
+
+def test_gaps_and_undefined_values_end_a_stretch() -> None:
+    time = np.array([0.0, 0.02, 0.04, 1.0, 1.02, 1.04, 1.06])
+    value = np.array([1.0, 2.0, 3.0, 4.0, np.nan, 6.0, np.inf])
+    curves = curves_of(a_result(), some_rows(time, value))
+    assert [stretch.value for stretch in curves.force] == [(1.0, 2.0, 3.0), (4.0,), (6.0,)]
+
+
+def test_curves_cross_a_socket_unchanged(tmp_path: Path) -> None:
+    scored = scored_run(tmp_path, Scenario.NOMINAL)
+    curves = curves_of(scored.result, scored.rows)
+    for encode, decode in (
+        (msgspec.json.encode, msgspec.json.decode),
+        (msgspec.msgpack.encode, msgspec.msgpack.decode),
+    ):
+        assert decode(encode(curves), type=Curves) == curves
+
+
+@given(
+    count=st.integers(MOST_POINTS - 1, 4 * MOST_POINTS + 7),
+    spikes=st.lists(st.tuples(st.floats(0, 1), st.floats(-1e6, 1e6)), max_size=5),
+    gap=st.integers(0, MOST_POINTS),
+)
+@settings(max_examples=20, deadline=None)
+def test_a_long_run_is_thinned_and_keeps_its_extremes(
+    count: int, spikes: list[tuple[float, float]], gap: int
+) -> None:
+    time = np.linspace(0.0, 0.02 * (count - 1), count)
+    time[gap:] += 5.0
+    value = np.sin(time)
+    for place, height in spikes:
+        value[round(place * (count - 1))] = height
+    force = curves_of(a_result(), some_rows(time, value)).force
+    kept = values(force)
+    assert len(kept) <= MOST_POINTS
+    assert max(kept) == value.max()
+    assert min(kept) == value.min()
+    times = [at for stretch in force for at in stretch.time]
+    assert times == sorted(set(times))
+    for before, after in pairwise(force):
+        assert after.time[0] - before.time[-1] > 0.1
+    recorded = dict(zip(START + time - START, value, strict=True))
+    assert all(recorded[at] == height for at, height in zip(times, kept, strict=True))
+
+
+def test_the_shapes_come_without_the_numbers_machinery() -> None:
+    code = (
+        "import sys, madrob_console.engine.curves\n"
+        "print([name for name in ('numpy', 'scipy', 'pandas') if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
+def test_rows_before_the_start_and_after_the_stop_are_within_the_extent() -> None:
+    touched = Event(START + 1.5, EventName.HANDLE_IS_TOUCHED)
+    curves = curves_of(
+        a_result(Outcome.COMPLETED, 10.0, touched),
+        some_rows(np.array([-2.0, -1.98, 11.0]), np.zeros(3)),
+    )
+    assert curves.events == ((1.5, "handle_is_touched"),)
+    assert curves.extent == (-2.0, 11.0)
