@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from madrob_console.errors import MadrobError
+from madrob_console.theme_name import ThemeName
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
 from scoring.protocol import BenchmarkType, LockDetection, Side
@@ -96,6 +97,14 @@ def _add_console(commands: _Commands) -> None:
         "Without --testbed it takes the live testbed if one is found.",
     )
     _add_testbed_options(parser)
+    parser.add_argument(
+        "--teams", type=Path, default=None, help="teams file: csv lines of subject,team"
+    )
+    parser.add_argument("--theme", type=ThemeName, choices=list(ThemeName), default=None)
+    parser.add_argument(
+        "--ascii", action="store_true", default=None, help="draw with ASCII characters only"
+    )
+    parser.add_argument("--no-bell", action="store_true", help="be silent")
     parser.add_argument("--no-mouse", action="store_true", help="leave the mouse to the terminal")
 
 

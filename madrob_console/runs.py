@@ -32,6 +32,9 @@ NUMBERS_FILE = "run_numbers.jsonl"
 RESULT_FILE = "result.json"
 """In a run folder: the whole result."""
 
+RESULT_FORMAT = 1
+"""Version of the layout of `result.json`."""
+
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
 _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{8}_[0-9]{6})")
 
@@ -93,25 +96,38 @@ def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
     return RunId(subject, condition, run), started
 
 
-def list_runs(root: Path) -> tuple[RunEntry, ...]:
-    """The run folders in a results folder, oldest first; whatever else lies there is skipped.
+def run_folder_names(root: Path) -> list[str]:
+    """The names of the run folders in a results folder, in no order.
 
     Links are not followed: a run lies in its results folder.
 
     Raises:
         MadrobError: the folder exists but cannot be read.
     """
-    entries = []
     try:
         with os.scandir(root) as found:
-            for item in found:
-                parsed = parse_folder_name(item.name)
-                if parsed is not None and item.is_dir(follow_symlinks=False):
-                    entries.append(RunEntry(Path(item.path), *parsed))
+            return [
+                item.name
+                for item in found
+                if _FOLDER.fullmatch(item.name) and item.is_dir(follow_symlinks=False)
+            ]
     except FileNotFoundError:
-        return ()
+        return []
     except OSError as error:
         raise _unusable(root, error) from None
+
+
+def list_runs(root: Path) -> tuple[RunEntry, ...]:
+    """The run folders in a results folder, oldest first; whatever else lies there is skipped.
+
+    Raises:
+        MadrobError: the folder exists but cannot be read.
+    """
+    entries = [
+        RunEntry(root / name, *parsed)
+        for name in run_folder_names(root)
+        if (parsed := parse_folder_name(name)) is not None
+    ]
     return tuple(sorted(entries, key=lambda entry: (entry.started, entry.path.name)))
 
 

@@ -229,12 +229,13 @@ class Assessment:
         """The events so far, by the rules of the protocol."""
         return self._live.events()
 
-    def provisional(self) -> dict[str, float]:
-        """The time indicators known so far, by file name, s."""
+    def provisional(self, procedure: Procedure) -> dict[str, float]:
+        """The time indicators known so far, by file name, s; the run can still change them."""
         events = self._live.events()
         known = (
             pi.time_to_handle(events),
             pi.door_occupation_time(events, self.condition, self._ruleset),
+            pi.passage_time(events, procedure.done, self._ruleset),
         )
         return {str(i.name): float(i.value) for i in known if i.value is not None}
 

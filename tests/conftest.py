@@ -9,6 +9,7 @@ from hypothesis import settings
 for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):
     os.environ.pop(name, None)
 os.environ["TEXTUAL_ANIMATIONS"] = "none"
+os.environ["TERM"] = "xterm-256color"
 
 # a busy machine is not a wrong result
 settings.register_profile("madrob", deadline=None)

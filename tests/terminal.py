@@ -137,6 +137,14 @@ class Terminal:
         self.screen()
         return self._process.returncode
 
+    def wait_exit_unread(self, timeout: float) -> int:
+        """Wait for the program's end without taking what it writes; its exit code.
+
+        Raises:
+            subprocess.TimeoutExpired: it goes on for more than `timeout` s.
+        """
+        return self._process.wait(timeout)
+
     def hang_up(self) -> None:
         """Take the terminal away, as a lost connection does: the program gets SIGHUP."""
         if self._fd >= 0:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.config import example_toml, load_settings
+from madrob_console.config import load_settings
+from madrob_console.config.example import example_toml
 
 
 def main(arguments: argparse.Namespace) -> int:

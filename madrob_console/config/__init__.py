@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from madrob_console.config.example import example_toml
 from madrob_console.config.settings import (
     Settings,
     default_settings_path,
@@ -13,7 +12,6 @@ from madrob_console.config.settings import (
 __all__ = [
     "Settings",
     "default_settings_path",
-    "example_toml",
     "load_settings",
     "parse_settings",
 ]

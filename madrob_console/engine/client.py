@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from madrob_console.engine.curves import Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act
 
 
 class EngineClient(Protocol):
-    """A connection to an engine. No call waits for more than a moment."""
+    """A connection to an engine.
+
+    No call but `open_run` waits for more than a moment.
+    """
 
     def snapshot(self) -> Snapshot:
         """The latest snapshot."""
@@ -21,6 +25,21 @@ class EngineClient(Protocol):
 
     def next_run_number(self, subject: int, condition_number: int) -> int:
         """The next run number that was never used for this subject and condition."""
+        ...
+
+    def open_run(self, folder: str) -> str | None:
+        """Show an earlier run; takes as long as reading its bag.
+
+        Args:
+            folder: its name in the results folder.
+
+        Returns:
+            Why that is not possible, in words; None when it is shown.
+        """
+        ...
+
+    def curves(self) -> Curves | None:
+        """What the figures show of the run with a result; None without one."""
         ...
 
     def close(self) -> None:

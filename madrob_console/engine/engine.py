@@ -155,6 +155,14 @@ class Engine:
         """
         return next_run_number(self.config.results, subject, condition_number)
 
+    def opening_refusal(self) -> str | None:
+        """Why no earlier run can be opened now, in words; None when one can."""
+        if self._run.active:
+            return "a run is going on"
+        if self._run.phase is Phase.STOPPED and self._scored is None:
+            return "the result of the last run is being written"
+        return None
+
     def open_run(self, opened: OpenedRun) -> str | None:
         """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
 
@@ -166,12 +174,8 @@ class Engine:
         Raises:
             MadrobError: another console works on it, or its folder refuses.
         """
-        if self._run.active:
-            return "a run is going on"
-        if self._run.phase is Phase.STOPPED and self._scored is None:
-            return "the result of the last run is being written"
-        if opened.folder == self._folder:
-            return None
+        if (refused := self.opening_refusal()) is not None or opened.folder == self._folder:
+            return refused
         recorded = opened.recorded
         self._chronicle.reopen(opened.folder, recorded.entries)
         if self._opened is None:
@@ -485,7 +489,7 @@ class Engine:
             faults=faults(
                 topics, recorder, door, run, (self._chronicle.problem, self._result_problem)
             ),
-            provisional=assessment.provisional() if assessment and run.start else {},
+            provisional=assessment.provisional(procedure) if assessment and procedure else {},
             log=self.log.lines,
             result=self._scored.result if self._scored else None,
             result_source=self._scored.record.source if self._scored else None,

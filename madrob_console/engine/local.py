@@ -9,10 +9,13 @@ from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
+from madrob_console.engine.curves import Curves, curves_of
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act
+from madrob_console.rescore import open_run
+from madrob_console.runs import parse_folder_name
 
 TAKE_TIMEOUT = 0.02
 """How long the engine waits for messages before it looks at acts and the clock, s."""
@@ -118,6 +121,25 @@ class LocalEngine:
             MadrobError: the results folder cannot be read, or all numbers are used.
         """
         return self._ask(lambda: self._engine.next_run_number(subject, condition_number))
+
+    def open_run(self, folder: str) -> str | None:
+        """Show an earlier run; it is read here, and the engine goes on meanwhile.
+
+        Raises:
+            MadrobError: it cannot be read, or the engine has ended.
+        """
+        if parse_folder_name(folder) is None:
+            raise MadrobError(f"{folder!r} is no run folder")
+        refused = self._ask(self._engine.opening_refusal)
+        if refused is not None:
+            return refused
+        opened = open_run(self._engine.config.results / folder)
+        return self._ask(lambda: self._engine.open_run(opened))
+
+    def curves(self) -> Curves | None:
+        """What the figures show of the run with a result; None without one."""
+        scored = self._engine.scored  # immutable: may be read from any thread
+        return None if scored is None else curves_of(scored.result, scored.rows)
 
     def close(self) -> None:
         """End the engine; a run that goes on is cut off and kept as interrupted."""

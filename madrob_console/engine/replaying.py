@@ -13,7 +13,6 @@ from madrob_console.referee.acts import Act, Finalise, Reissue, SetUp
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import act_of
 from madrob_console.referee.run import Run
-from madrob_console.rescore import OpenedRun
 from madrob_console.testbeds.messages import MessageTypes
 from madrob_console.testbeds.replay import ReplaySource
 
@@ -49,8 +48,8 @@ class ReplayingEngine(Engine):
         self._acts = deque((time, act) for time, act in acts if act is not None)
         self._run = Run(handle_zero=self._recorded.handle_zero)
 
-    def open_run(self, opened: OpenedRun) -> str | None:
-        """Refused: a replay shows its own run."""
+    def opening_refusal(self) -> str | None:
+        """Always: a replay shows its own run."""
         return "a replay shows its own run: leave it to open another one"
 
     def step(self, timeout: float) -> None:

@@ -11,16 +11,13 @@ import msgspec
 from madrob_console.engine.record import RunRecord
 from madrob_console.errors import MadrobError
 from madrob_console.referee.run import Run
-from madrob_console.runs import RESULT_FILE, atomic_write
+from madrob_console.runs import RESULT_FILE, RESULT_FORMAT, atomic_write
 from scoring.errors import ScoringError
 from scoring.eurobench import Wrench, write_run_files
 from scoring.evaluate import Rows
 from scoring.protocol import Outcome
 from scoring.result import Ending, Result
 from scoring.run_info import RunInfo
-
-FORMAT = 1
-"""Version of the layout of `result.json`."""
 
 MANUAL_START = "execution time and time to handle include the delay of the manual start"
 
@@ -87,7 +84,7 @@ def result_document(scored: Scored) -> dict[str, Any]:
     record, run = scored.record, scored.run
     setup = record.setup
     document = {
-        "format": FORMAT,
+        "format": RESULT_FORMAT,
         "software": f"madrob-console {record.version}",
         "competition": record.competition,
         "source": record.source,

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from recorder.bag import Topic
-from recorder.message import RawMessage
-from scoring.protocol import Condition, StartPose
+if TYPE_CHECKING:
+    from recorder.bag import Topic
+    from recorder.message import RawMessage
+    from scoring.protocol import Condition, StartPose
 
 
 class SourceKind(StrEnum):

@@ -1,125 +1,187 @@
-"""The console: polls the engine, hands in acts."""
+"""The console: keys in, acts to the engine."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import App
 from textual.binding import BindingType
+from textual.filter import LineFilter
 from textual.screen import Screen
-from textual.timer import Timer
 
+from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act
+from madrob_console.theme_name import ThemeName
 from madrob_console.ui.asks import ask_next_run, ask_waiver
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.defaults import ConsoleDefaults, Look
+from madrob_console.ui.glyphs import ASCII, uses_ascii
 from madrob_console.ui.keys import KEYS, Answer, Key, bindings
-from madrob_console.ui.link import EngineLink
+from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.questions import Ask, Leave
 from madrob_console.ui.screens.console import ConsoleScreen
-from madrob_console.ui.screens.setup import SetupPane
-from madrob_console.ui.widgets.checklist import CheckList
-from madrob_console.ui.widgets.dialog import Dialog
+from madrob_console.ui.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.widgets.lines import Tone
 from madrob_console.ui.words import done_text
 
 if TYPE_CHECKING:
+    from textual.command import Provider
+
     from madrob_console.engine.client import EngineClient
+    from madrob_console.ui.screens.history import HistoryPane
+    from madrob_console.ui.screens.setup import SetupPane
+    from madrob_console.ui.screens.standings import StandingsPane
+    from madrob_console.ui.widgets.checklist import CheckList
+    from madrob_console.ui.widgets.dialog import Dialog
 
-BUSY_PERIOD = 0.1
-"""Between two looks at the engine while a countdown or a run goes on, s."""
-IDLE_PERIOD = 0.25
-"""The same otherwise, s."""
+_WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
+_HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
-_WIDTHS = [(0, "-narrow"), (110, "-wide")]
-_HEIGHTS = [(0, "-short"), (32, "-tall")]
+
+def console_commands() -> type[Provider]:
+    """The palette's commands, imported when they are wanted."""
+    from madrob_console.ui.palette import ConsoleCommands
+
+    return ConsoleCommands
 
 
 class MadrobApp(App[None], inherit_bindings=False):
     """The referee's screens. They hold no rule: the engine says what is possible and why not.
 
     Args:
-        client: the engine.
+        open_client: connects to the engine; called once the screens are there, off their loop.
         defaults: what the first run's set-up proposes.
+        look: theme, characters, bell.
         monotonic: a clock for the engine's silence, s.
 
-    Raises:
-        MadrobError: the engine gives no snapshot.
+    Attributes:
+        ascii: whether only ASCII characters are drawn.
+        rings: whether the bell rings.
+        failure: why there is no engine; None while there is hope.
     """
 
     TITLE = "madrob"
     CSS_PATH: ClassVar[list[str | PurePath]] = [*sorted(Path(__file__).parent.rglob("*.tcss"))]
     BINDINGS: ClassVar[list[BindingType]] = [*bindings()]
+    COMMANDS = {console_commands}  # noqa: RUF012  textual's declaration
+    COMMAND_PALETTE_BINDING = "ctrl+p"
     HORIZONTAL_BREAKPOINTS = _WIDTHS
     VERTICAL_BREAKPOINTS = _HEIGHTS
-    ENABLE_COMMAND_PALETTE = False
 
     def __init__(
         self,
-        client: EngineClient,
+        open_client: Callable[[], EngineClient],
         defaults: ConsoleDefaults,
+        look: Look | None = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        colourless = "NO_COLOR" in os.environ  # textual takes it out of the environment
-        super().__init__(ansi_color=True if colourless else None)
-        self.theme = "ansi-dark" if colourless else "textual-dark"
-        self._link = EngineLink(client, monotonic)
+        environ = os.environ.copy()
+        os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
+        super().__init__()
+        self._look = look or Look()
+        self._environ = environ
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.set_theme(self._look.theme)
+        self.ascii = uses_ascii(environ, self._look.ascii)
+        self.rings = self._look.bell
+        self.failure: MadrobError | None = None
+        self._link = EngineLink(open_client, monotonic)
         self._console = ConsoleScreen(self._link, defaults)
-        self._timer: Timer | None = None
-        self._busy = False
 
     def get_default_screen(self) -> Screen[None]:
         """The console."""
         return self._console
 
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """With those that bring all that is drawn down to what the terminal can show."""
+        return [
+            *super().get_line_filters(),
+            *([NO_COLOURS] if self.theme == COLOURLESS else []),
+            *([ASCII] if self.ascii else []),
+        ]
+
     def on_ready(self) -> None:
-        """Begin to poll once everything is in place."""
-        self._timer = self.set_interval(IDLE_PERIOD, self.poll)
-        self.poll()
-        self._console.take_focus()
+        """Connect to the engine once the screens can be seen."""
+        self.run_worker(self._connect, thread=True)
 
-    def poll(self) -> None:
-        """Show the latest snapshot; more often while a run goes on."""
+    def _connect(self) -> None:
+        try:
+            self._link.connect()
+        except MadrobError as error:
+            self.failure = error
+            self.call_later(self.exit)
+            return
+        self.call_later(self._console.begin)
+
+    def close_link(self) -> None:
+        """Let the engine go, after the screens have."""
+        self._link.close()
+
+    def set_theme(self, name: ThemeName) -> None:
+        """Change the colours, as far as the terminal has them."""
+        self.theme = theme_for(name, self._environ)
+
+    def toggle_bell(self) -> None:
+        """Ring, or be silent."""
+        self.rings = not self.rings
+        self._console.say(f"The bell is {'on' if self.rings else 'off'}.")
+
+    def ring(self) -> None:
+        """Ring the terminal's bell, where that is wanted."""
+        if self.rings:
+            self.bell()
+
+    def key_refusal(self, key: Key) -> str | None:
+        """Why a key does nothing now; None when it does."""
         snapshot = self._link.snapshot()
-        self._console.show(snapshot, self._link.trouble)
-        if snapshot.run.active != self._busy and self._timer is not None:
-            self._busy = snapshot.run.active
-            self._timer.stop()
-            self._timer = self.set_interval(BUSY_PERIOD if self._busy else IDLE_PERIOD, self.poll)
+        return NOT_YET if snapshot is None else key.refusal(snapshot)
 
-    def act(self, act: Act) -> bool:
-        """Hand in an act and say what became of it; returns whether it took effect."""
-        refused = self._link.act(act)
+    async def act(self, act: Act) -> bool:
+        """Hand in an act and say what became of it; returns whether it took effect.
+
+        The screens go on while the engine's disk makes it wait.
+        """
+        refused = await asyncio.to_thread(self._link.act, act)
         if refused is None:
             self._console.say(done_text(act), Tone.GOOD)
         else:
             self._refuse(act.name, refused)
-        self.poll()
+        self._console.poll()
         return refused is None
 
     async def action_press(self, name: str, pressed: str) -> None:
         """A key of the console was pressed."""
-        if self._timer is None:  # typed before the screens are there
-            return
         key = KEYS[name]
-        if self._console.dialogs and not self._over_dialogs(key):
+        if self.screen is not self._console:
+            if not key.over:
+                return
+            self.pop_screen()  # what is urgent does not wait for the palette
+        if key.name == "leave" and not self._link.connected:
+            self.exit()
+        elif self._console.dialogs and not self._over_dialogs(key):
             return
-        if key.pane:
+        elif key.name == "menu":
+            self.action_command_palette()
+        elif key.pane:
             self._console.show_pane(key.pane)
-            return
-        if key.commits and (problem := self._console.setup.commit_edits()):
+        else:
+            await self._press_act(key, pressed)
+
+    async def _press_act(self, key: Key, pressed: str) -> None:
+        if not self._link.connected:
+            self._refuse(key.act, NOT_YET)
+        elif key.commits and (problem := self._console.panes.setup.commit_edits()):
             self._refuse(key.act, problem)
-            return
-        if key.name == "next":
+        elif key.name == "next":
             await self._next_run()
-            return
-        snapshot = self._link.snapshot()
-        if (refused := key.refusal(snapshot)) is not None:
+        elif (refused := self.key_refusal(key)) is not None:
             self._refuse(key.act, refused)
-        elif key.answer is not None:
+        elif key.answer is not None and (snapshot := self._link.snapshot()) is not None:
             await self._take(key, key.answer(snapshot, pressed))
 
     def _over_dialogs(self, key: Key) -> bool:
@@ -132,28 +194,34 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _take(self, key: Key, answer: Answer) -> None:
         match answer:
             case Ask():
-                await self._console.open(key.name, answer)
+                ask = answer.shortest if self._console.tiny else answer
+                await self._console.open(key.name, ask)
             case Leave():
                 self.exit()
             case Act():
-                self.act(answer)
+                await self.act(answer)
             case str():
                 self._refuse(key.act, answer)
 
     async def _next_run(self) -> None:
-        setup = self._console.setup.draft()
+        key = KEYS["next"]
+        self._console.take_marked_run()
+        setup = self._console.panes.setup.draft()
         if isinstance(setup, str):
-            self._refuse(KEYS["next"].act, setup)
+            self._refuse(key.act, setup)
             self._console.show_pane("setup")
+            return
+        if (refused := self.key_refusal(key)) is not None:
+            self._refuse(key.act, refused)
             return
         snapshot = self._link.snapshot()
-        if (refused := KEYS["next"].refusal(snapshot)) is not None:
-            self._refuse(KEYS["next"].act, refused)
-            return
+        assert snapshot is not None
         answer = ask_next_run(snapshot, setup)
-        await self._take(KEYS["next"], answer)
         if isinstance(answer, Act):
-            self._console.show_pane("setup")
+            if await self.act(answer):
+                self._console.show_pane("setup")
+        else:
+            await self._take(key, answer)
 
     async def on_dialog_answered(self, event: Dialog.Answered) -> None:
         """Do what the answers say."""
@@ -161,7 +229,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         deed = event.dialog.ask.deed(*event.answers)
         if isinstance(deed, Leave):
             self.exit()
-        elif self.act(deed) and event.dialog.name == "next":
+        elif await self.act(deed) and event.dialog.name == "next":
             self._console.show_pane("setup")
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
@@ -171,15 +239,33 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         """Waive the check that is marked in the list."""
-        key, snapshot = KEYS["waive"], self._link.snapshot()
-        if (refused := key.refusal(snapshot)) is not None:
+        key = KEYS["waive"]
+        if (refused := self.key_refusal(key)) is not None:
             self._refuse(key.act, refused)
-        else:
+        elif (snapshot := self._link.snapshot()) is not None:
             await self._take(key, ask_waiver(snapshot, event.check))
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         """The last field of the set-up asks for the next run."""
         await self._next_run()
+
+    async def on_history_pane_opened(self, event: HistoryPane.Opened) -> None:
+        """Show an earlier run; reading its bag takes a moment."""
+        folder = event.summary.folder
+        self._console.say(f"Reading {folder} ...")
+        refused = await asyncio.to_thread(self._link.open_run, folder)
+        if refused is not None:
+            self._refuse("open the run", refused)
+            return
+        self._console.poll()
+        self._console.show_pane("results")
+        self._console.say("An earlier run: 1-6 f u n go on with it, h goes back, x the next run.")
+
+    def on_standings_pane_opened(self, event: StandingsPane.Opened) -> None:
+        """Show the runs behind a standing."""
+        from madrob_console.ui.screens.standings import filter_for
+
+        self._console.show_runs(filter_for(event.standing))
 
     def _refuse(self, what: str, why: str) -> None:
         self._console.say(f"Refused: {what}: {why}", Tone.BAD)

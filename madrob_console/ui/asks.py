@@ -174,8 +174,15 @@ def ask_next_run(snapshot: Snapshot, setup: RunSetup) -> Act | Ask:
 
 
 def ask_leave(snapshot: Snapshot) -> Ask | Leave:
-    """At once; asked first while a run goes on."""
-    if not snapshot.run.active:
+    """At once; asked first while a run goes on and while a result is not final."""
+    run = snapshot.run
+    if run.phase is Phase.STOPPED and run.outcome is not Outcome.ABORTED:
+        return Ask(
+            "Leave the console",
+            (Sure("The result is not final: the history (h) opens it later. Leave?"),),
+            Leave,
+        )
+    if not run.active:
         return Leave()
     return Ask(
         "LEAVE the console while a run goes on",

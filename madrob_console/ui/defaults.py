@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from madrob_console.theme_name import ThemeName
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 
@@ -28,12 +30,33 @@ FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
 
 @dataclass(frozen=True, slots=True)
+class Look:
+    """How the screens present themselves.
+
+    Attributes:
+        theme: of the colours.
+        ascii: draw with ASCII characters only; None = find out from the environment.
+        bell: ring the terminal's bell on start, stop and fault.
+        mouse: let the terminal report the mouse.
+    """
+
+    theme: ThemeName = ThemeName.DARK
+    ascii: bool | None = None
+    bell: bool = True
+    mouse: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class ConsoleDefaults:
     """The first run's proposal; later runs start from the one before.
 
     Attributes:
         competition: its name, for the top line.
-        results: the folder in which the runs are stored, as text.
+        results: the folder in which the runs are stored.
+        host: name of the machine, for the top line.
+        best_runs: as many of a team's runs count in the standings; 0 = all.
+        hint: what the first message says.
+        problems: what is wrong with the teams file, one line each.
         subject, team, referee: who.
         teams: subject -> team's name, as far as known.
         condition: benchmark type, opening side and starting side.
@@ -45,7 +68,11 @@ class ConsoleDefaults:
     """
 
     competition: str = ""
-    results: str = ""
+    results: Path = Path()
+    host: str = ""
+    best_runs: int = 0
+    hint: str = "F1 lists the keys."
+    problems: tuple[str, ...] = ()
     subject: int = 1
     team: str = ""
     referee: str = ""

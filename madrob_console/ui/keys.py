@@ -1,6 +1,7 @@
 """The keys: fixed, the same on every screen.
 
-Function keys work while a text is typed, letters when none is. Start and Abort never move.
+Function keys work while a text is typed, letters when none is. Start and Abort never move. The
+footer's second row shows the letters that matter for the pane; all of them work everywhere.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class Key:
         act: name of the act whose refusal dims the key; empty = always possible.
         answer: what it gives; None = the screen itself does it.
         pane: the pane that it shows; empty = none.
+        where: the panes whose footer shows it where there is no room for all; empty = every.
         commits: what is typed in the set-up counts before the act.
         over: it works while a dialog is open.
     """
@@ -48,6 +50,7 @@ class Key:
     act: str = ""
     answer: Callable[[Snapshot, str], Answer] | None = None
     pane: str = ""
+    where: frozenset[str] = frozenset()
     commits: bool = False
     over: bool = False
 
@@ -57,7 +60,10 @@ class Key:
 
 
 FUNCTION_KEYS = (
-    Key("help", "f1,question_mark", "F1", "Help", "this page; also ?", pane="help"),
+    Key(
+        "help", "f1,question_mark", "F1", "Help", "this page; also ?; again or Escape goes back",
+        pane="help",
+    ),
     Key("setup", "f2", "F2", "Set-up", "set up a run, pre-start checks", pane="setup"),
     Key("live", "f3", "F3", "Live", "the run as it goes", pane="live"),
     Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
@@ -87,40 +93,55 @@ FUNCTION_KEYS = (
     ),
 )  # fmt: skip
 
+_SETUP = frozenset({"setup"})
+_LIVE = frozenset({"live"})
+_RESULTS = frozenset({"results"})
+_AFTER = frozenset({"results", "figures", "history", "standings", "help"})
+
 LETTER_KEYS = (
     Key(
         "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
-        acts.Rule.name, lambda s, k: asks.ask_ruling(s, Step(int(k))),
+        acts.Rule.name, lambda s, k: asks.ask_ruling(s, Step(int(k))), where=_LIVE | _RESULTS,
     ),
     Key(
         "incident", "i", "i", " Incident", "mark an incident; the second key says which",
-        acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT,
+        acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT, where=_LIVE,
     ),
     Key(
         "note", "n", "n", " Note", "write a note beside the run",
-        acts.AddNote.name, lambda _s, _k: asks.NOTE,
+        acts.AddNote.name, lambda _s, _k: asks.NOTE, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(
         "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
-        acts.Waive.name, lambda s, _k: asks.ask_waiver(s),
+        acts.Waive.name, lambda s, _k: asks.ask_waiver(s), where=_SETUP,
     ),
     Key(
         "accept", "a", "a", " Accept", "accept a false start, with a reason",
-        acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START,
+        acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START, where=_LIVE,
     ),
     Key(
         "restart", "r", "r", " Restart", "begin the countdown again after a false start",
-        acts.RestartCountdown.name, lambda _s, _k: acts.RestartCountdown(),
+        acts.RestartCountdown.name, lambda _s, _k: acts.RestartCountdown(), where=_LIVE,
     ),
     Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
-        acts.Finalise.name, lambda s, _k: asks.ask_finalise(s),
+        acts.Finalise.name, lambda s, _k: asks.ask_finalise(s), where=_RESULTS,
     ),
-    Key("next", "x", "x", " Next", "set up the next run", acts.SetUp.name),
     Key(
         "reissue", "u", "u", " Redo", "open a final result again; its next issue gets a number",
-        acts.Reissue.name, lambda _s, _k: asks.REISSUE,
+        acts.Reissue.name, lambda _s, _k: asks.REISSUE, where=_RESULTS,
     ),
+    Key(
+        "next", "x", "x", " Next", "set up the next run; from the history: one like the marked",
+        acts.SetUp.name, where=_SETUP | _AFTER,
+    ),
+    Key(
+        "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",
+        pane="figures", where=_AFTER,
+    ),
+    Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
+    Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
+    Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
 )  # fmt: skip
 
 KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS)}

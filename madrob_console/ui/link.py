@@ -10,29 +10,48 @@ from madrob_console.referee.acts import Act
 
 if TYPE_CHECKING:
     from madrob_console.engine.client import EngineClient
+    from madrob_console.engine.curves import Curves
     from madrob_console.engine.snapshot import Snapshot
 
 LONGEST_SILENCE = 2.0
 """An engine whose time stands still for longer is called silent, s."""
+
+NOT_YET = "the engine is starting"
 
 
 class EngineLink:
     """An engine client that keeps the last snapshot.
 
     Args:
-        client: the engine.
+        open_client: makes the client; called once, by `connect`.
         monotonic: a clock for the engine's silence, s.
-
-    Raises:
-        MadrobError: the engine gives no snapshot at all.
     """
 
-    def __init__(self, client: EngineClient, monotonic: Callable[[], float]) -> None:
-        self._client = client
+    def __init__(
+        self, open_client: Callable[[], EngineClient], monotonic: Callable[[], float]
+    ) -> None:
+        self._open_client = open_client
         self._monotonic = monotonic
-        self._latest = client.snapshot()
-        self._moved = monotonic()
+        self._client: EngineClient | None = None
+        self._latest: Snapshot | None = None
+        self._moved = 0.0
         self._failure: str | None = None
+
+    def connect(self) -> None:
+        """Connect to the engine; may take seconds, so not on the loop of the screens.
+
+        Raises:
+            MadrobError: there is no engine to be had, or it gives no snapshot at all.
+        """
+        client = self._open_client()
+        self._latest = client.snapshot()
+        self._moved = self._monotonic()
+        self._client = client
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is an engine."""
+        return self._client is not None
 
     @property
     def trouble(self) -> str | None:
@@ -40,25 +59,29 @@ class EngineLink:
         if self._failure is not None:
             return f"{self._failure}: what you see is old"
         silence = self._monotonic() - self._moved
-        if silence > LONGEST_SILENCE:
+        if self.connected and silence > LONGEST_SILENCE:
             return f"the engine is silent for {silence:.0f} s: what you see is old"
         return None
 
-    def snapshot(self) -> Snapshot:
-        """The latest snapshot, or the last one that the engine gave."""
+    def snapshot(self) -> Snapshot | None:
+        """The latest snapshot, or the last one that the engine gave; None before the first."""
+        if self._client is None:
+            return None
         try:
             snapshot = self._client.snapshot()
         except MadrobError as error:
             self._failure = str(error)
             return self._latest
         self._failure = None
-        if snapshot.time != self._latest.time:
+        if self._latest is None or snapshot.time != self._latest.time:
             self._moved = self._monotonic()
         self._latest = snapshot
         return snapshot
 
     def act(self, act: Act) -> str | None:
         """Hand in an act; returns why it did not take effect, None when it did."""
+        if self._client is None:
+            return NOT_YET
         try:
             return self._client.act(act)
         except MadrobError as error:
@@ -66,7 +89,31 @@ class EngineLink:
 
     def next_run_number(self, subject: int, condition_number: int) -> int | str:
         """The next free run number, or why there is none."""
+        if self._client is None:
+            return NOT_YET
         try:
             return self._client.next_run_number(subject, condition_number)
         except MadrobError as error:
             return str(error)
+
+    def open_run(self, folder: str) -> str | None:
+        """Show an earlier run; returns why that is not possible, None when it is shown."""
+        if self._client is None:
+            return NOT_YET
+        try:
+            return self._client.open_run(folder)
+        except MadrobError as error:
+            return str(error)
+
+    def curves(self) -> Curves | None:
+        """What the figures show; None without a result.
+
+        Raises:
+            MadrobError: the engine has failed.
+        """
+        return None if self._client is None else self._client.curves()
+
+    def close(self) -> None:
+        """Let the engine go."""
+        if self._client is not None:
+            self._client.close()

@@ -71,6 +71,14 @@ class Ask:
     questions: tuple[Question, ...]
     deed: Callable[..., Act | Leave]
 
+    @property
+    def shortest(self) -> Ask:
+        """For a screen with room for one line: a question after a reason goes without it."""
+        if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
+            return self
+        title = self.title.partition(":")[0]
+        return Ask(title, self.questions[-1:], lambda: self.deed("none given"))
+
 
 def reasons(*texts: str) -> tuple[Option, ...]:
     """A short list of reasons under digits, and free text under `o`."""

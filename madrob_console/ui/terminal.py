@@ -4,40 +4,48 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from madrob_console.errors import MadrobError
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.defaults import ConsoleDefaults, Look
 
 if TYPE_CHECKING:
-    from textual.app import App
-
     from madrob_console.engine.client import EngineClient
+
+EXIT_PATIENCE = 3.0
+"""A signal ends the console within this time even if its terminal is stalled, s."""
 
 _SIGNALS = (signal.SIGHUP, signal.SIGTERM)
 
 
-def run_console(client: EngineClient, defaults: ConsoleDefaults, *, mouse: bool = False) -> int:
+def run_console(
+    open_client: Callable[[], EngineClient], defaults: ConsoleDefaults, look: Look | None = None
+) -> int:
     """Show the screens until the referee leaves; returns the exit code.
 
-    The client stays open: who opened it closes it.
-
     Args:
-        client: the engine.
+        open_client: connects to the engine, once the screens can be seen; closed at the end.
         defaults: what the first run's set-up proposes.
-        mouse: let the terminal report the mouse; without it, the terminal's own selection works.
+        look: theme, characters, bell, mouse.
 
     Raises:
-        MadrobError: the terminal cannot show screens.
+        MadrobError: the terminal cannot show screens, or there is no engine to be had.
     """
     check_terminal(os.environ)
-    app = MadrobApp(client, defaults)
-    with leaving_on_signals(app):
-        app.run(mouse=mouse)
+    look = look or Look()
+    app = MadrobApp(open_client, defaults, look)
+    try:
+        with leaving_on_signals(app):
+            app.run(mouse=look.mouse)
+    finally:
+        app.close_link()
+    if app.failure is not None:
+        raise app.failure
     return app.return_code or 0
 
 
@@ -55,19 +63,35 @@ def check_terminal(environ: Mapping[str, str]) -> None:
         )
 
 
+def _ignore(_number: int, _frame: FrameType | None) -> None:
+    """Nothing."""
+
+
 @contextmanager
-def leaving_on_signals(app: App[Any]) -> Iterator[None]:
+def leaving_on_signals(app: MadrobApp) -> Iterator[None]:
     """While inside, HUP and TERM leave the app with exit code 128 + number.
 
     Without it either kills the process at once: no unmount, no `finally`, a broken terminal.
     """
 
     def leave(number: int, _frame: FrameType | None) -> None:
+        # a hang-up sends CONT, too, for which textual would set up the lost terminal again
+        signal.signal(signal.SIGCONT, _ignore)
         app.exit(return_code=128 + number)
+        if not patience.is_alive():
+            patience.start()
 
+    def give_up() -> None:
+        # a terminal that takes nothing more holds up the loop, and with it the exit
+        app.close_link()
+        os._exit(128 + signal.SIGTERM)
+
+    patience = threading.Timer(EXIT_PATIENCE, give_up)
+    patience.daemon = True
     before = {number: signal.signal(number, leave) for number in _SIGNALS}
     try:
         yield
     finally:
+        patience.cancel()
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from madrob_console.config import (
     Settings,
     default_settings_path,
-    example_toml,
     load_settings,
     parse_settings,
 )
+from madrob_console.config.example import example_toml
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.sensors import SensorLimits

@@ -5,33 +5,48 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.screen import Screen
-from textual.widgets import ContentSwitcher
+from textual.timer import Timer
+from textual.widgets import ContentSwitcher, Input
 
+from madrob_console.referee.run import Phase
 from madrob_console.ui.questions import Ask
-from madrob_console.ui.screens.help import HelpPane
-from madrob_console.ui.screens.live import LivePane
-from madrob_console.ui.screens.results import ResultsPane
-from madrob_console.ui.screens.setup import SetupPane
-from madrob_console.ui.widgets.dialog import Dialog
 from madrob_console.ui.widgets.fault_line import FaultLine
 from madrob_console.ui.widgets.key_line import KeyLine
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import TONE_CLASSES, Tone
+from madrob_console.ui.widgets.tiny_clock import TinyClock
 from madrob_console.ui.widgets.top_line import TopLine
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.ui.app import MadrobApp
     from madrob_console.ui.defaults import ConsoleDefaults
     from madrob_console.ui.link import EngineLink
+    from madrob_console.ui.panes import Panes
+    from madrob_console.ui.widgets.dialog import Dialog
+
+BUSY_PERIOD = 0.1
+"""Between two looks at the engine while a countdown or a run goes on, s."""
+IDLE_PERIOD = 0.25
+"""The same otherwise, s."""
 
 TOP_LINE_EVERY = 4
 """Every fourth snapshot reaches the top line: its counters change with every one."""
 
+_MAIN = ("setup", "live", "results")
+
 
 class ConsoleScreen(Screen[None]):
     """Top line, faults, one pane, status, keys; dialogs over the lower part of the pane.
+
+    In a terminal too small for that, a clock with the keys that end a run.
+
+    Args:
+        link: to the engine.
+        defaults: what the first run's set-up proposes.
 
     Attributes:
         pane: the name of the pane shown.
@@ -39,27 +54,29 @@ class ConsoleScreen(Screen[None]):
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "back", show=False)]
     AUTO_FOCUS = ""
+    app: MadrobApp
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
         super().__init__()
-        self._top = TopLine(defaults.competition)
-        self._faults = FaultLine()
-        self.setup = SetupPane(link, defaults)
-        self._panes: dict[str, SetupPane | LivePane | ResultsPane | HelpPane] = {
-            "setup": self.setup,
-            "live": LivePane(),
-            "results": ResultsPane(),
-            "help": HelpPane(),
-        }
-        self._switcher = ContentSwitcher(*self._panes.values(), initial="setup")
-        self._status = Label("F1 lists the keys.", id="status-line")
+        self._link = link
+        self._defaults = defaults
+        where = " @".join(name for name in (defaults.competition, defaults.host) if name)
+        self._top = TopLine(where)
+        self._faults = FaultLine(where)
+        self._panes: Panes | None = None
+        self._switcher = ContentSwitcher()
+        self._tiny = TinyClock()
+        hint = "; ".join(defaults.problems) or defaults.hint
+        self._status = Label(hint, Tone.WARN if defaults.problems else Tone.DIM, id="status-line")
         self._keys = KeyLine()
         self._latest: Snapshot | None = None
+        self._timer: Timer | None = None
         self._count = 0
         self._was_active = False
         self._was_written = False
-        self._behind_help = "setup"
+        self._behind = "setup"
         self.pane = "setup"
         self.dialogs: list[Dialog] = []
 
@@ -67,59 +84,116 @@ class ConsoleScreen(Screen[None]):
         """Top to bottom."""
         yield self._top
         yield self._faults
-        yield Container(self._switcher, id="body")
+        yield Container(self._switcher, self._tiny, id="body")
         yield self._status
         yield self._keys
+
+    @property
+    def tiny(self) -> bool:
+        """Whether the terminal is too small for the panes."""
+        return self.has_class("-tiny-width") or self.has_class("-tiny-height")
 
     @property
     def status(self) -> str:
         """The message shown."""
         return self._status.text
 
+    @property
+    def panes(self) -> Panes:
+        """All panes; not before `begin`."""
+        assert self._panes is not None
+        return self._panes
+
+    async def begin(self) -> None:
+        """Make the panes and poll the engine from now on."""
+        from madrob_console.ui.panes import Panes
+
+        panes = Panes(self._link, self._defaults)
+        for pane in panes:
+            pane.display = False
+        with self.app.batch_update():
+            await self._switcher.mount(*panes)
+            self._switcher.current = self.pane
+        self._panes = panes
+        self._timer = self.set_interval(IDLE_PERIOD, self.poll)
+        self.poll()
+        self.take_focus()
+
+    def poll(self) -> None:
+        """Show the latest snapshot; look more often while a run goes on."""
+        snapshot = self._link.snapshot()
+        if snapshot is None or self._panes is None:
+            return
+        busy = self._latest is not None and self._latest.run.active
+        self.show(snapshot, self._link.trouble)
+        if snapshot.run.active != busy and self._timer is not None:
+            self._timer.stop()
+            period = BUSY_PERIOD if snapshot.run.active else IDLE_PERIOD
+            self._timer = self.set_interval(period, self.poll)
+
     def show(self, snapshot: Snapshot, trouble: str | None = None) -> None:
         """Show a newer snapshot; `trouble` says why it cannot be trusted."""
+        self._ring(snapshot)
         self._follow(snapshot)
         self._latest = snapshot
         self._faults.trouble = trouble
         self._faults.show(snapshot)
+        self._keys.typing = isinstance(self.focused, Input) and not self.dialogs
         self._keys.show(snapshot)
         if self._count % TOP_LINE_EVERY == 0:
             self._top.show(snapshot)
         self._count += 1
-        self._panes[self.pane].show(snapshot)
+        self.panes[self.pane].show(snapshot)
+        self._tiny.show(snapshot)
         if self.pane != "setup":
-            self.setup.follow(snapshot)
+            self.panes.setup.follow(snapshot)
 
     def show_pane(self, name: str) -> None:
-        """Switch to a pane; the help goes back to where it came from."""
-        if name == self.pane == "help":
-            name = self._behind_help
-        elif name == "help":
-            self._behind_help = self.pane
+        """Switch to a pane; the key of a side pane that is shown goes back."""
+        if self._panes is None:
+            return
+        if name == self.pane and name not in _MAIN:
+            name = self._behind
+        if name in _MAIN:
+            self._behind = name
         self._switcher.current = self.pane = name
         self._keys.pane = name
         self.take_focus()
         if self._latest is not None:
-            self._panes[name].show(self._latest)
+            self.panes[name].show(self._latest)
             self._keys.show(self._latest)
+
+    def action_back(self) -> None:
+        """Escape: from a side pane to the one before; it never does more."""
+        if self.pane not in _MAIN:
+            self.show_pane(self._behind)
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Show a message until the next one."""
         self._status.say(text, tone)
 
+    def take_marked_run(self) -> None:
+        """In the history: the next run is for the team and condition of the marked one."""
+        marked = self.panes.history.selected if self.pane == "history" else None
+        if marked is not None:
+            self.panes.setup.propose_like(marked)
+
+    def show_runs(self, text: str) -> None:
+        """The history with a filter."""
+        self.show_pane("history")
+        self.panes.history.look_for(text)
+
     def take_focus(self) -> None:
         """Give the focus to what is in front."""
         if self.dialogs:
             self.dialogs[-1].take_focus()
-        elif self.pane == "setup":
-            self.setup.enter()
-        elif self.pane == "live":
-            self.set_focus(None)
-        else:
-            self.set_focus(self._panes[self.pane])
+            return
+        self.panes[self.pane].enter()
 
     async def open(self, name: str, ask: Ask) -> None:
         """Open a dialog in front of everything."""
+        from madrob_console.ui.widgets.dialog import Dialog
+
         dialog = Dialog(name, ask)
         self.dialogs.append(dialog)
         await self.query_one("#body").mount(dialog)
@@ -131,6 +205,16 @@ class ConsoleScreen(Screen[None]):
             self.dialogs.remove(dialog)
             await dialog.remove()
             self.take_focus()
+
+    def _ring(self, now: Snapshot) -> None:
+        """The bell: a run starts, a run stops, a fault appears."""
+        before = self._latest
+        if before is None:
+            return
+        started = now.run.phase is Phase.RUNNING is not before.run.phase
+        stopped = before.run.active and not now.run.active
+        if started or stopped or set(now.faults) - set(before.faults):
+            self.app.ring()
 
     def _follow(self, now: Snapshot) -> None:
         """Live when a countdown begins, results when one is written; not under a dialog."""

@@ -20,10 +20,20 @@ _TEXT = """\
 Set-up (F2): Tab, Enter and arrows go through the fields, left and right change a choice. What \
 you see is set up as soon as you leave a field. Then F6 when the robot stands at its start pose, \
 and F5.
+Live (F3): the steps as the sensors, the referee and the rules have them. An incident is two \
+keys: i and its letter. 1-6 confirm or deny a step, now or until the result is final.
+Result (F4): the difference to the team's earlier runs stands beside each value. g shows the \
+figures: left and right move in time, + and - zoom, 0 shows all, Tab the next figure. f finalises \
+with the team's word, u opens a final result again.
+History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
+team and condition; / filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
+Standings (s): c changes mean, median, deviation; b all runs or the best; v official or simulated.
 A dim key is not possible now: press it and the line above the keys says why.
-F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question and never \
-does more.
-Letters type text while a text field has the focus; function keys always work."""
+F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question or goes \
+back to the pane before, and never does more.
+Letters type text while a text field has the focus; function keys and ^P (Ctrl+P) always work. \
+^P finds every command by its name, and the themes.
+To practise: `madrob console --testbed simulated`. Its runs never count."""
 
 
 class HelpText(Lines):
@@ -58,6 +68,10 @@ class HelpPane(VerticalScroll):
     def compose(self) -> ComposeResult:
         """One page."""
         yield HelpText()
+
+    def enter(self) -> None:
+        """Arrows scroll."""
+        self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
         """The help does not change."""

@@ -13,7 +13,7 @@ from madrob_console.ui.widgets.event_log import EventLog
 from madrob_console.ui.widgets.handle_gauge import HandleGauge
 from madrob_console.ui.widgets.lines import View
 from madrob_console.ui.widgets.passage import Passage
-from madrob_console.ui.widgets.recorder_line import RecorderLine
+from madrob_console.ui.widgets.provisional import Provisional
 from madrob_console.ui.widgets.run_clock import RunClock, RunTenths
 from madrob_console.ui.widgets.run_summary import RunSummary
 from madrob_console.ui.widgets.step_table import StepTable
@@ -26,7 +26,7 @@ _SLOW = 3
 
 
 class LivePane(Vertical):
-    """Clock, steps, sensors, recorder, log."""
+    """Clock, steps, sensors, what is known so far, log."""
 
     def __init__(self) -> None:
         super().__init__(id="live")
@@ -40,7 +40,7 @@ class LivePane(Vertical):
             DoorGauge(),
             HandleGauge(),
         )
-        self._slow: tuple[View, ...] = (RecorderLine(), EventLog())
+        self._slow: tuple[View, ...] = (Provisional(), EventLog())
         self._count = 0
 
     def compose(self) -> ComposeResult:
@@ -51,6 +51,10 @@ class LivePane(Vertical):
         yield Horizontal(steps, passage, classes="row")
         yield Horizontal(door, handle, classes="row")
         yield from self._slow
+
+    def enter(self) -> None:
+        """No field has the focus: the letters are keys."""
+        self.screen.set_focus(None)
 
     def show(self, snapshot: Snapshot) -> None:
         """Show a newer snapshot."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from textual.app import ComposeResult
 from textual.containers import Container, VerticalScroll
 
+from madrob_console.errors import MadrobError
+from madrob_console.history import earlier_runs
 from madrob_console.ui.widgets.indicator_table import IndicatorTable
 from madrob_console.ui.widgets.lines import View
 from madrob_console.ui.widgets.quality_table import QualityTable
@@ -16,17 +19,25 @@ from madrob_console.ui.widgets.step_table import StepTable
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.history import RunSummary
+    from madrob_console.referee.run import RunSetup
 
 
 class ResultsPane(VerticalScroll):
-    """Outcome, indicators, capability, data quality, marks, files; arrows scroll."""
+    """Outcome, indicators, capability, data quality, marks, files; arrows scroll.
 
-    def __init__(self) -> None:
+    Args:
+        load: all runs of the competition; may take a moment.
+    """
+
+    def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
         super().__init__(id="results")
+        self._load = load
         self._shown: tuple[float | None, int] = (None, 0)
+        self._indicators = IndicatorTable()
         self._views: tuple[View, ...] = (
             ResultHead(),
-            IndicatorTable(),
+            self._indicators,
             StepTable(of_result=True),
             QualityTable(),
             RunMarks(),
@@ -40,11 +51,45 @@ class ResultsPane(VerticalScroll):
         yield quality
         yield marks
 
+    def enter(self) -> None:
+        """Arrows scroll."""
+        self.screen.set_focus(self)
+
     def show(self, snapshot: Snapshot) -> None:
         """Show a newer snapshot; another result begins at its top."""
-        shown = (snapshot.run.start, snapshot.run.issue)
+        result = snapshot.result
+        shown = (None if result is None else result.start, snapshot.run.issue)
         if shown != self._shown:
             self._shown = shown
             self.scroll_home(animate=False)
+            self._indicators.earlier = ()
+            if snapshot.result is not None and snapshot.run.setup is not None:
+                self._compare(snapshot, snapshot.run.setup)
         for view in self._views:
             view.show(snapshot)
+
+    def _compare(self, snapshot: Snapshot, setup: RunSetup) -> None:
+        """Look up the team's earlier runs in the same condition, off the loop."""
+        result, source = snapshot.result, snapshot.result_source
+        assert result is not None
+
+        def look_up() -> None:
+            try:
+                runs = earlier_runs(
+                    self._load(),
+                    setup.subject,
+                    setup.condition.number,
+                    result.start,
+                    source=source,
+                    ruleset=result.ruleset,
+                )
+            except MadrobError:
+                return  # the history says what is wrong with the folder
+            self.call_later(self._show_earlier, result.start, runs)
+
+        self.run_worker(look_up, thread=True, exclusive=True)
+
+    def _show_earlier(self, start: float, runs: Sequence[RunSummary]) -> None:
+        if start == self._shown[0]:
+            self._indicators.earlier = runs
+            self._indicators.redraw()

@@ -13,16 +13,18 @@ from textual.widgets import Input
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.widgets.checklist import CheckList
 from madrob_console.ui.widgets.choice import Choice
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import Tone
 from madrob_console.ui.widgets.press import Press
 from madrob_console.ui.widgets.setup_form import SetupForm
+from scoring.protocol import Condition
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.ui.link import EngineLink
+    from madrob_console.history import RunSummary
 
 _OPEN = (Phase.IDLE, Phase.READY)
 
@@ -89,6 +91,8 @@ class SetupPane(Vertical):
     def commit(self) -> str | None:
         """Set the run up as the fields say; returns why that is not possible."""
         self._snapshot = self._link.snapshot()
+        if self._snapshot is None:
+            return NOT_YET
         run = self._snapshot.run
         if run.phase not in _OPEN:
             return None
@@ -102,8 +106,16 @@ class SetupPane(Vertical):
 
     def commit_edits(self) -> str | None:
         """Before an act on a run that is set up: what has been typed since counts."""
-        ready = self._link.snapshot().run.phase is Phase.READY
+        snapshot = self._link.snapshot()
+        ready = snapshot is not None and snapshot.run.phase is Phase.READY
         return self.commit() if ready else None
+
+    def propose_like(self, run: RunSummary) -> None:
+        """Propose the team and the condition of an earlier run, with the next run number."""
+        self._teams.setdefault(run.subject, run.team)
+        self._form.subject.value = str(run.subject)
+        self._form.take_condition(Condition.from_number(run.condition))
+        self._propose(again=True)
 
     def draft(self) -> RunSetup | str:
         """The set-up in the fields, or what is wrong with it."""
@@ -218,4 +230,6 @@ class SetupPane(Vertical):
         then = "F5 starts." if refused is None else "See the checks."
         if not run.pose_confirmed:
             then = "F6 confirms its pose."
+        if self._defaults.teams and setup.subject not in self._defaults.teams:
+            then += f" Subject {setup.subject} is in no list of teams!"
         return f"Run {setup.run_number} of subject {setup.subject} is set up. {then}", Tone.GOOD

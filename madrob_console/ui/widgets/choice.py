@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
+from rich.cells import cell_len
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
@@ -56,12 +57,14 @@ class Choice(Lines, Generic[V], can_focus=True):
         label = self._options[self._index][0]
         focused = self.has_focus
         place = f" {self._index + 1}/{len(self._options)}"
+        if not focused or cell_len(label) + 4 + len(place) > width:
+            place = ""
         return [
             line(
                 Span("< ", Tone.STRONG if focused else Tone.DIM),
                 Span(label, Tone.CURSOR if focused else Tone.PLAIN),
                 Span(" >", Tone.STRONG if focused else Tone.DIM),
-                Span(place if focused else "", Tone.DIM),
+                Span(place, Tone.DIM),
             )
         ]
 

@@ -14,6 +14,7 @@ from scoring.protocol import Side
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import DoorView, LatchView, Snapshot
 
+_ROOMY = 34
 _LIMIT = math.pi / 2
 _DEGREES = (-90, -45, 0, 45, 90)
 
@@ -28,7 +29,9 @@ class DoorGauge(View):
         opening = None if setup is None else setup.condition.opening_side
         numbers = ruler(room, [(column(math.radians(d), _LIMIT, room), str(d)) for d in _DEGREES])
         return [
-            line(Span("door ", Tone.STRONG), *_words(snapshot.door), *_latch(snapshot.latch)),
+            line(
+                Span("door ", Tone.STRONG), *_words(snapshot.door, width), *_latch(snapshot.latch)
+            ),
             line(
                 Span(" CW ", Tone.DIM),
                 *_scale(snapshot.door, opening, room),
@@ -38,11 +41,12 @@ class DoorGauge(View):
         ]
 
 
-def _words(door: DoorView) -> Line:
+def _words(door: DoorView, width: int) -> Line:
     if door.angle is None:
         return line(Span(f"no angle: {door.freshness}", Tone.BAD))
     state = "open" if door.is_open else "closed"
-    text = f"{door.angle:+.3f} rad {math.degrees(door.angle):+6.1f} deg "
+    degrees = f" {math.degrees(door.angle):+6.1f} deg" if width >= _ROOMY else ""
+    text = f"{door.angle:+.3f} rad{degrees} "
     stale = door.freshness is not Freshness.FRESH
     tone = Tone.WARN if door.is_open else Tone.GOOD
     return line(text, Span(str(door.freshness) if stale else state, Tone.BAD if stale else tone))

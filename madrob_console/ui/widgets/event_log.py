@@ -23,10 +23,16 @@ class EventLog(View):
         return [log_line(entry) for entry in snapshot.log[-rows:]] if rows else ()
 
 
+def _tone(entry: LogLine) -> Tone:
+    if entry.text.startswith("FALSE START"):
+        return Tone.ALARM
+    return Tone.NOTICE if entry.text.startswith("incident") else _TONES[entry.origin]
+
+
 def log_line(entry: LogLine) -> Line:
     """Time since the start, or of day outside a run; who made it happen; what."""
     at = time_of_day(entry.time) if entry.relative is None else f"{entry.relative:+8.2f}"
     return line(
         Span(f"{at:>8} {entry.origin:<8}", Tone.DIM),
-        Span(entry.text, _TONES[entry.origin]),
+        Span(entry.text, _tone(entry)),
     )

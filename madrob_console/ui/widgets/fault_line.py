@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
+
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
-from madrob_console.ui.words import wrapped
+from madrob_console.ui.words import fitted, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -18,6 +20,10 @@ MOST_ROWS = 3
 class FaultLine(View):
     """The faults, one a row; the last row counts those that found no room."""
 
+    def __init__(self, where: str = "") -> None:
+        super().__init__()
+        self._where = where
+
     trouble: str | None = None
     """Why the snapshot cannot be trusted, in words; None = it can."""
 
@@ -27,7 +33,9 @@ class FaultLine(View):
         if self.trouble is not None:
             faults.insert(0, self.trouble)
         if not faults:
-            return [line(Span("no faults", Tone.DIM))]
+            where = fitted(self._where, min(cell_len(self._where), width - 10))
+            left = fitted("no faults", width - cell_len(where))
+            return [line(Span(left + where, Tone.DIM))]
         rows: list[str] = []
         shown = 0
         for fault in faults:

@@ -12,6 +12,7 @@ from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import HandleView, Snapshot
 
+_ROOMY = 34
 _LIMITS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 
@@ -25,19 +26,20 @@ class HandleGauge(View):
         limit = _limit(handle)
         labels = [
             (0, f"{-limit:g}"),
-            (column(0.0, limit, room), f"touch ±{handle.touch_force:.2f} N"),
+            (column(0.0, limit, room), f"touch at {handle.touch_force:.2f} N"),
             (room - 1, f"{limit:g}"),
         ]
         return [
-            line(Span("handle ", Tone.STRONG), *_words(handle)),
+            line(Span("handle ", Tone.STRONG), *_words(handle, width)),
             scale("-" * room, _marks(handle, limit, room)),
             line(Span(ruler(room, labels), Tone.DIM)),
         ]
 
 
-def _words(handle: HandleView) -> Line:
+def _words(handle: HandleView, width: int) -> Line:
     most = "-" if handle.maximum is None else f"{handle.maximum:.1f}"
-    rest = f" zero {handle.zero:+.2f} max {most} N"
+    zero = f" zero {handle.zero:+.2f}" if width >= _ROOMY else ""
+    rest = f"{zero} max {most} N"
     if handle.force is None:
         return line(Span(f"no force: {handle.freshness}", Tone.BAD), Span(rest, Tone.DIM))
     stale = handle.freshness is not Freshness.FRESH

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
-from madrob_console.ui.words import wrapped
+from madrob_console.ui.words import fitted, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.history import RunSummary
     from scoring.result import Indicator
 
 _NAME = 29
@@ -19,23 +21,32 @@ FROM_THE_START = ("execution_time", "time_to_handle")
 
 
 class IndicatorTable(View):
-    """One row each; a long reason takes more."""
+    """One row each; a long reason takes more.
+
+    Attributes:
+        earlier: runs of the same team in the same condition, to compare with.
+    """
+
+    earlier: Sequence[RunSummary] = ()
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """A header and the indicators."""
         if snapshot.result is None:
             return ()
-        lines = [
-            line(
-                Span("indicators", Tone.STRONG), Span("  * with the manual start's delay", Tone.DIM)
-            )
-        ]
+        against = "against the mean of earlier" if self.earlier else "no earlier run to compare"
+        head = fitted("indicators", _NAME)
+        lines = [line(Span(head, Tone.STRONG), Span(f"  {against}", Tone.DIM))]
         for indicator in snapshot.result.indicators:
-            lines += _rows(indicator, width)
-        return lines
+            lines += _rows(indicator, self._means(indicator), width)
+        return [*lines, line(Span("* includes the delay of the manual start", Tone.DIM))]
+
+    def _means(self, indicator: Indicator) -> tuple[float, int] | None:
+        """Mean of the earlier runs that have a value, and how many have."""
+        values = [v for run in self.earlier if (v := run.values.get(indicator.name)) is not None]
+        return (fmean(values), len(values)) if values else None
 
 
-def _rows(indicator: Indicator, width: int) -> list[Line]:
+def _rows(indicator: Indicator, mean: tuple[float, int] | None, width: int) -> list[Line]:
     star = " *" if indicator.name in FROM_THE_START else ""
     name = str(indicator.name).replace("_", " ") + star
     if indicator.value is None:
@@ -46,9 +57,20 @@ def _rows(indicator: Indicator, width: int) -> list[Line]:
         line(
             f"{name:<{_NAME}}",
             Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
-            Span(f" {indicator.unit}", Tone.DIM),
+            Span(f" {indicator.unit:<8}", Tone.DIM),
+            _compared(indicator.value, mean),
         )
     ]
+
+
+def _compared(value: float, mean: tuple[float, int] | None) -> str:
+    """The difference to the mean, the mean, and of how many runs it is."""
+    if mean is None:
+        return ""
+    earlier, count = mean
+    difference = value - earlier
+    text = f"{difference:+.4f}" if abs(difference) < 1e4 else f"{difference:+.2e}"
+    return f"{text:>11} to {value_text(earlier)} ({count})"
 
 
 def value_text(value: float) -> str:

@@ -6,35 +6,70 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS, Key
-from madrob_console.ui.widgets.lines import Line, Span, Tone, View
+from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
 _ROOMY = 100
+_ALWAYS_NAMED = ("start", "abort", "timeout", "leave")
+"""Keys that keep their names where there is no room for all."""
 
 
 class KeyLine(View):
-    """Two rows of keys that never move; a key with a refusal is dim and not reversed."""
+    """Two rows; a key with a refusal is dim and not reversed.
 
-    pane = ""
+    Attributes:
+        pane: the one that is shown.
+        typing: whether a text field takes the letters.
+    """
 
-    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """Function keys and letters."""
-        gap = "  " if width >= _ROOMY else " "
-        return [
-            self._row(FUNCTION_KEYS, snapshot, gap, " " if width >= _ROOMY else ""),
-            self._row(LETTER_KEYS, snapshot, gap, ""),
-        ]
+    pane = "setup"
+    typing = False
 
-    def _row(self, keys: Sequence[Key], snapshot: Snapshot, gap: str, space: str) -> Line:
+    def lines(self, width: int) -> Sequence[Line]:
+        """Function keys and letters; all dim before there is an engine."""
+        return [self._functions(self._snapshot, width), self._letters(self._snapshot, width)]
+
+    def _functions(self, snapshot: Snapshot | None, width: int) -> Line:
+        row = self._row(FUNCTION_KEYS, snapshot, width)
+        if width_of(row) <= width:
+            return row
+        return self._row(FUNCTION_KEYS, snapshot, width, _ALWAYS_NAMED)
+
+    def _letters(self, snapshot: Snapshot | None, width: int) -> Line:
+        if self.typing:
+            return line(
+                Span("letters type: ", Tone.STRONG),
+                Span("Enter, Tab, arrows move on; F keys and ", Tone.DIM),
+                Span("^P", Tone.CAP),
+                Span(" work"),
+            )
+        row = self._row(LETTER_KEYS, snapshot, width)
+        if width_of(row) <= width:
+            return row
+        here = [key for key in LETTER_KEYS if not key.where or self.pane in key.where]
+        row = self._row(here, snapshot, width)
+        return row if width_of(row) <= width else self._row(here, snapshot, width, ())
+
+    def _row(
+        self,
+        keys: Sequence[Key],
+        snapshot: Snapshot | None,
+        width: int,
+        named: Sequence[str] | None = None,
+    ) -> Line:
+        """The keys; only those in `named` with their names, None = all."""
+        roomy = width >= _ROOMY
         spans: list[Span] = []
         for key in keys:
             if spans:
-                spans.append(Span(gap))
-            if key.refusal(snapshot) is not None:
-                spans.append(Span(f"{key.cap}{space}{key.label}", Tone.DIM))
+                spans.append(Span("  " if roomy else " "))
+            label = key.label if named is None or key.name in named else ""
+            space = " " if roomy and not label.startswith(" ") else ""
+            if snapshot is None or key.refusal(snapshot) is not None:
+                spans.append(Span(f"{key.cap}{space}{label}", Tone.DIM))
                 continue
             tone = Tone.STRONG if key.pane and key.pane == self.pane else Tone.PLAIN
-            spans += [Span(key.cap, Tone.CAP), Span(f"{space}{key.label}", tone)]
+            spans += [Span(key.cap, Tone.CAP), Span(f"{space}{label}", tone)]
         return tuple(spans)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,10 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
         tone = Tone.GOOD
     lines = [line(Span(row, tone)) for row in wrapped(text, width)]
-    if snapshot.source_kind != "ros":
-        lines.append(line(Span(f" {snapshot.source_label}: not an official result ", Tone.NOTICE)))
+    source = snapshot.result_source
+    if source is not None and source != "ros":
+        lines.append(line(Span(f" {source.upper()}: not an official result ", Tone.NOTICE)))
+    if snapshot.opened:
+        day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
+        lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))
     return lines

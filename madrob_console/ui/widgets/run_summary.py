@@ -65,4 +65,4 @@ def _condition(run: Run) -> str:
     if run.setup is None:
         return ""
     condition = run.setup.condition
-    return f"condition {condition.number}: {condition.benchmark_type}, {condition_text(condition)}"
+    return f"condition {condition.number}: {condition_text(condition)}, {condition.benchmark_type}"

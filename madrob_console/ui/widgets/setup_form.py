@@ -17,6 +17,7 @@ from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.widgets.choice import Choice
 from madrob_console.ui.widgets.field import Field
 from madrob_console.ui.widgets.label import Label
+from madrob_console.ui.widgets.top_view import TopView
 from madrob_console.ui.words import condition_text
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
@@ -26,7 +27,7 @@ _OWN_POSE = "numbers below"
 
 
 class SetupForm(Horizontal):
-    """Two columns of fields; reads and writes `RunSetup`s, knows no rule of its own."""
+    """Fields and a view of the start pose; reads and writes `RunSetup`s, knows no rule."""
 
     def __init__(self, defaults: ConsoleDefaults) -> None:
         super().__init__(id="setup-form")
@@ -46,9 +47,10 @@ class SetupForm(Horizontal):
         self.countdown = Field(id="countdown")
         self.ruleset = _choice(RulesetName, defaults.ruleset, "ruleset")
         self.lock_detection = _choice(LockDetection, defaults.lock_detection, "lock")
+        self.top_view = TopView()
 
     def compose(self) -> ComposeResult:
-        """Who and which condition on the left, the rest on the right."""
+        """Who and in which condition, the rest, the pose seen from above."""
         yield Vertical(
             _row("Subject", self.subject, "  run ", self.run_number),
             _row("Team", self.team),
@@ -57,6 +59,7 @@ class SetupForm(Horizontal):
             _row("Starting side", self.starting),
             _row("Benchmark", self.benchmark),
             _row("Condition", self.condition_label),
+            classes="who",
         )
         yield Vertical(
             _row("Start pose", self.preset),
@@ -66,7 +69,9 @@ class SetupForm(Horizontal):
             _row("Countdown", self.countdown, " s"),
             _row("Ruleset", self.ruleset),
             _row("Lock by", self.lock_detection),
+            classes="how",
         )
+        yield self.top_view
 
     @property
     def condition(self) -> Condition:
@@ -75,7 +80,7 @@ class SetupForm(Horizontal):
 
     def load(self, setup: RunSetup) -> None:
         """Show a set-up."""
-        condition, pose = setup.condition, setup.start_pose
+        condition = setup.condition
         self.subject.value = str(setup.subject)
         self.team.value = setup.team
         self.run_number.value = str(setup.run_number)
@@ -87,7 +92,7 @@ class SetupForm(Horizontal):
         self.countdown.value = f"{setup.countdown:g}"
         self.ruleset.value = setup.ruleset
         self.lock_detection.value = setup.lock_detection
-        self.show_pose(pose)
+        self.show_pose(setup.start_pose)
 
     def show_names(self, setup: RunSetup) -> None:
         """Show the names as they were cleaned, so that nothing changes unseen."""
@@ -104,8 +109,10 @@ class SetupForm(Horizontal):
     def show_derived(self) -> None:
         """What follows from the fields: the condition in words, the preset that they match."""
         condition = self.condition
-        self.condition_label.say(f"{condition.number}: {condition_text(condition)}")
+        way = condition_text(condition).replace("from ", "")
+        self.condition_label.say(f"{condition.number}: {way}")
         pose = self.pose()
+        self.top_view.show_setup(condition, pose if isinstance(pose, StartPose) else None)
         names = (name for name, preset in self._poses.items() if preset == pose)
         self.preset.value = next(names, _OWN_POSE)
 
@@ -119,6 +126,14 @@ class SetupForm(Horizontal):
             )
         except MadrobError as error:
             return str(error)
+
+    def take_condition(self, condition: Condition) -> None:
+        """Choose a condition; the start pose follows its side."""
+        self.opening.value = condition.opening_side
+        self.starting.value = condition.starting_side
+        self.benchmark.value = condition.benchmark_type
+        self.follow_side()
+        self.show_derived()
 
     def take_preset(self) -> None:
         """The chosen preset's numbers."""

@@ -12,8 +12,8 @@ from scoring.procedure import StepRecord
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
-_NARROW = 50
-"""Cells without the column of reasons."""
+_NARROW = 49
+"""Cells without the column of reasons; with fewer, only what counts is shown."""
 
 
 class StepTable(View):
@@ -34,6 +34,8 @@ class StepTable(View):
 
 def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
     """The table; times in s since `start`. With room, a column says why a step is not done."""
+    if width < _NARROW:
+        return _compact(steps, start, width)
     room = width - _NARROW - 2
     why = "  why not" if room >= 14 else ""
     head = f"    {'step':<19} {'sensors':>7}  {'referee':<9} {'final':>7}{why}"
@@ -44,6 +46,23 @@ def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> 
         if why and record.waiting:
             row = line(*row, Span(f"  {fitted(record.waiting, room)}", Tone.DIM))
         rows.append(row)
+    return rows
+
+
+def _compact(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
+    """What counts, and whether the referee said so; the result has all columns."""
+    rows = [line(Span(fitted(f"    {'step':<19}{'final':>7}", width), Tone.DIM))]
+    for record in steps:
+        final = relative_text(record.final, start) if record.done else "no"
+        tone = Tone.GOOD if record.done else Tone.DIM
+        rows.append(
+            line(
+                Span("✓ " if record.done else "  ", tone),
+                f"{record.step} {record.step.text:<18}",
+                Span(f"{final:>7}", tone),
+                Span(" ref" if record.ruling is not None else "", Tone.WARN),
+            )
+        )
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The line that is always on top: source, competition, recorder, disk, time of day."""
+"""The line that is always on top: source, competition, recorder, sources, disk, time of day."""
 
 from __future__ import annotations
 
@@ -7,49 +7,59 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
+from madrob_console.referee.health import Freshness
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.words import fitted, size_text, time_of_day
 
 if TYPE_CHECKING:
-    from madrob_console.engine.snapshot import RecorderView, Snapshot
+    from madrob_console.engine.snapshot import RecorderView, Snapshot, TopicView
 
 LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
 
 _LEAST_LABEL = 18
-_BADGE_FRAME = 8
 _STATES = {"finished": "done"}
 
 
 class TopLine(View):
-    """Which source, which competition, and whether everything is being kept."""
+    """Which source, which competition, and whether everything is being kept.
 
-    def __init__(self, competition: str) -> None:
+    Args:
+        where: competition and machine; the row below has room for them where this one has not.
+    """
+
+    def __init__(self, where: str) -> None:
         super().__init__(id="top-line")
-        self._competition = competition
+        self._where = where
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """The source on the left, what is being kept on the right; the disk gives way first."""
-        clock = f"  {time_of_day(snapshot.time)}"
+        """The source on the left, what is being kept on the right, names between them."""
+        clock = f" {time_of_day(snapshot.time)}"
         recorder = recorder_spans(snapshot.recorder)
-        right = line(*recorder, *_disk(snapshot.disk_free), clock)
-        badge = source_badge(snapshot, max(_LEAST_LABEL, width - width_of(right) - _BADGE_FRAME))
-        if width_of((badge,)) + width_of(right) > width:
-            right = line(*recorder, clock)
+        age = Span(f" {_oldest(snapshot.topics)}", _age_tone(snapshot.topics))
+        disk = _disk(snapshot.disk_free)
+        rights = (
+            line(*recorder, age, *disk, clock),
+            line(*recorder, age, clock),
+            line(*recorder, clock),
+            line(*recorder),
+        )
+        right = next((r for r in rights if width_of(r) + _LEAST_LABEL <= width), rights[-1])
+        badge = source_badge(snapshot, max(4, width - width_of(right)))
         room = width - width_of((badge,)) - width_of(right)
-        return [
-            line(badge, Span(fitted(f" {self._competition}", max(0, room)), Tone.STRONG), *right)
-        ]
+        return [line(badge, Span(fitted(f" {self._where}", max(0, room)), Tone.STRONG), *right)]
 
 
 def source_badge(snapshot: Snapshot, room: int) -> Span:
-    """The source's label: LIVE and anything else differ in word, mark and colour."""
+    """The source's label in at most `room` cells: LIVE and others differ in word and mark."""
     label = snapshot.source_label
-    if cell_len(label) > room:
-        label = fitted(label, room)
     if snapshot.source_kind == "ros":
-        return Span(f" {label} ", Tone.LIVE)
-    return Span(f" ~~ {label} ~~ ", Tone.NOTICE)
+        return Span(f" {_cut(label, room - 2)} ", Tone.LIVE)
+    return Span(f" ~~ {_cut(label, room - 8)} ~~ ", Tone.NOTICE)
+
+
+def _cut(text: str, room: int) -> str:
+    return text if cell_len(text) <= room else fitted(text, max(1, room))
 
 
 def recorder_spans(recorder: RecorderView) -> Line:
@@ -61,13 +71,27 @@ def recorder_spans(recorder: RecorderView) -> Line:
     name = "REC" if recording else f"rec {_STATES.get(recorder.state, recorder.state)}"
     return line(
         Span(f" {name}", Tone.GOOD if recording and tone is Tone.PLAIN else tone),
-        f" {recorder.messages} msg {size_text(recorder.size)} ",
-        Span(f"{recorder.dropped} dropped", Tone.ALARM if recorder.dropped else Tone.DIM),
+        f" {recorder.messages} {size_text(recorder.size)} ",
+        Span(f"{recorder.dropped} drop", Tone.ALARM if recorder.dropped else Tone.DIM),
     )
+
+
+def _oldest(topics: Sequence[TopicView]) -> str:
+    """How old the newest message of the most silent needed topic is."""
+    needed = [topic for topic in topics if not topic.optional]
+    if not needed or any(topic.age is None for topic in needed):
+        return "no data"
+    oldest = max(topic.age or 0.0 for topic in needed)
+    return "age <0.5s" if oldest <= 0.5 else f"age {oldest:.1f}s" if oldest < 60 else "age >1min"
+
+
+def _age_tone(topics: Sequence[TopicView]) -> Tone:
+    fresh = all(t.freshness is Freshness.FRESH for t in topics if not t.optional)
+    return Tone.DIM if topics and fresh else Tone.BAD
 
 
 def _disk(free: int | None) -> Line:
     if free is None:
-        return line(Span("  disk ?", Tone.WARN))
+        return line(Span(" disk ?", Tone.WARN))
     tone = Tone.WARN if free < LITTLE_DISK else Tone.DIM
-    return line(Span(f"  {size_text(free)}", tone))
+    return line(Span(f" {size_text(free)}", tone))

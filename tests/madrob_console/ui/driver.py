@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from textual.pilot import Pilot
 
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.defaults import ConsoleDefaults, Look
 from madrob_console.ui.screens.console import ConsoleScreen
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SMALL = (80, 24)
 LARGE = (120, 36)
 DEFAULTS = ConsoleDefaults(
-    competition="Autumn Cup", results="/results", team="Door Bots", referee="Ada"
+    competition="Autumn Cup", results=Path("/results"), team="Door Bots", referee="Ada"
 )
 
 
@@ -61,7 +62,8 @@ class Driver:
     async def settle(self) -> None:
         """Look at the engine once more and let all messages pass."""
         await self.pilot.pause()
-        self.app.poll()
+        if isinstance(self.app.screen, ConsoleScreen):  # else the palette is in front
+            self.console.poll()
         await self.pilot.pause()
 
     def rows(self) -> Sequence[str]:
@@ -81,10 +83,12 @@ async def driving(
     size: tuple[int, int] = SMALL,
     defaults: ConsoleDefaults = DEFAULTS,
     monotonic: Callable[[], float] = lambda: 0.0,
+    look: Look | None = None,
 ) -> AsyncIterator[Driver]:
     """The console on `engine`, in a terminal of `size`; time stands still for the screens."""
-    app = MadrobApp(engine, defaults, monotonic)
+    app = MadrobApp(lambda: engine, defaults, look, monotonic)
     async with app.run_test(size=size) as pilot:
         driver = Driver(app, engine, pilot)
+        await app.workers.wait_for_complete()
         await driver.settle()
         yield driver

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from madrob_console.engine.curves import Curves
 from madrob_console.engine.snapshot import (
     DoorView,
     HandleView,
@@ -75,6 +76,9 @@ class FakeEngine:
     used_numbers: dict[tuple[int, int], int] = field(default_factory=dict)
     failure: str | None = None
     closed: bool = False
+    opened: list[str] = field(default_factory=list)
+    figures: Curves | None = None
+    provisional: dict[str, float] = field(default_factory=dict)
 
     # what a client does
 
@@ -108,7 +112,9 @@ class FakeEngine:
             disk_free=self.disk_free,
             faults=self.faults,
             log=self.log,
+            provisional=self.provisional,
             result=self.result,
+            result_source=None if self.result is None else self.kind,
             folder=None if self.result is None else FOLDER,
         )
 
@@ -129,6 +135,15 @@ class FakeEngine:
     def next_run_number(self, subject: int, condition_number: int) -> int:
         self._answer()
         return self.used_numbers.get((subject, condition_number), 0) + 1
+
+    def open_run(self, folder: str) -> str | None:
+        self._answer()
+        self.opened.append(folder)
+        return None
+
+    def curves(self) -> Curves | None:
+        self._answer()
+        return self.figures
 
     def close(self) -> None:
         self.closed = True

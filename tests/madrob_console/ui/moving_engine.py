@@ -48,4 +48,4 @@ if __name__ == "__main__":
     engine = MovingEngine()
     if "--running" in sys.argv:
         engine.start_run()
-    sys.exit(run_console(engine, ConsoleDefaults(competition="Autumn Cup")))
+    sys.exit(run_console(lambda: engine, ConsoleDefaults(competition="Autumn Cup")))

@@ -145,7 +145,9 @@ def test_a_ruling_shows_what_the_sensors_and_the_referee_say(engine: FakeEngine)
     asyncio.run(drive())
 
 
-def test_leaving_asks_only_while_a_run_goes_on(engine: FakeEngine) -> None:
+def test_leaving_asks_while_a_run_goes_on_and_while_its_result_is_not_final(
+    engine: FakeEngine,
+) -> None:
     async def drive() -> None:
         async with driving(engine) as driver:
             await driver.run()
@@ -155,7 +157,9 @@ def test_leaving_asks_only_while_a_run_goes_on(engine: FakeEngine) -> None:
             assert not driver.app.is_running
         engine.finish()
         async with driving(engine) as driver:
-            await driver.press("ctrl+c")
+            await driver.press("f10")
+            assert "the history (h) opens it later" in driver.text
+            await driver.press("n", "f", "a", "enter", "ctrl+c")
             assert not driver.app.is_running
         assert not engine.closed  # who opened the client closes it
 

@@ -20,7 +20,7 @@ PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
 F8, F10 = "\x1b[19~", "\x1b[21~"
 LAST_KEY = "F10Quit"
 STARTING = 30.0
-COLOURS = re.compile(rb"\x1b\[(?:\d+;)*(?:3[0-8]|4[0-8]|9[0-7]|10[0-7])(?:;\d+)*m")
+COLOURS = re.compile(rb"\x1b\[(?:\d+;)*(?:3[0-9]|4[0-9]|9[0-7]|10[0-7])(?:;\d+)*m")
 LEAVE_SCREEN, SHOW_CURSOR = b"\x1b[?1049l", b"\x1b[?25h"
 
 
@@ -46,6 +46,12 @@ def test_a_terminal_that_goes_ends_the_console_soon() -> None:
         terminal.wait_for(LAST_KEY, STARTING)
         terminal.hang_up()
         assert terminal.wait_exit() == 128 + signal.SIGHUP
+
+
+def test_a_signal_ends_the_console_even_if_its_terminal_takes_nothing(running: Terminal) -> None:
+    time.sleep(6.0)  # nobody reads: the pty and the queue before it fill up
+    os.kill(running.pid, signal.SIGTERM)
+    assert running.wait_exit_unread(8.0) == 128 + signal.SIGTERM
 
 
 def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -> None:

@@ -42,7 +42,7 @@ def test_a_result_is_shown_whole(engine: FakeEngine, size: tuple[int, int]) -> N
                 "COMPLETED (step 6 is done)",
                 "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW",
                 "ruleset protocol, issue 1, not final yet: f finalises it",
-                "SIMULATED nominal: not an official result",
+                "SIMULATED: not an official result",
                 "execution time *                17.4320 s",
                 "smoothness of door actuation     0.0625 s^3/rad",
                 "capability level                      6 steps",

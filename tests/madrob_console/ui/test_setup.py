@@ -257,7 +257,7 @@ def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
 
     async def drive() -> None:
         async with driving(engine, defaults=defaults) as driver:
-            assert f"Cup {name}" in driver.rows()[0]
+            assert f"Cup {name}" in driver.rows()[1]
             await driver.run()
             cleaned = setup_of(engine).team
             assert f"run 1 of subject 1 {cleaned}" in driver.text
@@ -301,6 +301,6 @@ def test_the_defaults_are_what_is_proposed(engine: FakeEngine) -> None:
             assert DEFAULTS.team in driver.text
             assert DEFAULTS.referee in driver.text
             assert DEFAULTS.competition in driver.rows()[0]
-            assert "1: pull, from CCW to CW" in driver.text
+            assert "1: pull, CCW to CW" in driver.text
 
     asyncio.run(drive())

@@ -1,0 +1,93 @@
+"""Run folders with results as the engine writes them, without an engine."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from madrob_console.history import RunSummary
+from madrob_console.runs import RESULT_FILE, RunId
+from scoring.protocol import Outcome
+from scoring.result import UNITS, IndicatorName
+
+EPOCH = 1_700_000_000.0
+HOUR = 3600.0
+VALUES: Mapping[str, float] = {
+    "execution_time": 17.432,
+    "time_to_handle": 3.214,
+    "door_occupation_time": 4.5,
+    "passage_time": 12.25,
+    "unsafety_of_door_operation": 1.875,
+    "smoothness_of_door_actuation": 0.0625,
+    "roughness_of_door_actuation": 14.75,
+    "capability_level": 6,
+}
+
+
+def document(run: RunSummary) -> dict[str, Any]:
+    """What `result.json` says of a run."""
+    return {
+        "format": 1,
+        "competition": run.competition,
+        "source": run.source,
+        "issue": run.issue,
+        "subject": run.subject,
+        "team": run.team,
+        "run_number": run.run_number,
+        "condition_number": run.condition,
+        "setup": {"team": "of the set-up"},
+        "ruleset": run.ruleset,
+        "outcome": run.outcome,
+        "start": run.started,
+        "indicators": {
+            name: {
+                "value": run.values.get(name),
+                "unit": UNITS[name],
+                "reason": None if name in run.values else "why not",
+            }
+            for name in IndicatorName
+        },
+        "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
+        if run.final
+        else None,
+    }
+
+
+def summary(
+    subject: int = 3,
+    condition: int = 7,
+    run_number: int = 1,
+    *,
+    hour: float = 0.0,
+    **fields: object,
+) -> RunSummary:
+    """A run, completed and official unless `fields` say otherwise, `hour` hours after `EPOCH`."""
+    started = EPOCH + hour * HOUR
+    told: dict[str, Any] = {
+        "team": f"Team {subject}",
+        "outcome": Outcome.COMPLETED,
+        "values": dict(VALUES),
+        "issue": 1,
+        "source": "ros",
+        "competition": "Autumn Cup",
+        "ruleset": "protocol",
+    }
+    told.update(fields)
+    return RunSummary(
+        folder=RunId(subject, condition, run_number).folder_name(started),
+        subject=subject,
+        condition=condition,
+        run_number=run_number,
+        started=started,
+        **told,
+    )
+
+
+def write(root: Path, run: RunSummary) -> Path:
+    """The run's folder with its result; returns the path of the result."""
+    path = root / run.folder / RESULT_FILE
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document(run), indent=2))
+    return path

@@ -1,0 +1,376 @@
+"""What holds on every screen: footer, bell, panes, palette, small terminals, the engine's start."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from dataclasses import replace
+
+import pytest
+
+from madrob_console.engine.client import EngineClient
+from madrob_console.errors import MadrobError
+from madrob_console.history import RunSummary
+from madrob_console.referee.acts import Abort, Act, DeclareTimeout
+from madrob_console.referee.run import Phase
+from madrob_console.theme_name import ThemeName
+from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.defaults import Look
+from madrob_console.ui.keys import KEYS
+from madrob_console.ui.screens.history import HistoryPane
+from scoring.protocol import Outcome
+from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
+from tests.madrob_console.ui.fake_engine import FakeEngine
+
+PHASES = {
+    Phase.IDLE: (),
+    Phase.READY: ("enter",),
+    Phase.COUNTDOWN: ("enter", "f6", "f5"),
+    Phase.RUNNING: ("enter", "f6", "f5"),
+    Phase.STOPPED: ("enter", "f6", "f5"),
+    Phase.FINAL: ("enter", "f6", "f5"),
+}
+ACTS = [key for key in KEYS.values() if key.act]
+
+
+async def bring(driver: Driver, phase: Phase) -> None:
+    """The run into a phase, by the referee's own keys where there are any."""
+    await driver.press("f2", *PHASES[phase])
+    if phase in (Phase.RUNNING, Phase.STOPPED, Phase.FINAL):
+        await driver.let_pass(6.0)
+    if phase in (Phase.STOPPED, Phase.FINAL):
+        driver.engine.finish()
+        await driver.settle()
+    if phase is Phase.FINAL:
+        await driver.press("f", "a", "enter")
+    assert driver.engine.run.phase is phase
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_from_every_state_every_key_acts_asks_or_says_why_not(
+    engine: FakeEngine, phase: Phase
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await bring(driver, phase)
+            await driver.press("f3")
+            run, result, acts = engine.run, engine.result, list(engine.acts)
+            for key in ACTS:
+                engine.run, engine.result, engine.acts = run, result, list(acts)
+                driver.console.say("")
+                refused = engine.snapshot().refusals.get(key.act)
+                await driver.press(key.keys.partition(",")[0])
+                asked = list(driver.console.dialogs)
+                if refused is not None:
+                    assert driver.console.status == f"Refused: {key.act}: {refused}", key
+                    assert (engine.acts, asked) == (acts, []), key
+                elif asked:
+                    assert engine.acts == acts, key
+                    await driver.press("escape")
+                    assert (engine.acts, driver.console.dialogs) == (acts, []), key
+                else:
+                    assert len(engine.acts) == len(acts) + 1 or "Refused" in driver.console.status
+                await driver.press("f3")
+
+    asyncio.run(drive())
+
+
+def test_escape_goes_back_and_the_key_of_a_side_pane_too(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3")
+            for key in ("f1", "h", "s", "g"):
+                await driver.press(key)
+                assert driver.console.pane != "live"
+                await driver.press("escape")
+                assert driver.console.pane == "live"
+                await driver.press(key, key)
+                assert driver.console.pane == "live"
+            await driver.press("escape")
+            assert driver.console.pane == "live"
+
+    asyncio.run(drive())
+
+
+def test_escape_never_ends_a_run_on_any_pane(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            for key in ("f1", "f2", "f3", "f4", "h", "s", "g"):
+                await driver.press(key, "escape", "escape", "escape")
+            assert engine.run.phase is Phase.RUNNING
+            assert driver.app.is_running
+
+    asyncio.run(drive())
+
+
+def test_the_footer_says_that_letters_type_while_they_do(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f2")
+            assert "letters type" in driver.rows()[-1]
+            await driver.press("f3")
+            assert driver.rows()[-1].startswith("1-6 Step i Incident")
+            await driver.press("f4")
+            assert "f Finalise" in driver.rows()[-1]
+
+    asyncio.run(drive())
+
+
+def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rung: list[str] = []
+    monkeypatch.setattr(MadrobApp, "bell", lambda _app: rung.append("bell"))
+
+    async def drive(look: Look) -> list[int]:
+        rung.clear()
+        counts = []
+        async with driving(FakeEngine(), look=look) as driver:
+            await driver.set_up()
+            await driver.press("f5")
+            counts.append(len(rung))
+            await driver.let_pass(6.0)
+            counts.append(len(rung))
+            driver.engine.faults = ("the door is on fire",)
+            await driver.settle()
+            await driver.settle()
+            counts.append(len(rung))
+            driver.engine.finish()
+            await driver.settle()
+            counts.append(len(rung))
+        return counts
+
+    assert asyncio.run(drive(Look())) == [0, 1, 2, 3]
+    assert asyncio.run(drive(Look(bell=False))) == [0, 0, 0, 0]
+
+
+def test_the_palette_finds_every_command_and_says_why_one_is_not_possible(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await driver.press("f2", "ctrl+p")
+            await driver.pilot.pause(0.3)
+            await driver.type("abort")
+            await driver.pilot.pause(0.5)
+            assert "F8  ABORT" in driver.text
+            assert "not now: no run is set up yet" in driver.text
+            await driver.press("escape", "ctrl+p")
+            await driver.type("live")
+            await driver.pilot.pause(0.5)
+            await driver.press("enter")
+            await driver.pilot.pause(0.3)
+            assert driver.console.pane == "live"
+            assert engine.acts == []
+
+    asyncio.run(drive())
+
+
+def test_abort_is_never_behind_the_palette(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            await driver.press("ctrl+p")
+            await driver.pilot.pause(0.3)
+            await driver.press("f8", "1", "y")
+            assert engine.acts[-1] == Abort("robot unsafe")
+
+    asyncio.run(drive())
+
+
+def test_the_theme_changes_at_once(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            before = driver.app.theme
+            driver.app.set_theme(ThemeName.HIGH_CONTRAST)
+            await driver.settle()
+            assert driver.app.theme != before
+            assert "SIMULATED" in driver.text
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("size", [(60, 17), (59, 24), (24, 8)])
+def test_a_terminal_too_small_for_the_panes_is_a_clock_with_abort_and_timeout(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            assert "RUNNING  0:01.0" in driver.text
+            assert "F8 ABORT" in driver.text
+            run = engine.run
+            await driver.press("f8", "escape")
+            assert engine.run.phase is Phase.RUNNING
+            for key, act in (("f8", Abort("none given")), ("f9", DeclareTimeout("none given"))):
+                engine.run = run
+                await driver.press(key, "y")
+                assert engine.acts[-1] == act
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("size", [(60, 18), (72, 20), (80, 24), (120, 36), (200, 60)])
+def test_the_keys_that_start_and_end_a_run_are_named_in_every_size(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            footer = driver.rows()[-2].replace(" ", "")
+            for cap in ("F5START", "F8ABORT", "F9Timeout", "F10Quit"):
+                assert cap in footer
+            assert not any("…" in row for row in driver.rows()[-2:])
+
+    asyncio.run(drive())
+
+
+def test_a_storm_of_sizes_and_keys_breaks_nothing(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            for width, height in ((1, 1), (300, 90), (10, 3), (80, 24), (59, 40), (90, 5)) * 3:
+                await driver.pilot.resize_terminal(width, height)
+                await driver.pilot.press("h", "f8", "escape", "s", "f3", "g", "question_mark")
+            await driver.pilot.resize_terminal(80, 24)
+            await driver.press("escape", "f3")
+            assert engine.run.phase is Phase.RUNNING
+            assert "RUNNING" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_an_earlier_run_is_opened_from_the_history_and_shown(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3", "h")
+            driver.app.post_message(HistoryPane.Opened(a_summary()))
+            await driver.settle()
+            await driver.settle()
+            assert engine.opened == ["subject_004_cond_003_run_002_20231114_221320"]
+            assert driver.console.pane == "results"
+            engine.failure = "its bag is gone"
+            driver.app.post_message(HistoryPane.Opened(a_summary()))
+            await driver.settle()
+            await driver.settle()
+            assert driver.console.status == "Refused: open the run: its bag is gone"
+
+    asyncio.run(drive())
+
+
+def test_the_next_run_from_the_history_is_for_the_marked_team_and_condition(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HistoryPane, "selected", property(lambda _pane: a_summary()))
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3", "h", "x")
+            setup = engine.run.setup
+            assert setup is not None
+            assert (setup.subject, setup.team, setup.condition.number) == (4, "Oslo", 3)
+            assert setup.problem() is None
+            assert driver.console.pane == "setup"
+
+    asyncio.run(drive())
+
+
+def test_a_teams_file_with_broken_lines_says_so_at_the_start(engine: FakeEngine) -> None:
+    defaults = replace(
+        DEFAULTS, teams={1: "Delft"}, problems=("teams.csv line 3: subject 'x' is no number",)
+    )
+
+    async def drive() -> None:
+        async with driving(engine, defaults=defaults) as driver:
+            assert "teams.csv line 3" in driver.console.status
+            await driver.press("f2", "9", "enter")
+            await driver.press("f6")
+            assert "Subject 9 is in no list of teams" in " ".join(driver.text.split())
+
+    asyncio.run(drive())
+
+
+def test_the_screens_are_there_before_the_engine_and_keys_say_so() -> None:
+    ready = threading.Event()
+    engine = FakeEngine()
+
+    def open_client() -> EngineClient:
+        ready.wait(20.0)
+        return engine
+
+    async def drive() -> None:
+        app = MadrobApp(open_client, DEFAULTS)
+        async with app.run_test(size=(80, 24)) as pilot:
+            driver = Driver(app, engine, pilot)
+            await driver.press("f5")
+            assert driver.console.status == "Refused: start: the engine is starting"
+            ready.set()
+            await app.workers.wait_for_complete()
+            await driver.settle()
+            assert "SIMULATED nominal" in driver.rows()[0]
+
+    asyncio.run(drive())
+
+
+def test_without_an_engine_the_screens_end_and_the_reason_is_kept() -> None:
+    def open_client() -> EngineClient:
+        raise MadrobError("no testbed on ROS domain 7: start it")
+
+    async def drive() -> MadrobApp:
+        app = MadrobApp(open_client, DEFAULTS)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause(0.5)
+            assert not app.is_running
+        return app
+
+    app = asyncio.run(drive())
+    assert str(app.failure) == "no testbed on ROS domain 7: start it"
+
+
+class SlowEngine(FakeEngine):
+    """Its disk makes every act wait."""
+
+    go = threading.Event()
+
+    def act(self, act: Act) -> str | None:
+        self.go.wait(20.0)
+        return super().act(act)
+
+
+def test_the_screens_go_on_while_an_act_waits_for_the_disk() -> None:
+    engine = SlowEngine()
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            SlowEngine.go.set()
+            await driver.run()
+            SlowEngine.go.clear()
+            pressing = asyncio.create_task(driver.pilot.press("i", "c"))
+            await driver.pilot.pause(0.3)
+            engine.say("the door opens")
+            for _ in range(3):
+                driver.console.poll()
+            await asyncio.sleep(0.3)
+            assert "the door opens" in driver.text
+            assert not [act for act in engine.acts if act.name == "mark an incident"]
+            SlowEngine.go.set()
+            await pressing
+            await driver.settle()
+            assert engine.acts[-1].name == "mark an incident"
+
+    asyncio.run(drive())
+
+
+def a_summary() -> RunSummary:
+    """An earlier run of another team in another condition."""
+    return RunSummary(
+        folder="subject_004_cond_003_run_002_20231114_221320",
+        subject=4,
+        team="Oslo",
+        run_number=2,
+        condition=3,
+        started=1_700_000_000.0,
+        outcome=Outcome.COMPLETED,
+        values={},
+        source="simulated",
+    )

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from madrob_console.history import RunSummary, matches
+from madrob_console.standings import Standing, standings
+from madrob_console.ui.screens.standings import (
+    PRACTICE_BANNER,
+    Shown,
+    StandingsPane,
+    about,
+    filter_for,
+    number_of,
+)
+from scoring.protocol import Outcome
+from scoring.result import IndicatorName
+from tests.madrob_console.run_folders import VALUES, summary
+from tests.madrob_console.ui.pane_app import showing
+
+TITLES = (
+    *("sub", "team", "cond", "task", "compl", "timeo", "inval", "exec s", "hand s", "occup s"),
+    *("pass s", "unsafe", "smooth", "rough N", "cap", "door", "inter", "ruleset"),
+)
+
+
+def timed(subject: int, time: float, **fields: Any) -> RunSummary:  # noqa: ANN401  as `summary`
+    """A run with an execution time."""
+    return summary(subject, **{"values": {**VALUES, "execution_time": time}, **fields})
+
+
+OFFICIAL = (
+    timed(1, 10.0, team="Delft"),
+    timed(1, 20.0, team="Delft"),
+    timed(1, 60.0, team="Delft"),
+    timed(1, 300.0, team="Delft", outcome=Outcome.TIMEOUT),
+    timed(2, 15.0, team="門の騎士"),
+    timed(2, 1.0, team="門の騎士", outcome=Outcome.ABORTED, values={}),
+)
+PRACTICE = (timed(1, 99.0, team="Delft", source="simulated"),)
+
+
+def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
+    return StandingsPane(lambda: runs, best)
+
+
+def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
+    async def drive() -> None:
+        async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
+            rows = [" ".join(row.split()) for row in shown.rows()]
+            assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
+            assert "2 門の騎士 7 1 0 1 15.00 3.21 4.50 12.25" in rows
+            assert "mean over all valid runs (exec s: completed ones)" in rows
+            assert "Delft: push, from CCW to CW, Constant Force; 3 completed, 1 timeout" in (
+                shown.text
+            )
+            assert PRACTICE_BANNER not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_c_goes_through_mean_median_and_deviation() -> None:
+    async def drive() -> None:
+        async with showing(pane_of(OFFICIAL)) as shown:
+            for words, delft, knights in (
+                ("median over", " 20.00 ", " 15.00 "),
+                ("std (n - 1) over", " 26.46 ", " - "),
+                ("smallest over", " 10.00 ", " 15.00 "),
+                ("largest over", " 60.00 ", " 15.00 "),
+                ("mean over", " 30.00 ", " 15.00 "),
+            ):
+                await shown.press("c")
+                assert words in shown.text
+                rows = [row for row in shown.rows() if "Delft " in row or "騎士" in row]
+                assert delft in rows[0]
+                assert knights in rows[1]
+
+    asyncio.run(drive())
+
+
+def test_b_goes_between_the_best_runs_and_all() -> None:
+    async def drive() -> None:
+        async with showing(pane_of(OFFICIAL, best=2)) as shown:
+            assert "mean over the best 2 valid runs" in shown.text
+            assert " 15.00 " in shown.marked
+            await shown.press("b")
+            assert "mean over all valid runs" in shown.text
+            assert " 30.00 " in shown.marked
+            await shown.press("b")
+            assert "mean over the best 2 valid runs" in shown.text
+
+    asyncio.run(drive())
+
+
+def test_without_a_number_of_best_runs_b_changes_nothing() -> None:
+    async def drive() -> None:
+        async with showing(pane_of(OFFICIAL)) as shown:
+            before = shown.text
+            await shown.press("b")
+            assert shown.text == before
+
+    asyncio.run(drive())
+
+
+def test_v_shows_practice_runs_apart_under_a_banner() -> None:
+    async def drive() -> None:
+        async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
+            await shown.press("v")
+            assert PRACTICE_BANNER in shown.text
+            assert " 99.00 " in shown.marked
+            assert "騎士" not in shown.text
+            await shown.press("v")
+            assert PRACTICE_BANNER not in shown.text
+            assert "99.00" not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_where_there_are_only_practice_runs_it_begins_with_them() -> None:
+    async def drive() -> None:
+        async with showing(pane_of(PRACTICE)) as shown:
+            assert PRACTICE_BANNER in shown.text
+            assert " 99.00 " in shown.marked
+            await shown.press("v")
+            assert "no official runs yet" in shown.text
+            assert PRACTICE_BANNER not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_damaged_results_are_left_out_and_counted() -> None:
+    async def drive() -> None:
+        runs = [*OFFICIAL, timed(3, 1.0, team="Ghent", problem="result.json is damaged")]
+        async with showing(pane_of(runs)) as shown:
+            assert "1 DAMAGED left out" in shown.text
+            assert "Ghent" not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_every_column_can_be_seen_and_sorted_by_on_a_small_screen() -> None:
+    async def drive() -> None:
+        async with showing(pane_of(OFFICIAL)) as shown:
+            seen = ""
+            for _ in TITLES:
+                seen += shown.text
+                await shown.press("right")
+            assert all(title in seen for title in TITLES)
+            sorted_by = set()
+            for _ in TITLES:
+                assert any("▲" in row or "▼" in row for row in shown.rows())
+                sorted_by.add(re.findall(r"of 2, (by [^,]+),", shown.text)[0])
+                await shown.press("o")
+            assert len(sorted_by) == len(TITLES)
+
+    asyncio.run(drive())
+
+
+def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
+    async def drive() -> None:
+        pane = pane_of(OFFICIAL)
+        async with showing(pane) as shown:
+            await shown.press("down", "enter")
+            (sent,) = shown.app.sent
+            assert isinstance(sent, StandingsPane.Opened)
+            assert sent.standing == pane.selected
+            wanted = filter_for(sent.standing)
+            assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("shown", list(Shown))
+def test_where_there_is_no_value_there_is_no_number(shown: Shown) -> None:
+    standing = Standing(1, "Delft", 7, "protocol", aborted=1)
+    assert number_of(standing, IndicatorName.EXECUTION_TIME, shown) is None
+
+
+def test_a_row_is_said_in_words() -> None:
+    runs = [
+        summary(outcome=outcome, condition=20)
+        for outcome in (Outcome.COMPLETED, Outcome.ABORTED, Outcome.INTERRUPTED, None)
+    ]
+    (standing,) = standings(runs)
+    assert about(standing) == (
+        "Team 3: pull, from CW to CCW, Wind Ramp; 1 completed, 1 INVALID, "
+        "2 INTERRUPTED or unfinished; ruleset protocol"
+    )
