@@ -17,5 +17,6 @@ settings.load_profile("madrob")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How often the slow proofs repeat themselves."""
+    """How often the slow proofs repeat themselves; whether screens are stored anew."""
     parser.addoption("--runs", type=int, default=20, help="runs of each repeated proof")
+    parser.addoption("--update-screens", action="store_true", help="store the screens as they are")
