@@ -67,6 +67,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"madrob {software_version()}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     _add_console(commands)
+    _add_watch(commands)
+    _add_engine(commands)
     _add_run(commands)
     _add_testbed(commands)
     _add_score(commands)
@@ -97,6 +99,44 @@ def _add_console(commands: _Commands) -> None:
         "Without --testbed it takes the live testbed if one is found.",
     )
     _add_testbed_options(parser)
+    _add_idle_time(parser)
+    _add_look(parser)
+
+
+def _add_watch(commands: _Commands) -> None:
+    parser = _command(
+        commands,
+        "watch",
+        "the same screens for spectators: they show everything and can do nothing",
+        "Attaches to the engine of the testbed that is named, or to the only one that runs.",
+    )
+    _add_testbed_options(parser)
+    _add_look(parser)
+
+
+def _add_engine(commands: _Commands) -> None:
+    parser = _command(
+        commands,
+        "engine",
+        "the process behind the screens: `status`, `stop`, `serve`",
+        "`madrob console` starts it by itself. `serve` runs it in the foreground, for systemd.",
+    )
+    parser.add_argument("action", choices=("status", "stop", "serve"))
+    parser.add_argument("--force", action="store_true", help="stop: even while a run goes on")
+    _add_testbed_options(parser)
+    _add_idle_time(parser)
+
+
+def _add_idle_time(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--idle-time",
+        type=float,
+        default=None,
+        help="s without a screen and without a run after which the engine ends",
+    )
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--teams", type=Path, default=None, help="teams file: csv lines of subject,team"
     )

@@ -26,6 +26,7 @@ from madrob_console.result_file import (
     stamp_of,
 )
 from madrob_console.runs import (
+    JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
     RunId,
@@ -43,7 +44,6 @@ OFFICIAL = "ros"
 """The source whose runs count; the others are practice."""
 
 _INDEX_VERSION = (1, RESULT_FORMAT)
-_JOURNAL = "journal.jsonl"
 _WORDS = {
     Outcome.COMPLETED: "completed",
     Outcome.TIMEOUT: "timeout",
@@ -202,7 +202,7 @@ class History:
         try:
             result, stamp = read_result(folder)
         except FileNotFoundError:
-            setup = read_setup(f"{folder}/{_JOURNAL}")
+            setup = read_setup(f"{folder}/{JOURNAL_FILE}")
             if setup is None:
                 return unread
             return replace(unread, team=setup.team, ruleset=setup.ruleset)

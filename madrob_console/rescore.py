@@ -12,13 +12,12 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.engine.record import RECORD_NAME, RunRecord
-from madrob_console.engine.recording import JOURNAL_FILE
 from madrob_console.engine.results import ending_of
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
-from madrob_console.runs import RESULT_FILE
+from madrob_console.runs import JOURNAL_FILE, RESULT_FILE
 from madrob_console.testbeds.messages import (
     REFEREE_EVENT_TOPIC,
     Decoder,

@@ -32,6 +32,9 @@ NUMBERS_FILE = "run_numbers.jsonl"
 RESULT_FILE = "result.json"
 """In a run folder: the whole result."""
 
+JOURNAL_FILE = "journal.jsonl"
+"""In a run folder: every act and every change of state."""
+
 RESULT_FORMAT = 1
 """Version of the layout of `result.json`."""
 

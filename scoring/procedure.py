@@ -19,14 +19,14 @@ class Ruling:
 
     Attributes:
         step: which step.
-        confirmed: True = done, False = not done.
+        confirmed: True = done, False = not done, None = withdrawn: what the sensors say counts.
         time: when the referee said so, s since the epoch.
         reason: why, in the referee's words.
         referee: the referee's name.
     """
 
     step: Step
-    confirmed: bool
+    confirmed: bool | None
     time: float
     reason: str
     referee: str
@@ -106,7 +106,8 @@ def follow_procedure(
         rulings: the referee's, in the order in which they were made.
     """
     mode = _resolve(lock_detection, evidence)
-    latest = {ruling.step: ruling for ruling in rulings}
+    last = {ruling.step: ruling for ruling in rulings}
+    latest = {step: ruling for step, ruling in last.items() if ruling.confirmed is not None}
     automatic = _chain(evidence, mode, settle_time, {})
     ruled = _chain(evidence, mode, settle_time, latest) if latest else automatic
     steps = tuple(

@@ -28,6 +28,7 @@ SCRIPT: tuple[tuple[str, float, str], ...] = (
     ("✓ 3 open the door", LONGEST_RUN, ""),
     ("COMPLETED", LONGEST_RUN, ""),
     ("6 steps", 10.0, F10),
+    ("the history (h) opens it later", 10.0, "y"),
 )
 """What to wait for on the screen, for how many seconds at most, and the keys to press then."""
 

@@ -8,8 +8,10 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from madrob_console.commands.attaching import attach, results_folder
 from madrob_console.config import Settings, load_settings
 from madrob_console.config.tables import DEFAULT_START_POSES
+from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
 from madrob_console.runs import parse_folder_name
 from madrob_console.teams import TeamList, merge_teams, read_teams
@@ -26,17 +28,18 @@ _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Show the screens; the engine starts behind them."""
+    """Show the screens; the engine is a process behind them, started where none runs."""
+    return show(arguments, Role.REFEREE)
+
+
+def show(arguments: argparse.Namespace, role: Role) -> int:
+    """Show the screens for a referee or for a spectator."""
     check_terminal(os.environ)
     settings = load_settings(arguments.settings)
-    results = (arguments.results or settings.results.root).expanduser().absolute()
+    results = results_folder(arguments, settings)
 
     def open_client() -> EngineClient:
-        # SciPy, rosbags and rclpy come with it: the screens are there first
-        from madrob_console.commands.session import open_engine
-        from madrob_console.engine.local import LocalEngine
-
-        return LocalEngine(open_engine(arguments, settings))
+        return attach(arguments, settings, role)
 
     look = Look(
         theme=arguments.theme or settings.console.theme,

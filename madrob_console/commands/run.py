@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import FrameType
 
+from madrob_console.commands.attaching import engine_place
 from madrob_console.commands.session import open_engine, settings_of
 from madrob_console.commands.table import result_lines
 from madrob_console.config import Settings
@@ -18,6 +19,7 @@ from madrob_console.names import clean_name
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, RunSetup
+from madrob_console.testbeds.source import SourceKind
 from scoring.protocol import Condition, Outcome, StartPose
 
 EXIT_CODES = {
@@ -37,8 +39,11 @@ _REST = 1.5
 def main(arguments: argparse.Namespace) -> int:
     """One run from the set-up to its result."""
     settings = settings_of(arguments)
-    runner = _Runner(open_engine(arguments, settings))
-    with runner.stopping_on_signals():
+    engine = open_engine(arguments, settings)
+    live = engine.source.kind is SourceKind.ROS
+    runner = _Runner(engine)
+    alone = engine_place(arguments, settings).taken() if live else nullcontext()
+    with alone, runner.stopping_on_signals():
         return runner.go(arguments, settings)
 
 

@@ -17,6 +17,7 @@ from madrob_console.config.tables import (
     Checks,
     Competition,
     ConsoleSettings,
+    EngineSettings,
     Freshness,
     Results,
     RunDefaults,
@@ -51,6 +52,7 @@ class Settings(Table, frozen=True):
     checks: Checks = Checks()
     results: Results = Results()
     console: ConsoleSettings = ConsoleSettings()
+    engine: EngineSettings = EngineSettings()
     simulated: Simulated = Simulated()
 
     def __post_init__(self) -> None:

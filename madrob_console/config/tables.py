@@ -197,6 +197,14 @@ class Results(Table, frozen=True):
         return Path(self.folder).expanduser()
 
 
+class EngineSettings(Table, frozen=True):
+    """[engine]: the process behind the screens."""
+
+    idle_time: Annotated[
+        float, within(1, 1e6, "s without screen and run, then it ends; at most 20 where simulated")
+    ] = 600.0
+
+
 class ConsoleSettings(Table, frozen=True):
     """[console]: the referee's screens."""
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from madrob_console.clock import Clock
 from madrob_console.engine.log import EventLog
-from madrob_console.engine.recording import JOURNAL_FILE, Recording
+from madrob_console.engine.recording import Recording
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, Journal
 from madrob_console.referee.run import Run
+from madrob_console.runs import JOURNAL_FILE
 from madrob_console.testbeds.source import RefereeState, Source
 from recorder.message import RawMessage
 from scoring.protocol import StartPose
@@ -39,6 +40,7 @@ class Chronicle:
         """A new run is set up; its journal waits for its folder."""
         self.close()
         self._journal = Journal()
+        self.log.clear()
         self.problem = None
         self._early = []
 

@@ -27,11 +27,12 @@ class EngineClient(Protocol):
         """The next run number that was never used for this subject and condition."""
         ...
 
-    def open_run(self, folder: str) -> str | None:
+    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
         """Show an earlier run; takes as long as reading its bag.
 
         Args:
             folder: its name in the results folder.
+            invalid: a run that was cut off does not count; else it is interrupted.
 
         Returns:
             Why that is not possible, in words; None when it is shown.
@@ -42,6 +43,10 @@ class EngineClient(Protocol):
         """What the figures show of the run with a result; None without one."""
         ...
 
+    def take_over(self) -> str | None:
+        """Take the right to act from another screen; returns why not."""
+        ...
+
     def close(self) -> None:
-        """End the connection (and, while the engine is a thread, the engine)."""
+        """End the connection; an engine in this process ends with it."""
         ...

@@ -7,6 +7,7 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +50,7 @@ from madrob_console.rescore import OpenedRun
 from madrob_console.runs import next_run_number
 from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes
 from madrob_console.testbeds.source import Source, SourceKind
+from madrob_console.unfinished import Unfinished, find_unfinished
 from recorder.message import RawMessage
 from scoring.evaluate import Assessment, with_remarks
 from scoring.procedure import Procedure
@@ -85,6 +87,7 @@ class Engine:
         self._folder: Path | None = None
         self._course: Course | None = None
         self._opened: OpenedRun | None = None
+        self._unfinished: tuple[Unfinished, ...] = ()
         self._kept_zero = 0.0
         self._procedure: Procedure | None = None
         self._lost_before: dict[str, int] = {}
@@ -119,6 +122,11 @@ class Engine:
         """The run's folder, once there is one."""
         return self._folder
 
+    @property
+    def busy(self) -> bool:
+        """Whether a run goes on or is still being recorded."""
+        return self._run.active or self._recording is not None
+
     def now(self) -> float:
         """Steady time, s since the epoch."""
         return seconds(self._clock.now_ns())
@@ -131,6 +139,10 @@ class Engine:
         """
         self.source.open()
         self._chronicle.announce_state(self._run)
+        with suppress(
+            MadrobError
+        ):  # a folder that cannot be read blocks the start: a check says so
+            self._unfinished = find_unfinished(self.config.results)
 
     def step(self, timeout: float) -> None:
         """Take what the testbed sends within `timeout` s of clock time, and decide."""
@@ -163,10 +175,14 @@ class Engine:
             return "the result of the last run is being written"
         return None
 
-    def open_run(self, opened: OpenedRun) -> str | None:
+    def open_run(self, opened: OpenedRun, *, invalid: bool = False) -> str | None:
         """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
 
         A run that was cut off is stopped as interrupted, and scored.
+
+        Args:
+            opened: the run.
+            invalid: stop a run that was cut off as aborted: it does not count.
 
         Returns:
             Why that is not possible now, in words; None when it is done.
@@ -184,8 +200,12 @@ class Engine:
         self._opened, self._record, self._folder = opened, recorded.record, opened.folder
         self._run = recorded.run
         if self._run.active:
-            self._interrupt("the program or the machine failed", recorded.entries[-1].time)
+            outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
+            reason = "the program or the machine failed"
+            self._interrupt(reason, recorded.entries[-1].time, outcome)
             self._decided = None
+        left = (run for run in self._unfinished if run.folder != opened.folder.name)
+        self._unfinished = tuple(left)
         written = self._run.issue > 0
         self._run = replace(self._run, issue=max(1, self._run.issue))
         self._score(write=not written)
@@ -381,9 +401,11 @@ class Engine:
         if run.phase is not before.phase:
             self._chronicle.announce_state(run)
 
-    def _interrupt(self, reason: str, at: float | None = None) -> None:
+    def _interrupt(
+        self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
+    ) -> None:
         """The run is cut off by no decision of sensors, clock or referee; `at` = None: now."""
-        at, outcome = at or self.now(), Outcome.INTERRUPTED
+        at = at or self.now()
         details = {"outcome": outcome, "time": at}
         stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
         self._go_on(stop(self._run, outcome, at, reason), [stopped])
@@ -493,6 +515,7 @@ class Engine:
             log=self.log.lines,
             result=self._scored.result if self._scored else None,
             result_source=self._scored.record.source if self._scored else None,
+            unfinished=self._unfinished,
             opened=self._opened is not None,
             folder=str(self._folder) if self._folder else None,
         )

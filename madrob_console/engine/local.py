@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 from madrob_console.engine.curves import Curves, curves_of
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.wire import ALONE
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act
 from madrob_console.rescore import open_run
@@ -122,7 +124,7 @@ class LocalEngine:
         """
         return self._ask(lambda: self._engine.next_run_number(subject, condition_number))
 
-    def open_run(self, folder: str) -> str | None:
+    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
         """Show an earlier run; it is read here, and the engine goes on meanwhile.
 
         Raises:
@@ -134,7 +136,21 @@ class LocalEngine:
         if refused is not None:
             return refused
         opened = open_run(self._engine.config.results / folder)
-        return self._ask(lambda: self._engine.open_run(opened))
+        return self._ask(lambda: self._engine.open_run(opened, invalid=invalid))
+
+    @property
+    def results(self) -> Path:
+        """Where the runs are kept."""
+        return self._engine.config.results
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run goes on or its result is being written."""
+        return self._failure is None and self._engine.busy
+
+    def take_over(self) -> str | None:
+        """Nobody else is there to take the right to act from."""
+        return ALONE
 
     def curves(self) -> Curves | None:
         """What the figures show of the run with a result; None without one."""

@@ -25,6 +25,10 @@ class EventLog:
         """What is kept, oldest first."""
         return tuple(self._lines)
 
+    def clear(self) -> None:
+        """Forget the lines of the run before; the numbers go on."""
+        self._lines.clear()
+
     def add(self, entry: Entry, start: float | None) -> None:
         """Add a line for a journal entry; `start` of the run, s since the epoch."""
         time = float(entry.details.get("time", entry.time))
@@ -45,8 +49,9 @@ def _in_words(entry: Entry) -> str:
         case Change.RUN_STOPS:
             return f"run stops: {details['outcome']}{ending}"
         case "rule on a step":
-            verb = "confirms" if details["confirmed"] else "denies"
-            return f"referee {verb} step {Step(details['step']).value}{ending}"
+            verb = {True: "confirms", False: "denies", None: "withdraws the ruling on"}
+            step = Step(details["step"]).value
+            return f"referee {verb[details['confirmed']]} step {step}{ending}"
         case "mark an incident":
             return f"incident: {details['kind']}{ending}"
         case "waive a check":

@@ -15,8 +15,6 @@ from recorder.message import RawMessage
 from recorder.stats import BagSummary
 from recorder.writer import BagWriter
 
-JOURNAL_FILE = "journal.jsonl"
-
 
 class Recording:
     """Records one run into a new folder.

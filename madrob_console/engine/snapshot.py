@@ -9,6 +9,7 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.source import SourceKind
+from madrob_console.unfinished import Unfinished
 from scoring.procedure import StepRecord
 from scoring.protocol import Side
 from scoring.result import Result
@@ -152,6 +153,7 @@ class Snapshot:
         log: the last 200 lines.
         result: once it is written to disk.
         result_source: what the result was measured on; None without one.
+        unfinished: runs that were cut off and wait for a decision, oldest first.
         opened: whether it is an earlier run, opened again.
         folder: the run folder as text, once it exists.
     """
@@ -180,5 +182,6 @@ class Snapshot:
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None
+    unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False
     folder: str | None = None

@@ -21,6 +21,7 @@ from madrob_console.referee.acts import (
     Situation,
     Start,
     Waive,
+    WithdrawIncident,
     ZeroHandle,
 )
 from madrob_console.referee.health import Freshness
@@ -51,6 +52,7 @@ _SAMPLE_ACTS: tuple[Act, ...] = (
     DeclareTimeout(),
     Rule(Step.TOUCH, confirmed=True, reason="given"),
     MarkIncident(IncidentKind.OTHER),
+    WithdrawIncident("given"),
     AddNote("given"),
     Finalise(TeamWord.ACKNOWLEDGED, "given"),
     Reissue("given"),

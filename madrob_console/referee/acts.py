@@ -266,11 +266,11 @@ class DeclareTimeout(Act):
 
 @dataclass(frozen=True, slots=True)
 class Rule(Act):
-    """Confirm or deny a step (section 7). The latest ruling on a step counts."""
+    """Confirm or deny a step (section 7), or take that back. The latest ruling counts."""
 
     name: ClassVar[str] = "rule on a step"
     step: Step
-    confirmed: bool
+    confirmed: bool | None
     reason: str
 
     def refusal(self, situation: Situation) -> str | None:
@@ -302,6 +302,31 @@ class MarkIncident(Act):
         """One more incident."""
         run = situation.run
         return replace(run, incidents=(*run.incidents, Incident(at, self.kind, self.note)))
+
+
+@dataclass(frozen=True, slots=True)
+class WithdrawIncident(Act):
+    """Take back the last incident: it stays on record as withdrawn."""
+
+    name: ClassVar[str] = "withdraw an incident"
+    reason: str
+
+    def refusal(self, situation: Situation) -> str | None:
+        """Needs an incident, a reason, and a result that is not final."""
+        if refused := _needs(situation, Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED):
+            return refused
+        if situation.run.last_incident is None:
+            return "there is no incident to withdraw"
+        return None if self.reason.strip() else "withdrawing an incident needs a reason"
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The last incident that stands is withdrawn."""
+        run = situation.run
+        withdrawn = tuple(
+            replace(mark, withdrawn=self.reason) if mark is run.last_incident else mark
+            for mark in run.incidents
+        )
+        return replace(run, incidents=withdrawn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,6 +402,7 @@ ACTS: tuple[type[Act], ...] = (
     DeclareTimeout,
     Rule,
     MarkIncident,
+    WithdrawIncident,
     AddNote,
     Finalise,
     Reissue,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from enum import StrEnum
 from typing import Any
@@ -48,13 +48,27 @@ def act_of(entry: Entry) -> Act | None:
     Raises:
         MadrobError: the line's details do not fit the act.
     """
-    kind = _ACT_TYPES.get(entry.what)
-    if kind is None:
+    if entry.what not in _ACT_TYPES:
         return None
     try:
-        act: Act = msgspec.convert(entry.details, kind)
+        return act_named(entry.what, entry.details)
+    except MadrobError as error:
+        raise MadrobError(f"journal line is damaged: {error}") from None
+
+
+def act_named(name: str, details: Mapping[str, Any]) -> Act:
+    """An act from its name and its fields.
+
+    Raises:
+        MadrobError: there is none of that name, or the fields do not fit it.
+    """
+    kind = _ACT_TYPES.get(name)
+    if kind is None:
+        raise MadrobError(f"no act is called {name!r}")
+    try:
+        act: Act = msgspec.convert(details, kind)
     except msgspec.ValidationError as error:
-        raise MadrobError(f"journal line '{entry.what}' is damaged: {error}") from None
+        raise MadrobError(f"'{name}': {error}") from None
     return act
 
 

@@ -129,11 +129,12 @@ class FalseStart:
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """A timed mark of the referee (section 7)."""
+    """A timed mark of the referee (section 7); `withdrawn`: why it was taken back."""
 
     time: float
     kind: IncidentKind
     note: str = ""
+    withdrawn: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +199,11 @@ class Run:
     def undecided_false_start(self) -> FalseStart | None:
         """The first false start that the referee has not decided; None if there is none."""
         return next((f for f in self.false_starts if f.accepted is None), None)
+
+    @property
+    def last_incident(self) -> Incident | None:
+        """The last incident that was not withdrawn; None if there is none."""
+        return next((mark for mark in reversed(self.incidents) if mark.withdrawn is None), None)
 
     @property
     def active(self) -> bool:

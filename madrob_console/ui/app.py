@@ -6,6 +6,7 @@ import asyncio
 import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar
 
@@ -15,14 +16,14 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import Act
+from madrob_console.referee.acts import Act, Finalise
 from madrob_console.theme_name import ThemeName
 from madrob_console.ui.asks import ask_next_run, ask_waiver
 from madrob_console.ui.defaults import ConsoleDefaults, Look
 from madrob_console.ui.glyphs import ASCII, uses_ascii
-from madrob_console.ui.keys import KEYS, Answer, Key, bindings
+from madrob_console.ui.keys import KEYS, LETTER_KEYS, Answer, Key, bindings
 from madrob_console.ui.link import NOT_YET, EngineLink
-from madrob_console.ui.questions import Ask, Leave
+from madrob_console.ui.questions import Ask, Leave, Open
 from madrob_console.ui.screens.console import ConsoleScreen
 from madrob_console.ui.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.widgets.lines import Tone
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from madrob_console.ui.screens.standings import StandingsPane
     from madrob_console.ui.widgets.checklist import CheckList
     from madrob_console.ui.widgets.dialog import Dialog
+    from madrob_console.ui.widgets.field import NumberField
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
@@ -125,6 +127,8 @@ class MadrobApp(App[None], inherit_bindings=False):
     def set_theme(self, name: ThemeName) -> None:
         """Change the colours, as far as the terminal has them."""
         self.theme = theme_for(name, self._environ)
+        if self.is_running:
+            self._console.say(f"Theme: {name}.")
 
     def toggle_bell(self) -> None:
         """Ring, or be silent."""
@@ -147,11 +151,13 @@ class MadrobApp(App[None], inherit_bindings=False):
         The screens go on while the engine's disk makes it wait.
         """
         refused = await asyncio.to_thread(self._link.act, act)
+        self._console.poll()  # first: a change of phase wipes the message
         if refused is None:
             self._console.say(done_text(act), Tone.GOOD)
+            if isinstance(act, Finalise):
+                self._console.panes.setup.remember_referee(act.referee)
         else:
             self._refuse(act.name, refused)
-        self._console.poll()
         return refused is None
 
     async def action_press(self, name: str, pressed: str) -> None:
@@ -175,14 +181,36 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _press_act(self, key: Key, pressed: str) -> None:
         if not self._link.connected:
             self._refuse(key.act, NOT_YET)
-        elif key.commits and (problem := self._console.panes.setup.commit_edits()):
+        elif key.commits and (problem := self._commit()):
             self._refuse(key.act, problem)
         elif key.name == "next":
             await self._next_run()
-        elif (refused := self.key_refusal(key)) is not None:
+        elif key.name == "take" and self.key_refusal(key) is None:
+            await self._take_over()
+        elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse(key.act, refused)
         elif key.answer is not None and (snapshot := self._link.snapshot()) is not None:
             await self._take(key, key.answer(snapshot, pressed))
+
+    def _commit(self) -> str | None:
+        """What is typed in the set-up counts; returns what is wrong with it."""
+        problem = self._console.panes.setup.commit_edits()
+        self._console.poll()
+        return problem
+
+    def _elsewhere(self, key: Key) -> str | None:
+        """Among many runs, a key is not for the one that happens to be open."""
+        if self._console.pane in ("history", "standings") and key in LETTER_KEYS:
+            return "Enter opens the marked run first, F4 shows the one that is open"
+        return None
+
+    async def _take_over(self) -> None:
+        refused = await asyncio.to_thread(self._link.take_over)
+        if refused is not None:
+            self._refuse(KEYS["take"].act, refused)
+            return
+        self._console.poll()
+        self._console.say("This console has the right to act now.", Tone.GOOD)
 
     def _over_dialogs(self, key: Key) -> bool:
         """Whether a key may come before the question that is open."""
@@ -229,6 +257,8 @@ class MadrobApp(App[None], inherit_bindings=False):
         deed = event.dialog.ask.deed(*event.answers)
         if isinstance(deed, Leave):
             self.exit()
+        elif isinstance(deed, Open):
+            await self._open_run(deed)
         elif await self.act(deed) and event.dialog.name == "next":
             self._console.show_pane("setup")
 
@@ -251,9 +281,12 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def on_history_pane_opened(self, event: HistoryPane.Opened) -> None:
         """Show an earlier run; reading its bag takes a moment."""
-        folder = event.summary.folder
-        self._console.say(f"Reading {folder} ...")
-        refused = await asyncio.to_thread(self._link.open_run, folder)
+        await self._open_run(Open(event.summary.folder))
+
+    async def _open_run(self, run: Open) -> None:
+        self._console.say(f"Reading {run.folder} ...")
+        open_run = partial(self._link.open_run, run.folder, invalid=run.invalid)
+        refused = await asyncio.to_thread(open_run)
         if refused is not None:
             self._refuse("open the run", refused)
             return
@@ -266,6 +299,11 @@ class MadrobApp(App[None], inherit_bindings=False):
         from madrob_console.ui.screens.standings import filter_for
 
         self._console.show_runs(filter_for(event.standing))
+
+    def on_number_field_refused(self, event: NumberField.Refused) -> None:
+        """A letter typed into a number."""
+        what = f"'{event.letter}' is no number: Escape leaves the field, then letters are keys"
+        self._console.say(what, Tone.WARN)
 
     def _refuse(self, what: str, why: str) -> None:
         self._console.say(f"Refused: {what}: {why}", Tone.BAD)

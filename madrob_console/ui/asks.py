@@ -13,18 +13,31 @@ from madrob_console.referee.acts import (
     Finalise,
     MarkIncident,
     Reissue,
+    RestartCountdown,
     Rule,
     SetUp,
     Waive,
+    WithdrawIncident,
 )
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, RunSetup, TeamWord
-from madrob_console.ui.questions import Ask, Leave, Option, Pick, Question, Sure, Write, reasons
-from madrob_console.ui.words import relative_text
+from madrob_console.ui.questions import (
+    Ask,
+    Leave,
+    Open,
+    Option,
+    Pick,
+    Question,
+    Sure,
+    Write,
+    reasons,
+)
+from madrob_console.ui.words import RULED, relative_text
 from scoring.protocol import Outcome, Step
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.unfinished import Unfinished
     from scoring.procedure import Ruling
 
 _NO = Option("n", "no, the run goes on", None)
@@ -73,6 +86,26 @@ INCIDENT = Ask(
 )
 """Which kind: the second key marks it."""
 
+WITHDRAW = Ask(
+    "Withdraw the last incident; it stays on record as withdrawn",
+    (Pick("Why?", reasons("marked by mistake", "it was another kind")), Sure("Withdraw it?")),
+    WithdrawIncident,
+)
+"""Why, and then `y`."""
+
+RESTART = Ask(
+    "Restart the countdown",
+    (Pick("Why?", reasons("robot not ready", "person in the way", "testbed not ready")),),
+    RestartCountdown,
+)
+"""Why, where no false start says so."""
+
+
+def ask_restart(snapshot: Snapshot) -> Act | Ask:
+    """At once after a false start."""
+    return RESTART if snapshot.run.undecided_false_start is None else RestartCountdown()
+
+
 NOTE = Ask("Note", (Write("Text:", missing="the note is empty"),), AddNote)
 """The text."""
 
@@ -85,10 +118,31 @@ FALSE_START = Ask(
 
 REISSUE = Ask(
     "Re-issue the final result; the old issue stays",
-    (Pick("Why?", reasons("a step was ruled wrongly", "protest of the team accepted")),),
+    (
+        Pick("Why?", reasons("a step was ruled wrongly", "protest of the team accepted")),
+        Sure("Open the result again?"),
+    ),
     Reissue,
 )
-"""Why."""
+"""Why, and then `y`."""
+
+
+def ask_unfinished(run: Unfinished) -> Ask:
+    """What becomes of a run that was cut off."""
+    return Ask(
+        f"A RUN WAS CUT OFF: {run.words}",
+        (
+            Pick(
+                "What becomes of it? Nothing of what was recorded is lost.",
+                (
+                    Option("l", "leave it for later: the history (h) opens it", None),
+                    Option("s", "score what is there; its outcome is interrupted", "score"),
+                    Option("i", "invalid: it does not count, as if it had been aborted", "void"),
+                ),
+            ),
+        ),
+        lambda word: Open(run.folder, invalid=word == "void"),
+    )
 
 
 def ask_ruling(snapshot: Snapshot, step: Step) -> Ask:
@@ -101,20 +155,22 @@ def ask_ruling(snapshot: Snapshot, step: Step) -> Ask:
         (
             Option("c", "confirm: it is done", "confirm"),
             Option("d", "deny: it is not done", "deny"),
+            Option("s", "as the sensors say: take a ruling back", "sensors"),
         ),
     )
+    words = {"confirm": True, "deny": False, "sensors": None}
     why = reasons("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video")
     return Ask(
         f"Step {step}: {step.text}",
-        (verdict, Pick("Why?", why)),
-        lambda word, reason: Rule(step, word == "confirm", reason),
+        (verdict, Pick("Why?", why), Sure("Is that right? It can be ruled again.")),
+        lambda word, reason: Rule(step, words[word], reason),
     )
 
 
 def _said(ruling: Ruling | None) -> str:
     if ruling is None:
         return "nothing yet"
-    return f"{'confirmed' if ruling.confirmed else 'denied'} ({ruling.reason})"
+    return f"{RULED[ruling.confirmed]} ({ruling.reason})"
 
 
 def ask_waiver(snapshot: Snapshot, check: CheckName | None = None) -> Ask | str:
@@ -188,8 +244,8 @@ def ask_leave(snapshot: Snapshot) -> Ask | Leave:
         "LEAVE the console while a run goes on",
         (
             Sure(
-                "The engine ends with this console: the run is cut off, scored as interrupted"
-                " and kept. F8 aborts it instead. Leave?"
+                "The run goes on without this screen: it is recorded, timed out and scored, and"
+                " `madrob console` comes back to it. F8 aborts it instead. Leave?"
             ),
         ),
         Leave,

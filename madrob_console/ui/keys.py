@@ -96,6 +96,7 @@ FUNCTION_KEYS = (
 _SETUP = frozenset({"setup"})
 _LIVE = frozenset({"live"})
 _RESULTS = frozenset({"results"})
+_NOWHERE = frozenset({"nowhere"})  # seldom: the help and the palette know them
 _AFTER = frozenset({"results", "figures", "history", "standings", "help"})
 
 LETTER_KEYS = (
@@ -106,6 +107,10 @@ LETTER_KEYS = (
     Key(
         "incident", "i", "i", " Incident", "mark an incident; the second key says which",
         acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT, where=_LIVE,
+    ),
+    Key(
+        "withdraw", "d", "d", " Withdraw", "take back the last incident, with a reason",
+        acts.WithdrawIncident.name, lambda _s, _k: asks.WITHDRAW, where=_NOWHERE,
     ),
     Key(
         "note", "n", "n", " Note", "write a note beside the run",
@@ -120,8 +125,8 @@ LETTER_KEYS = (
         acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START, where=_LIVE,
     ),
     Key(
-        "restart", "r", "r", " Restart", "begin the countdown again after a false start",
-        acts.RestartCountdown.name, lambda _s, _k: acts.RestartCountdown(), where=_LIVE,
+        "restart", "r", "r", " Restart", "begin the countdown again",
+        acts.RestartCountdown.name, lambda s, _k: asks.ask_restart(s), where=_LIVE,
     ),
     Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
@@ -141,6 +146,10 @@ LETTER_KEYS = (
     ),
     Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
     Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
+    Key(
+        "take", "t", "t", " Take over", "take the right to act from another console",
+        "take over", where=_NOWHERE,
+    ),
     Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
 )  # fmt: skip
 

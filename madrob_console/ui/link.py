@@ -96,12 +96,21 @@ class EngineLink:
         except MadrobError as error:
             return str(error)
 
-    def open_run(self, folder: str) -> str | None:
+    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
         """Show an earlier run; returns why that is not possible, None when it is shown."""
         if self._client is None:
             return NOT_YET
         try:
-            return self._client.open_run(folder)
+            return self._client.open_run(folder, invalid=invalid)
+        except MadrobError as error:
+            return str(error)
+
+    def take_over(self) -> str | None:
+        """Take the right to act; returns why not."""
+        if self._client is None:
+            return NOT_YET
+        try:
+            return self._client.take_over()
         except MadrobError as error:
             return str(error)
 

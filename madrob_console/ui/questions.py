@@ -58,18 +58,30 @@ class Leave:
 
 
 @dataclass(frozen=True, slots=True)
+class Open:
+    """Open an earlier run; `invalid`: one that was cut off does not count."""
+
+    folder: str
+    invalid: bool = False
+
+
+Deed = Act | Leave | Open
+"""What the answers bring about."""
+
+
+@dataclass(frozen=True, slots=True)
 class Ask:
     """A dialog.
 
     Attributes:
         title: what it is about.
         questions: asked one after the other.
-        deed: makes the act out of the answers of `Pick` and `Write`, in order.
+        deed: makes it out of the answers of `Pick` and `Write`, in order.
     """
 
     title: str
     questions: tuple[Question, ...]
-    deed: Callable[..., Act | Leave]
+    deed: Callable[..., Deed]
 
     @property
     def shortest(self) -> Ask:

@@ -11,12 +11,17 @@ from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp
 from madrob_console.referee.run import Phase
 from scoring.protocol import Condition, Outcome
 
+_LONGEST_REASON = 60
+
 OUTCOMES = {
     Outcome.COMPLETED: "COMPLETED",
     Outcome.TIMEOUT: "TIMEOUT",
     Outcome.ABORTED: "ABORTED: the run is invalid",
     Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, left out of every aggregate",
 }
+RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
+"""What a ruling says of a step."""
+
 PHASES = {
     Phase.IDLE: "NO RUN SET UP",
     Phase.READY: "READY",
@@ -73,7 +78,7 @@ def done_text(act: Act) -> str:
         case SetUp(setup):
             return f"Done: run {setup.run_number} of subject {setup.subject} is set up"
         case Rule(step, confirmed):
-            what = f"step {step} {'confirmed' if confirmed else 'denied'}"
+            what = f"step {step} {RULED[confirmed]}"
         case Waive(check):
             what = f"'{check}' waived"
         case MarkIncident(kind):
@@ -82,7 +87,8 @@ def done_text(act: Act) -> str:
             what = f"the result is final, {team_word} by the team"
         case _:
             what = act.name
-    return f"Done: {what}" + (f" ({act.reason_given})" if act.reason_given else "")
+    reason = act.reason_given
+    return f"Done: {what}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
 
 
 def fitted(text: str, width: int) -> str:
@@ -93,6 +99,11 @@ def fitted(text: str, width: int) -> str:
     while text and cell_len(text) > width - 1:
         text = text[:-1]
     return fitted(text + "…", width) if width > 0 else ""
+
+
+def shortened(text: str, width: int) -> str:
+    """The text in at most `width` cells; what is cut shows an ellipsis."""
+    return text if cell_len(text) <= width else fitted(text, width).rstrip()
 
 
 def wrapped(text: str, width: int) -> list[str]:

@@ -31,7 +31,7 @@ def until(samples: list[Sample], time: float) -> Assessment:
     return assessment([s for s in samples if s.time <= START + time])
 
 
-def ruling(step: Step, confirmed: bool, time: float = 20.0) -> Ruling:
+def ruling(step: Step, confirmed: bool | None, time: float = 20.0) -> Ruling:
     return Ruling(step, confirmed, START + time, "seen", "R. Eferee")
 
 
@@ -153,6 +153,12 @@ def test_a_confirmed_step_lets_the_later_ones_count_at_their_own_times() -> None
 def test_the_latest_ruling_counts() -> None:
     rulings = [ruling(Step.CROSS, False, 10), ruling(Step.CROSS, True, 11)]
     assert assessment(passage_through()).procedure(rulings, stop=START + 6).level == 6
+
+
+def test_a_ruling_taken_back_leaves_what_the_sensors_say() -> None:
+    run = assessment(passage_through())
+    taken_back = [ruling(Step.CROSS, False), ruling(Step.CROSS, None)]
+    assert run.procedure(taken_back, stop=START + 6) == run.procedure((), stop=START + 6)
 
 
 def test_a_step_confirmed_against_an_open_door_does_not_lock_it() -> None:

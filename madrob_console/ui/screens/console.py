@@ -11,12 +11,15 @@ from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import ContentSwitcher, Input
 
+from madrob_console.referee.acts import SetUp
 from madrob_console.referee.run import Phase
+from madrob_console.ui.asks import ask_unfinished
 from madrob_console.ui.questions import Ask
 from madrob_console.ui.widgets.fault_line import FaultLine
 from madrob_console.ui.widgets.key_line import KeyLine
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import TONE_CLASSES, Tone
+from madrob_console.ui.widgets.run_summary import who_text
 from madrob_console.ui.widgets.tiny_clock import TinyClock
 from madrob_console.ui.widgets.top_line import TopLine
 
@@ -54,7 +57,12 @@ class ConsoleScreen(Screen[None]):
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "back", show=False)]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "back", show=False),
+        # before the fields' own: what is typed next goes into the next field, however fast
+        Binding("tab", "app.focus_next", show=False, priority=True),
+        Binding("shift+tab", "app.focus_previous", show=False, priority=True),
+    ]
     AUTO_FOCUS = ""
     app: MadrobApp
 
@@ -104,6 +112,14 @@ class ConsoleScreen(Screen[None]):
         assert self._panes is not None
         return self._panes
 
+    async def ask_about_unfinished(self) -> None:
+        """The first run that was cut off, where the referee may decide about it."""
+        now = self._latest
+        if now is None or self.dialogs or SetUp.name in now.refusals:
+            return
+        if now.unfinished:
+            await self.open("unfinished", ask_unfinished(now.unfinished[0]))
+
     async def begin(self) -> None:
         """Make the panes and poll the engine from now on."""
         from madrob_console.ui.panes import Panes
@@ -118,6 +134,7 @@ class ConsoleScreen(Screen[None]):
         self._timer = self.set_interval(IDLE_PERIOD, self.poll)
         self.poll()
         self.take_focus()
+        await self.ask_about_unfinished()
 
     def poll(self) -> None:
         """Show the latest snapshot; look more often while a run goes on."""
@@ -133,9 +150,11 @@ class ConsoleScreen(Screen[None]):
 
     def show(self, snapshot: Snapshot, trouble: str | None = None) -> None:
         """Show a newer snapshot; `trouble` says why it cannot be trusted."""
-        self._ring(snapshot)
-        self._follow(snapshot)
-        self._latest = snapshot
+        before, self._latest = self._latest, snapshot
+        if before is not None and _stage(before) != _stage(snapshot):
+            self.say("")  # what was said is about something else
+        self._ring(before, snapshot)
+        self._follow(before, snapshot)
         self._faults.trouble = trouble
         self._faults.show(snapshot)
         self._keys.typing = isinstance(self.focused, Input) and not self.dialogs
@@ -164,8 +183,10 @@ class ConsoleScreen(Screen[None]):
             self._keys.show(self._latest)
 
     def action_back(self) -> None:
-        """Escape: from a side pane to the one before; it never does more."""
-        if self.pane not in _MAIN:
+        """Escape: out of a field, or from a side pane to the one before; it never does more."""
+        if isinstance(self.focused, Input):
+            self.set_focus(None)
+        elif self.pane not in _MAIN:
             self.show_pane(self._behind)
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
@@ -194,10 +215,16 @@ class ConsoleScreen(Screen[None]):
         """Open a dialog in front of everything."""
         from madrob_console.ui.widgets.dialog import Dialog
 
-        dialog = Dialog(name, ask)
+        dialog = Dialog(name, ask, self._about(name))
         self.dialogs.append(dialog)
         await self.query_one("#body").mount(dialog)
         dialog.take_focus()
+
+    def _about(self, name: str) -> str:
+        """Which run a question is about."""
+        if self._latest is None or name in ("next", "leave", "unfinished"):
+            return ""
+        return who_text(self._latest.run)
 
     async def close(self, dialog: Dialog) -> None:
         """Close a dialog; the focus goes to what was behind it."""
@@ -206,9 +233,8 @@ class ConsoleScreen(Screen[None]):
             await dialog.remove()
             self.take_focus()
 
-    def _ring(self, now: Snapshot) -> None:
+    def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
         """The bell: a run starts, a run stops, a fault appears."""
-        before = self._latest
         if before is None:
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
@@ -216,12 +242,12 @@ class ConsoleScreen(Screen[None]):
         if started or stopped or set(now.faults) - set(before.faults):
             self.app.ring()
 
-    def _follow(self, now: Snapshot) -> None:
+    def _follow(self, before: Snapshot | None, now: Snapshot) -> None:
         """Live when a countdown begins, results when one is written; not under a dialog."""
         if self.dialogs:
             return
         active, written = now.run.active, now.result is not None
-        attached = self._latest is None
+        attached = before is None
         if active and not self._was_active:
             self.show_pane("live")
         elif written and not self._was_written and (attached or self.pane == "live"):
@@ -229,3 +255,8 @@ class ConsoleScreen(Screen[None]):
             if self._status.tone is not Tone.BAD:  # a refusal is the greater news
                 self.say("The result is written: f finalises it, x the next run, PgDn shows more.")
         self._was_active, self._was_written = active, written
+
+
+def _stage(snapshot: Snapshot) -> tuple[object, ...]:
+    """What a message is about: when this changes, it is old."""
+    return (snapshot.run.phase, snapshot.run.setup, snapshot.opened)

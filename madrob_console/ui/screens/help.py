@@ -27,7 +27,8 @@ figures: left and right move in time, + and - zoom, 0 shows all, Tab the next fi
 with the team's word, u opens a final result again.
 History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
 team and condition; / filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
-Standings (s): c changes mean, median, deviation; b all runs or the best; v official or simulated.
+Standings (s): Enter shows the runs behind a row; c changes mean, median, std, smallest, largest; \
+b all runs or the best, where the settings say how many; v official or simulated.
 A dim key is not possible now: press it and the line above the keys says why.
 F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question or goes \
 back to the pane before, and never does more.
@@ -44,7 +45,7 @@ class HelpText(Lines):
         rows = [
             line(
                 Span(f"{key.cap:>4}", Tone.CAP),
-                f"  {key.label.strip():<9}",
+                f"  {key.label.strip():<10}",
                 Span(key.help, Tone.DIM),
             )
             for key in (*FUNCTION_KEYS, *LETTER_KEYS)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import ClassVar
 
+from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
@@ -21,7 +22,7 @@ from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import Tone
 from madrob_console.ui.widgets.table import Table
 
-KEYS = "Enter opens, x next run like it, / filters, v which, o O sort, <- -> columns"
+KEYS = "Enter opens, x next like it, / filters, v which, o O sort, <- -> cols, * unsigned"
 
 
 class Which(StrEnum):
@@ -62,6 +63,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary]]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", show=False),
         Binding("v", "which", show=False),
+        Binding("escape", "unfilter", show=False),
     ]
 
     class Opened(Message):
@@ -119,6 +121,16 @@ class HistoryPane(RunsPane[Sequence[RunSummary]]):
         self._which = order[(order.index(self._which) + 1) % len(order)]
         self._show_rows()
 
+    def action_unfilter(self) -> None:
+        """Show all runs again.
+
+        Raises:
+            SkipAction: all are shown; the key goes on.
+        """
+        if not self._field.value.strip() and self._which is Which.ALL:
+            raise SkipAction
+        self.look_for("")
+
     def on_input_changed(self, event: Input.Changed) -> None:
         """Filter while typing."""
         event.stop()
@@ -155,7 +167,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary]]):
             self.say(summary(self._runs))
             return
         wanted = [] if self._which is Which.ALL else [str(self._which)]
-        wanted += [f"filter '{text.strip()}' (/ Escape clears it)"] if text.strip() else []
+        wanted += [f"filter '{text.strip()}' (Escape clears it)"] if text.strip() else []
         self.say(f"{len(shown)} of {len(self._runs)} runs: {', '.join(wanted)}", Tone.STRONG)
 
 

@@ -41,7 +41,7 @@ def columns() -> list[Column[RunSummary]]:
         ),
         _number("sub", "subject", lambda r: r.subject, 4),
         Column(
-            "team", "team", lambda r: Span(r.team), lambda r: r.team.casefold() or None, 10,
+            "team", "team", lambda r: Span(r.team), lambda r: r.team.casefold() or None, 9,
             ample=18,
         ),
         _number("run", "run number", lambda r: r.run_number, 4),
@@ -49,7 +49,7 @@ def columns() -> list[Column[RunSummary]]:
         Column(
             "task", "task", lambda r: Span(_way(r)), lambda r: _way(r) or None, 20, comfort=True,
         ),
-        Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), 11),
+        Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), 12),
         Column("src", "source", _source, lambda r: r.source, 3),
         *first,
         *indicators.values(),
@@ -84,7 +84,9 @@ def _door(run: RunSummary) -> str:
 
 
 def _outcome(run: RunSummary) -> Span:
-    return Span(run.outcome_word, Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome])
+    unsigned = "*" if run.issue and not run.final and run.outcome is not Outcome.ABORTED else ""
+    tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
+    return Span(run.outcome_word + unsigned, tone)
 
 
 def _source(run: RunSummary) -> Span:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -39,6 +40,10 @@ class SetupPane(Vertical):
         Binding("up", "focus_step(-1)", show=False),
         Binding("down", "focus_step(1)", show=False),
         Binding("enter", "enter", show=False),
+        # in a field, before its own: what is typed next goes into the next one, however fast
+        Binding("up", "leave_field(-1)", show=False, priority=True),
+        Binding("down", "leave_field(1)", show=False, priority=True),
+        Binding("enter", "leave_field(1)", show=False, priority=True),
     ]
 
     class NextRun(Message):
@@ -107,8 +112,17 @@ class SetupPane(Vertical):
     def commit_edits(self) -> str | None:
         """Before an act on a run that is set up: what has been typed since counts."""
         snapshot = self._link.snapshot()
-        ready = snapshot is not None and snapshot.run.phase is Phase.READY
-        return self.commit() if ready else None
+        if snapshot is None or snapshot.run.phase not in _OPEN:
+            return None
+        if snapshot.run.phase is Phase.READY:
+            return self.commit()
+        draft = self.draft()
+        return draft if isinstance(draft, str) else None
+
+    def remember_referee(self, name: str) -> None:
+        """Propose the name of who signed."""
+        if not self._form.referee.value.strip():
+            self._form.referee.value = name
 
     def propose_like(self, run: RunSummary) -> None:
         """Propose the team and the condition of an earlier run, with the next run number."""
@@ -131,10 +145,6 @@ class SetupPane(Vertical):
         self._form.show_derived()
         if self._snapshot is not None:
             self._state.say(*self._state_text(self._snapshot))
-
-    def on_input_submitted(self, _event: Input.Submitted) -> None:
-        """Enter in a text field."""
-        self.action_enter()
 
     def on_input_blurred(self, _event: Input.Blurred) -> None:
         """A field that is left counts, where something was typed."""
@@ -165,6 +175,17 @@ class SetupPane(Vertical):
         """What the fields say counts; go to the next."""
         self.commit()
         self.action_focus_step(1)
+
+    def action_leave_field(self, step: int) -> None:
+        """From a field to the next or the one before; what it says counts.
+
+        Raises:
+            SkipAction: no field has the focus.
+        """
+        if not isinstance(self.screen.focused, Input):
+            raise SkipAction
+        self.commit()
+        self.action_focus_step(step)
 
     def action_focus_step(self, step: int) -> None:
         """The field after or before."""
@@ -231,5 +252,5 @@ class SetupPane(Vertical):
         if not run.pose_confirmed:
             then = "F6 confirms its pose."
         if self._defaults.teams and setup.subject not in self._defaults.teams:
-            then += f" Subject {setup.subject} is in no list of teams!"
+            then += f" Subject {setup.subject} has no name in the list of teams!"
         return f"Run {setup.run_number} of subject {setup.subject} is set up. {then}", Tone.GOOD

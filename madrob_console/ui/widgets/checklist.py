@@ -88,7 +88,7 @@ def _header(checks: Sequence[Check], *, focused: bool) -> Line:
         if blocking
         else Span("all passed or waived", Tone.GOOD)
     )
-    how = "Enter waives the marked one" if focused else "to waive one: Tab to this list"
+    how = "Enter waives the marked one" if focused else "w waives one (Escape leaves a field)"
     return line(
         Span("Checks  ", Tone.STRONG), verdict, Span(f"   {how}" if blocking else "", Tone.DIM)
     )

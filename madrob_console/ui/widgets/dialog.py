@@ -19,9 +19,10 @@ from madrob_console.ui.words import wrapped
 class Prompt(Lines, can_focus=True):
     """Title, answers so far, and the question."""
 
-    def __init__(self, ask: Ask) -> None:
+    def __init__(self, ask: Ask, about: str) -> None:
         super().__init__()
         self._title = ask.title
+        self._about = about
         self.question: Question | None = None
         self.answers: tuple[str, ...] = ()
         self.cursor = 0
@@ -34,8 +35,10 @@ class Prompt(Lines, can_focus=True):
     def lines(self, width: int) -> Sequence[Line]:
         """All rows but the text field."""
         rows = [line(Span(row, Tone.STRONG)) for row in wrapped(self._title, width)]
-        if self.answers:
-            rows.append(line(Span(f"chosen: {', '.join(self.answers)}", Tone.WARN)))
+        if self._about:
+            rows[-1] = line(*rows[-1], Span(f"  {self._about}", Tone.DIM))
+        if said := ", ".join(filter(None, self.answers)):
+            rows.append(line(Span(f"chosen: {said}", Tone.WARN)))
         match self.question:
             case Pick(text, options):
                 rows += [line(row) for row in wrapped(text, width)]
@@ -81,12 +84,12 @@ class Dialog(Vertical):
             super().__init__()
             self.dialog = dialog
 
-    def __init__(self, name: str, ask: Ask) -> None:
+    def __init__(self, name: str, ask: Ask, about: str = "") -> None:
         super().__init__(name=name)
         self.ask = ask
         self._open = list(ask.questions)
         self._answers: list[str] = []
-        self._prompt = Prompt(ask)
+        self._prompt = Prompt(ask, about)
         self._field = Field(select_on_focus=False)
         self.trap_focus()
 

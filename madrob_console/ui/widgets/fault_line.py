@@ -17,6 +17,9 @@ MOST_ROWS = 3
 """Rows that faults may take from the screen."""
 
 
+_ROOMY = 100
+
+
 class FaultLine(View):
     """The faults, one a row; the last row counts those that found no room."""
 
@@ -33,7 +36,8 @@ class FaultLine(View):
         if self.trouble is not None:
             faults.insert(0, self.trouble)
         if not faults:
-            where = fitted(self._where, min(cell_len(self._where), width - 10))
+            roomy = width >= _ROOMY  # else the top line has no room for it
+            where = "" if roomy else fitted(self._where, min(cell_len(self._where), width - 10))
             left = fitted("no faults", width - cell_len(where))
             return [line(Span(left + where, Tone.DIM))]
         rows: list[str] = []

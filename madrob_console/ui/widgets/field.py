@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from textual import events
+from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.names import terminal_safe
+
+_OF_NUMBERS = "0123456789.,+-eE "
 
 
 class Field(Input):
@@ -27,3 +30,23 @@ class Field(Input):
             self.replace(text, *self.selection)
         event.prevent_default()
         event.stop()
+
+
+class NumberField(Field):
+    """A field that takes no letter: one typed by mistake is told, not taken."""
+
+    class Refused(Message):
+        """A letter was typed."""
+
+        def __init__(self, letter: str) -> None:
+            super().__init__()
+            self.letter = letter
+
+    async def _on_key(self, event: events.Key) -> None:
+        char = event.character
+        if event.is_printable and char is not None and char not in _OF_NUMBERS:
+            event.prevent_default()
+            event.stop()
+            self.post_message(self.Refused(char))
+            return
+        await super()._on_key(event)

@@ -30,7 +30,7 @@ class HandleGauge(View):
             (room - 1, f"{limit:g}"),
         ]
         return [
-            line(Span("handle ", Tone.STRONG), *_words(handle, width)),
+            line(Span("handle raw ", Tone.STRONG), *_words(handle, width)),
             scale("-" * room, _marks(handle, limit, room)),
             line(Span(ruler(room, labels), Tone.DIM)),
         ]
@@ -39,13 +39,13 @@ class HandleGauge(View):
 def _words(handle: HandleView, width: int) -> Line:
     most = "-" if handle.maximum is None else f"{handle.maximum:.1f}"
     zero = f" zero {handle.zero:+.2f}" if width >= _ROOMY else ""
-    rest = f"{zero} max {most} N"
+    rest = f"{zero} max {most}N"
     if handle.force is None:
         return line(Span(f"no force: {handle.freshness}", Tone.BAD), Span(rest, Tone.DIM))
     stale = handle.freshness is not Freshness.FRESH
     tone = Tone.BAD if stale else Tone.WARN if _touched(handle) else Tone.PLAIN
     mark = f" {handle.freshness}" if stale else ""
-    return line(Span(f"{handle.force:+7.2f}{mark}", tone), Span(rest, Tone.DIM))
+    return line(Span(f"{handle.force:+.2f}{mark}", tone), Span(rest, Tone.DIM))
 
 
 def _touched(handle: HandleView) -> bool:

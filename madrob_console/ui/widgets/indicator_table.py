@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from scoring.result import Indicator
 
 _NAME = 29
+_ROOMY = 75
 
 FROM_THE_START = ("execution_time", "time_to_handle")
 """They include the delay of a start made by hand (protocol section 8)."""
@@ -34,11 +35,13 @@ class IndicatorTable(View):
         if snapshot.result is None:
             return ()
         against = "against the mean of earlier" if self.earlier else "no earlier run to compare"
-        head = fitted("indicators", _NAME)
-        lines = [line(Span(head, Tone.STRONG), Span(f"  {against}", Tone.DIM))]
+        roomy = width >= _ROOMY
+        delay = "* with the manual start's delay"
+        head = fitted(f"indicators  {delay}", _NAME + 20) if roomy else fitted("indicators", _NAME)
+        lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
         for indicator in snapshot.result.indicators:
             lines += _rows(indicator, self._means(indicator), width)
-        return [*lines, line(Span("* includes the delay of the manual start", Tone.DIM))]
+        return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
 
     def _means(self, indicator: Indicator) -> tuple[float, int] | None:
         """Mean of the earlier runs that have a value, and how many have."""

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.referee.run import Phase
-from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
+from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.widgets.run_summary import TONES, who_text
 from madrob_console.ui.words import OUTCOMES, condition_text, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
+    from scoring.procedure import StepRecord
     from scoring.result import Result
 
 
@@ -26,16 +27,33 @@ class ResultHead(View):
             return [line(_no_result(snapshot))]
         tone = TONES[result.ending.outcome]
         outcome = f"{OUTCOMES[result.ending.outcome]} ({result.ending.reason})"
+        if denied := [str(int(s.step)) for s in result.steps if _denied(s)]:
+            outcome += f"; the referee denies step {', '.join(denied)}"
         condition = result.condition
         what = (
             f"{who_text(snapshot.run)}, condition {condition.number}:"
             f" {condition.benchmark_type}, {condition_text(condition)}"
         )
         return [
-            *(line(Span(row, tone)) for row in wrapped(outcome, width)),
+            *_marked([line(Span(row, tone)) for row in wrapped(outcome, width)], snapshot, width),
             *(line(row) for row in wrapped(what, width)),
             *_state(snapshot, result, width),
         ]
+
+
+def _denied(record: StepRecord) -> bool:
+    return record.ruling is not None and record.ruling.confirmed is False
+
+
+def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
+    """With a notice where the result is no official one: beside the outcome, else below it."""
+    source = snapshot.result_source
+    if source is None or source == "ros":
+        return lines
+    notice = line(Span(f" {source.upper()}: not an official result ", Tone.NOTICE))
+    if width_of(lines[-1]) + 2 + width_of(notice) > width:
+        return [*lines, notice]
+    return [*lines[:-1], line(*lines[-1], "  ", *notice)]
 
 
 def _no_result(snapshot: Snapshot) -> str:
@@ -55,9 +73,6 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
         tone = Tone.GOOD
     lines = [line(Span(row, tone)) for row in wrapped(text, width)]
-    source = snapshot.result_source
-    if source is not None and source != "ros":
-        lines.append(line(Span(f" {source.upper()}: not an official result ", Tone.NOTICE)))
     if snapshot.opened:
         day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
         lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.run import Run
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
-from madrob_console.ui.words import wrapped
+from madrob_console.ui.words import RULED, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -31,13 +31,14 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
     """Kind and words of every mark, times in s since the start."""
     for incident in run.incidents:
         more = f": {incident.note}" if incident.note else ""
-        yield "incident", f"{_at(incident.time, run)}{incident.kind}{more}"
+        gone = "" if incident.withdrawn is None else f" WITHDRAWN: {incident.withdrawn}"
+        yield "incident", f"{_at(incident.time, run)}{incident.kind}{more}{gone}"
     for false_start in run.false_starts:
         what = str(false_start.event).replace("_", " ")
         decided = false_start.accepted or "not decided"
         yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
     for ruling in run.rulings:
-        word = "confirmed" if ruling.confirmed else "denied"
+        word = RULED[ruling.confirmed]
         yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
     for waiver in run.waivers:
         yield "waiver", f"{waiver.check}: {waiver.reason}"

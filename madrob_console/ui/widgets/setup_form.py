@@ -15,10 +15,10 @@ from madrob_console.names import clean_name
 from madrob_console.referee.run import RunSetup
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.widgets.choice import Choice
-from madrob_console.ui.widgets.field import Field
+from madrob_console.ui.widgets.field import Field, NumberField
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.top_view import TopView
-from madrob_console.ui.words import condition_text
+from madrob_console.ui.words import condition_text, shortened
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 
@@ -33,18 +33,20 @@ class SetupForm(Horizontal):
         super().__init__(id="setup-form")
         self._poses = {preset.name: preset.pose for preset in defaults.poses}
         condition = defaults.condition
-        self.subject = Field(id="subject")
+        self.subject = NumberField(id="subject")
         self.team = Field(id="team")
-        self.run_number = Field(id="run-number")
+        self.run_number = NumberField(id="run-number")
         self.referee = Field(id="referee")
         self.opening = _choice(Side, condition.opening_side, "opening", str.upper)
         self.starting = _choice(Side, condition.starting_side, "starting", str.upper)
         self.benchmark = _choice(BenchmarkType, condition.benchmark_type, "benchmark")
         self.condition_label = Label("")
         self.preset = Choice([(name, name) for name in (_OWN_POSE, *self._poses)], "", id="preset")
-        self.x, self.y, self.yaw = (Field(id=name) for name in ("pose-x", "pose-y", "pose-yaw"))
-        self.timeout = Field(id="timeout")
-        self.countdown = Field(id="countdown")
+        self.x, self.y, self.yaw = (
+            NumberField(id=name) for name in ("pose-x", "pose-y", "pose-yaw")
+        )
+        self.timeout = NumberField(id="timeout")
+        self.countdown = NumberField(id="countdown")
         self.ruleset = _choice(RulesetName, defaults.ruleset, "ruleset")
         self.lock_detection = _choice(LockDetection, defaults.lock_detection, "lock")
         self.top_view = TopView()
@@ -193,10 +195,14 @@ def _row(name: str, *parts: Widget | str) -> Widget:
     return Horizontal(label, *widgets, classes="field")
 
 
+def _short(text: str) -> str:
+    return shortened(text, 20)
+
+
 def _whole(field: Field, name: str) -> int:
     text = field.value.strip()
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise MadrobError(f"{name} '{text}': use a whole number")
+        raise MadrobError(f"{name} '{_short(text)}': use a whole number")
     return int(text)
 
 
@@ -205,7 +211,7 @@ def _number(field: Field, name: str, unit: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise MadrobError(f"{name} '{text}': use a number of {unit}") from None
+        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5") from None
     if not abs(value) < 1e9:
-        raise MadrobError(f"{name} '{text}': use a number of {unit}")
+        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5")
     return value

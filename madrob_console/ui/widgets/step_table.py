@@ -12,7 +12,7 @@ from scoring.procedure import StepRecord
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
-_NARROW = 49
+_NARROW = 50
 """Cells without the column of reasons; with fewer, only what counts is shown."""
 
 
@@ -52,12 +52,13 @@ def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> 
 def _compact(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
     """What counts, and whether the referee said so; the result has all columns."""
     rows = [line(Span(fitted(f"    {'step':<19}{'final':>7}", width), Tone.DIM))]
+    pending = next((record.step for record in steps if not record.done), None)
     for record in steps:
         final = relative_text(record.final, start) if record.done else "no"
         tone = Tone.GOOD if record.done else Tone.DIM
         rows.append(
             line(
-                Span("✓ " if record.done else "  ", tone),
+                Span("✓ " if record.done else "> " if record.step is pending else "  ", tone),
                 f"{record.step} {record.step.text:<18}",
                 Span(f"{final:>7}", tone),
                 Span(" ref" if record.ruling is not None else "", Tone.WARN),

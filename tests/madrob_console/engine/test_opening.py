@@ -177,3 +177,39 @@ def test_a_folder_without_a_bag_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(MadrobError, match="run_001") as refused:
         open_run(empty)
     assert "\n" not in str(refused.value)
+
+
+def test_a_run_that_was_cut_off_is_found_with_all_that_is_known_of_it(tmp_path: Path) -> None:
+    folder = cut_off(tmp_path)
+    finished(tmp_path, run_number=2)
+    drive = Drive(tmp_path)
+    (found,) = drive.engine.snapshot().unfinished
+    assert (found.folder, found.subject, found.team) == (folder.name, 3, "Delft")
+    assert found.phase is Phase.RUNNING
+    assert found.last_event == "door_opens"
+    assert found.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
+    assert found.words.startswith("run 1 of subject 3 Delft was cut off while running, last line +")
+    shown(drive.engine, folder)
+    assert drive.engine.snapshot().unfinished == ()
+    drive.engine.close()
+
+
+def test_a_run_that_was_cut_off_can_be_declared_invalid(tmp_path: Path) -> None:
+    folder = cut_off(tmp_path)
+    drive = Drive(tmp_path)
+    assert drive.engine.open_run(open_run(folder), invalid=True) is None
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    assert document["outcome"] == "aborted"
+    assert document["indicators"]["execution_time"]["value"] is None
+    drive.engine.close()
+
+
+def test_a_run_that_goes_on_elsewhere_is_not_taken_for_one_that_was_cut_off(
+    tmp_path: Path,
+) -> None:
+    running = Drive(tmp_path)
+    running.start(make_setup())
+    other = Drive(tmp_path)
+    assert other.engine.snapshot().unfinished == ()
+    for drive in (running, other):
+        drive.engine.close()

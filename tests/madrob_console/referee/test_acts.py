@@ -23,12 +23,14 @@ from madrob_console.referee.acts import (
     Situation,
     Start,
     Waive,
+    WithdrawIncident,
     ZeroHandle,
 )
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.run import (
     CheckName,
     FalseStart,
+    Incident,
     IncidentKind,
     Phase,
     Run,
@@ -55,7 +57,7 @@ RUNS = {
     Phase.READY: READY,
     Phase.COUNTDOWN: replace(COUNTDOWN, false_starts=(FalseStart(101.0, EventName.DOOR_OPENS),)),
     Phase.RUNNING: RUNNING,
-    Phase.STOPPED: STOPPED,
+    Phase.STOPPED: replace(STOPPED, incidents=(Incident(110.0, IncidentKind.FALL),)),
     Phase.FINAL: replace(STOPPED, phase=Phase.FINAL),
 }
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
@@ -75,6 +77,7 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
         MarkIncident(IncidentKind.COLLISION),
         {Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED},
     ),
+    (WithdrawIncident("by mistake"), {Phase.STOPPED}),  # it has one to withdraw
     (AddNote("slow"), set(Phase) - {Phase.IDLE}),
     (Finalise(TeamWord.PROTESTED, "R. Eferee"), {Phase.STOPPED}),
     (Reissue("appeal"), {Phase.FINAL}),
@@ -176,3 +179,14 @@ def test_a_declared_timeout_counts_from_its_instant() -> None:
     declared = DeclareTimeout("gave up").apply(situation(RUNNING), 112.0)
     assert (declared.phase, declared.timeout_at) == (Phase.RUNNING, 112.0)
     assert DeclareTimeout("again").refusal(situation(declared))
+
+
+def test_an_incident_is_withdrawn_and_stays_on_record() -> None:
+    run = replace(
+        STOPPED, incidents=(Incident(1.0, IncidentKind.FALL), Incident(2.0, IncidentKind.OTHER))
+    )
+    once = WithdrawIncident("a shadow").apply(situation(run), 3.0)
+    assert [mark.withdrawn for mark in once.incidents] == [None, "a shadow"]
+    twice = WithdrawIncident("no fall").apply(situation(once), 4.0)
+    assert [mark.withdrawn for mark in twice.incidents] == ["no fall", "a shadow"]
+    assert WithdrawIncident("?").refusal(situation(twice)) == "there is no incident to withdraw"

@@ -24,6 +24,7 @@ from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
 from madrob_console.referee.transitions import begin_run, stop
 from madrob_console.testbeds.source import SourceKind
+from madrob_console.unfinished import Unfinished
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,
@@ -76,6 +77,7 @@ class FakeEngine:
     used_numbers: dict[tuple[int, int], int] = field(default_factory=dict)
     failure: str | None = None
     closed: bool = False
+    unfinished: tuple[Unfinished, ...] = ()
     opened: list[str] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
@@ -114,6 +116,7 @@ class FakeEngine:
             log=self.log,
             provisional=self.provisional,
             result=self.result,
+            unfinished=self.unfinished,
             result_source=None if self.result is None else self.kind,
             folder=None if self.result is None else FOLDER,
         )
@@ -136,14 +139,18 @@ class FakeEngine:
         self._answer()
         return self.used_numbers.get((subject, condition_number), 0) + 1
 
-    def open_run(self, folder: str) -> str | None:
+    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
         self._answer()
-        self.opened.append(folder)
+        self.opened.append(f"{folder} invalid" if invalid else folder)
         return None
 
     def curves(self) -> Curves | None:
         self._answer()
         return self.figures
+
+    def take_over(self) -> str | None:
+        self._answer()
+        return None
 
     def close(self) -> None:
         self.closed = True

@@ -18,6 +18,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import Look
 from madrob_console.ui.keys import KEYS
 from madrob_console.ui.screens.history import HistoryPane
+from madrob_console.unfinished import Unfinished
 from scoring.protocol import Outcome
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
@@ -30,7 +31,7 @@ PHASES = {
     Phase.STOPPED: ("enter", "f6", "f5"),
     Phase.FINAL: ("enter", "f6", "f5"),
 }
-ACTS = [key for key in KEYS.values() if key.act]
+ACTS = [key for key in KEYS.values() if key.act and key.name != "take"]
 
 
 async def bring(driver: Driver, phase: Phase) -> None:
@@ -285,7 +286,7 @@ def test_a_teams_file_with_broken_lines_says_so_at_the_start(engine: FakeEngine)
             assert "teams.csv line 3" in driver.console.status
             await driver.press("f2", "9", "enter")
             await driver.press("f6")
-            assert "Subject 9 is in no list of teams" in " ".join(driver.text.split())
+            assert "Subject 9 has no name in the list of teams" in " ".join(driver.text.split())
 
     asyncio.run(drive())
 
@@ -374,3 +375,28 @@ def a_summary() -> RunSummary:
         values={},
         source="simulated",
     )
+
+
+@pytest.mark.parametrize(
+    ("key", "opened"), [("s", ["folder"]), ("i", ["folder invalid"]), ("l", []), ("escape", [])]
+)
+def test_a_run_that_was_cut_off_is_asked_about_and_nothing_resumes_by_itself(
+    engine: FakeEngine, key: str, opened: list[str]
+) -> None:
+    engine.unfinished = (
+        Unfinished("folder", 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door_opens", 2_500_000),
+    )
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            text = " ".join(driver.text.replace("│", " ").split())
+            assert (
+                "A RUN WAS CUT OFF: run 2 of subject 3 Delft was cut off while running, last line"
+                " +7.5 s from the start, last event door_opens, 2.5 MB recorded"
+            ) in text
+            await driver.press("enter" if key == "l" else key)
+            await driver.settle()
+            assert engine.opened == opened
+            assert not driver.console.dialogs
+
+    asyncio.run(drive())

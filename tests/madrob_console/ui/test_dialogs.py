@@ -139,7 +139,7 @@ def test_a_ruling_shows_what_the_sensors_and_the_referee_say(engine: FakeEngine)
             assert "Sensors: 1.000 s. Referee: nothing yet." in driver.text
             await driver.press("down", "enter", "o")
             await driver.type("only brushed")
-            await driver.press("enter")
+            await driver.press("enter", "y")
             assert engine.acts[-1] == Rule(Step.TOUCH, confirmed=False, reason="only brushed")
 
     asyncio.run(drive())

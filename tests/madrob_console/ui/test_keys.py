@@ -103,25 +103,32 @@ Situation = Callable[[Driver], Awaitable[None]]
             [
                 (["f8", "1", "y"], Abort("robot unsafe")),
                 (["f9", "1", "y"], DeclareTimeout("the team gives up")),
-                (["3", "c", "1"], Rule(Step.OPEN, confirmed=True, reason="seen by the referee")),
+                (
+                    ["3", "c", "1", "y"],
+                    Rule(Step.OPEN, confirmed=True, reason="seen by the referee"),
+                ),
                 (["i", "h"], MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
                 (["i", "c"], MarkIncident(IncidentKind.COLLISION)),
                 (["i", "f"], MarkIncident(IncidentKind.FALL)),
                 (["i", "o"], MarkIncident(IncidentKind.OTHER)),
+                (["3", "s", "1", "y"], Rule(Step.OPEN, None, "seen by the referee")),
                 (["n", "o", "k", "enter"], AddNote("ok")),
             ],
         ),
         (
             stopped,
             [
-                (["6", "d", "3"], Rule(Step.LOCK, confirmed=False, reason="sensor false alarm")),
+                (
+                    ["6", "d", "3", "y"],
+                    Rule(Step.LOCK, confirmed=False, reason="sensor false alarm"),
+                ),
                 (["f", "p", "n", "o", "enter"], Finalise(TeamWord.PROTESTED, "Ada", "no")),
                 (["x", "y"], SetUp(a_setup(run_number=2))),
             ],
         ),
         (
             final,
-            [(["u", "1"], Reissue("a step was ruled wrongly")), (["x"], SetUp(a_setup(2)))],
+            [(["u", "1", "y"], Reissue("a step was ruled wrongly")), (["x"], SetUp(a_setup(2)))],
         ),
     ],
 )

@@ -300,7 +300,7 @@ def test_the_defaults_are_what_is_proposed(engine: FakeEngine) -> None:
         async with driving(engine) as driver:
             assert DEFAULTS.team in driver.text
             assert DEFAULTS.referee in driver.text
-            assert DEFAULTS.competition in driver.rows()[0]
+            assert DEFAULTS.competition in driver.rows()[1]
             assert "1: pull, CCW to CW" in driver.text
 
     asyncio.run(drive())

@@ -1,0 +1,186 @@
+"""What crosses the socket between an engine and its screens.
+
+A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
+screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends `State`
+whenever there is something new, as fast as the screen takes it, and one `Answer` for each request.
+Everything is checked against its type on arrival.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+from madrob_console.engine.curves import Curves
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.errors import MadrobError
+
+VERSION = 1
+"""Of this protocol; raised with every change that an older side would not understand."""
+
+LARGEST_REQUEST = 1_000_000
+"""Bytes that an engine takes from a screen at once."""
+
+LARGEST_STATE = 64_000_000
+"""Bytes that a screen takes from an engine at once; the curves of a long run are the most."""
+
+ALONE = "this console has the right to act"
+"""Why there is nothing to take over."""
+
+LENGTH = struct.Struct(">I")
+"""How a frame begins."""
+
+
+class Role(StrEnum):
+    """What a screen is there for."""
+
+    REFEREE = "referee"
+    WATCH = "watch"
+
+
+class Hello(msgspec.Struct, frozen=True, tag=True):
+    """A screen comes: which protocol it speaks, what for, and who it is, for people."""
+
+    version: int
+    role: Role
+    who: str
+
+
+class ActRequest(msgspec.Struct, frozen=True, tag=True):
+    """Do an act of the referee: its name and its fields."""
+
+    number: int
+    name: str
+    details: dict[str, Any]
+
+
+class NextRunNumber(msgspec.Struct, frozen=True, tag=True):
+    """Which run number comes next?"""
+
+    number: int
+    subject: int
+    condition: int
+
+
+class OpenRun(msgspec.Struct, frozen=True, tag=True):
+    """Show an earlier run: the name of its folder; `invalid`: one that was cut off is void."""
+
+    number: int
+    folder: str
+    invalid: bool = False
+
+
+class GiveCurves(msgspec.Struct, frozen=True, tag=True):
+    """What do the figures show?"""
+
+    number: int
+
+
+class TakeOver(msgspec.Struct, frozen=True, tag=True):
+    """Give me the right to act."""
+
+    number: int
+
+
+class StopEngine(msgspec.Struct, frozen=True, tag=True):
+    """End the engine; `force` also while a run goes on."""
+
+    number: int
+    force: bool = False
+
+
+Request = ActRequest | NextRunNumber | OpenRun | GiveCurves | TakeOver | StopEngine
+
+
+class Welcome(msgspec.Struct, frozen=True, tag=True):
+    """The engine: its process, what it is connected to, where it keeps the runs."""
+
+    version: int
+    pid: int
+    label: str
+    results: str
+
+
+class Rejected(msgspec.Struct, frozen=True, tag=True):
+    """The engine hangs up, and why."""
+
+    reason: str
+
+
+class State(msgspec.Struct, frozen=True, tag=True):
+    """The latest snapshot; whether this screen may act, and if not, who may."""
+
+    snapshot: Snapshot
+    may_act: bool
+    referee: str
+
+
+class Answer(msgspec.Struct, frozen=True, tag=True):
+    """The answer to the request with this number.
+
+    Attributes:
+        number: of the request.
+        refused: why not, in words; None = done.
+        failed: the engine could not, in words: the screen raises it.
+        value: the run number asked for.
+        curves: those asked for.
+    """
+
+    number: int
+    refused: str | None = None
+    failed: str | None = None
+    value: int | None = None
+    curves: Curves | None = None
+
+
+ToScreen = Welcome | Rejected | State | Answer
+
+_encoder = msgspec.msgpack.Encoder()
+_requests: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
+_hellos = msgspec.msgpack.Decoder(Hello)
+_states: msgspec.msgpack.Decoder[ToScreen] = msgspec.msgpack.Decoder(ToScreen)
+
+
+def frame(message: msgspec.Struct) -> bytes:
+    """A message as it crosses the socket."""
+    data = _encoder.encode(message)
+    return LENGTH.pack(len(data)) + data
+
+
+def hello_of(data: bytes) -> Hello:
+    """The first message of a screen.
+
+    Raises:
+        MadrobError: it is something else.
+    """
+    try:
+        return _hellos.decode(data)
+    except msgspec.MsgspecError as error:
+        raise MadrobError(f"not a greeting of a console: {error}") from None
+
+
+def request_of(data: bytes) -> Request:
+    """A later message of a screen.
+
+    Raises:
+        MadrobError: it is something else.
+    """
+    try:
+        return _requests.decode(data)
+    except msgspec.MsgspecError as error:
+        raise MadrobError(f"not a request of a console: {error}") from None
+
+
+def message_of(data: bytes) -> ToScreen:
+    """A message of an engine.
+
+    Raises:
+        MadrobError: it is something else.
+    """
+    try:
+        return _states.decode(data)
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise MadrobError(f"not a message of an engine: {error}") from None

@@ -1,0 +1,136 @@
+"""`madrob console` in a terminal of its own, with the engine process behind it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+
+from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.rebuild import Change
+from tests.terminal import Terminal
+
+ROOT = Path(__file__).parents[2]
+ENTER = "\r"
+F3, F5, F6, F7, F8, F10 = "\x1bOR", "\x1b[15~", "\x1b[17~", "\x1b[18~", "\x1b[19~", "\x1b[21~"
+STARTING = 60.0
+
+
+class Hall:
+    """A results folder, a place for sockets, and the programs that a test runs there.
+
+    Args:
+        speed: of the simulated testbed.
+    """
+
+    def __init__(self, speed: float = 4.0) -> None:
+        # a socket's path has 107 characters at most: pytest's folders are longer
+        self.folder = Path(tempfile.mkdtemp(prefix="madrob-"))
+        self.results = self.folder / "runs"
+        self.speed = speed
+        self._env = {"XDG_RUNTIME_DIR": str(self.folder), "PYTHONPATH": str(ROOT)}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.madrob("engine", "stop", "--force")
+        shutil.rmtree(self.folder)
+
+    @property
+    def testbed(self) -> list[str]:
+        """The options that name the testbed."""
+        speed, results = f"--speed={self.speed}", f"--results={self.results}"
+        return ["--testbed", "simulated", speed, results]
+
+    def console(self, command: str = "console", columns: int = 80, lines: int = 24) -> Terminal:
+        """The screens, attached to the engine or starting it."""
+        argv = [sys.executable, "-m", "madrob_console.cli", command, *self.testbed]
+        return Terminal(argv, columns, lines, env=self._env, cwd=ROOT)
+
+    def madrob(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """A command, run to its end."""
+        argv = [sys.executable, "-m", "madrob_console.cli", *arguments]
+        env = {**os.environ, **self._env}
+        return subprocess.run(
+            argv, env=env, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+        )
+
+    def engine_pid(self) -> int:
+        """The process of the one engine."""
+        listed = self.madrob("engine", "status").stdout
+        return int(listed.partition("pid ")[2].partition(",")[0])
+
+    def kill_engine(self) -> None:
+        """As a machine that fails: kill -9."""
+        pid = self.engine_pid()
+        os.kill(pid, signal.SIGKILL)
+        wait_gone(pid)
+
+    def run_folders(self) -> list[Path]:
+        """The runs on disk, oldest first."""
+        return sorted(self.results.glob("subject_*"))
+
+    def wait_for_result(self, folder: Path, timeout: float = 60.0) -> dict[str, Any]:
+        """The content of a run's `result.json`, once it is there."""
+        path = folder / "result.json"
+        end = time.monotonic() + timeout
+        while not path.exists():
+            assert time.monotonic() < end, f"no result in {folder}"
+            time.sleep(0.05)
+        document: dict[str, Any] = msgspec.json.decode(path.read_bytes())
+        return document
+
+    def journal(self, folder: Path) -> tuple[Entry, ...]:
+        """What was said and done in a run."""
+        return read_journal(folder / "journal.jsonl")[0]
+
+    def wait_for_running(self, timeout: float = 60.0) -> Path:
+        """The folder of the run that goes on."""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            for folder in self.run_folders():
+                known = (folder / "journal.jsonl").exists()
+                lines = self.journal(folder) if known else ()
+                started = any(line.what == Change.RUN_STARTS for line in lines)
+                if started and not (folder / "result.json").exists():
+                    return folder
+            time.sleep(0.02)
+        raise AssertionError("no run goes on")
+
+
+def start_a_run(terminal: Terminal) -> None:
+    """From the first screen to a countdown, by keys; again from the result of a run."""
+    terminal.wait_for("all fresh and at rate", STARTING)
+    terminal.send(ENTER)
+    terminal.wait_for("is set up", STARTING)
+    terminal.send(F7)
+    terminal.wait_for("Done: zero the handle", STARTING)
+    terminal.send(F6)
+    terminal.wait_for("all passed or waived", STARTING)
+    terminal.send(F5)
+    terminal.wait_for("COUNTDOWN", STARTING)
+
+
+def wait_gone(pid: int, timeout: float = 10.0) -> None:
+    """Until a process that is no child has gone."""
+    end = time.monotonic() + timeout
+    while Path(f"/proc/{pid}").exists():
+        if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+            return
+        assert time.monotonic() < end, f"process {pid} stays"
+        time.sleep(0.01)

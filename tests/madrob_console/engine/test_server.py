@@ -1,0 +1,272 @@
+"""An engine on a socket: who may act, who only watches, and that nobody holds it up."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import stat
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.clock import SystemClock
+from madrob_console.engine import wire
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
+from madrob_console.engine.local import LocalEngine
+from madrob_console.engine.remote import RemoteEngine
+from madrob_console.engine.server import EngineServer
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort, AddNote, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.testbeds.simulated import SimulatedSource
+from madrob_console.testbeds.simulation import SimulatedTestbed
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.drive import make_setup
+
+SPEED = 8.0
+
+
+class Served:
+    """An engine on a socket, in threads of this process."""
+
+    def __init__(self, folder: Path, idle_time: float = 60.0) -> None:
+        clock, types = SystemClock(SPEED), MessageTypes()
+        source = SimulatedSource(SimulatedTestbed(), clock, types)
+        config = EngineConfig(folder / "runs", DEFAULT_MAPPINGS, disk_needed=0)
+        self.local = LocalEngine(Engine(source, clock, config, types))
+        self.path = folder / "s"
+        self.server = EngineServer(self.local, source.label, idle_time, time.monotonic)
+        self._loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self._serve)
+        self.thread.start()
+        wait(self.path.exists)
+
+    def _serve(self) -> None:
+        try:
+            self._loop.run_until_complete(self.server.serve(self.path))
+        finally:
+            self._loop.close()
+
+    def attach(
+        self, role: wire.Role = wire.Role.REFEREE, who: str = "ada@hall (1)"
+    ) -> RemoteEngine:
+        return RemoteEngine(self.path, role, who)
+
+    def close(self) -> None:
+        if self.thread.is_alive():
+            self._loop.call_soon_threadsafe(self.server.stop)
+        self.thread.join()
+        self.local.close()
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    served = Served(tmp_path)
+    yield served
+    served.close()
+
+
+def wait(done: Callable[[], bool], patience: float = 30.0) -> None:
+    end = time.monotonic() + patience
+    while not done():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+def start(client: RemoteEngine) -> None:
+    """A run goes on."""
+    assert client.act(SetUp(make_setup(countdown=1.0))) is None
+    wait(lambda: client.snapshot().handle.force is not None)
+    time.sleep(1.5 / SPEED)
+    for act in (ZeroHandle(), ConfirmPose(), Start()):
+        wait(lambda act=act: client.act(act) is None, 5.0)  # type: ignore[misc]
+    wait(lambda: client.snapshot().run.phase is Phase.RUNNING)
+
+
+def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> None:
+    with closing(served.attach()) as client:
+        start(client)
+        wait(lambda: client.snapshot().result is not None)
+        local, remote = served.local.snapshot(), client.snapshot()
+        assert remote.result == local.result
+        assert remote.run.outcome is Outcome.COMPLETED
+        assert client.curves() == served.local.curves()
+        assert client.next_run_number(3, 1) == 2
+        assert client.results == served.local.results
+
+
+def test_a_run_goes_on_when_its_screen_has_gone_and_another_one_finds_it(served: Served) -> None:
+    client = served.attach()
+    start(client)
+    client.close()
+    with closing(served.attach()) as later:
+        assert later.snapshot().run.phase is Phase.RUNNING
+        assert later.act(Abort("enough")) is None
+
+
+def test_a_refusal_crosses_the_socket_in_words(served: Served) -> None:
+    with closing(served.attach()) as client:
+        assert client.act(Start()) == "no run is set up yet"
+        with pytest.raises(MadrobError, match="no run folder"):
+            client.open_run("../../etc")
+
+
+def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees(
+    served: Served,
+) -> None:
+    with closing(served.attach(who="ada@hall")) as ada, closing(served.attach(who="bo@tent")) as bo:
+        assert ada.act(SetUp(make_setup())) is None
+        assert bo.act(AddNote("mine")) == "ada@hall has the right to act"
+        assert bo.snapshot().refusals["abort"] == "ada@hall has the right to act: t takes it over"
+        assert bo.take_over() is None
+        assert bo.act(AddNote("mine")) is None
+        wait(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().faults)
+        assert ada.act(AddNote("no")) == "bo@tent has the right to act"
+
+
+def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> None:
+    ada = served.attach(who="ada@hall")
+    with closing(served.attach(who="bo@tent")) as bo:
+        ada.close()
+        wait(lambda: "set up" not in bo.snapshot().refusals)
+        assert bo.act(SetUp(make_setup())) is None
+
+
+def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
+    watchers = [served.attach(wire.Role.WATCH) for _ in range(5)]
+    with closing(served.attach()) as client:
+        start(client)
+        for watcher in watchers:
+            wait(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
+            assert watcher.act(Abort("me")) == "this screen only watches"
+            assert watcher.take_over() == "this screen only watches"
+            assert all("only watches" in why for why in watcher.snapshot().refusals.values())
+            watcher.close()
+        assert client.snapshot().run.phase is Phase.RUNNING
+
+
+def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:
+    stalled = socket.socket(socket.AF_UNIX)
+    stalled.connect(str(served.path))
+    stalled.sendall(wire.frame(wire.Hello(wire.VERSION, wire.Role.WATCH, "stalled")))
+    with closing(served.attach()) as client:
+        start(client)
+        wait(lambda: client.snapshot().result is not None)
+        result = client.snapshot().result
+        assert result is not None
+        assert result.ending.outcome is Outcome.COMPLETED
+        assert not any("lost" in remark for remark in result.quality.remarks)
+    stalled.close()
+
+
+def test_the_socket_is_for_its_user_alone(served: Served) -> None:
+    assert stat.S_IMODE(served.path.stat().st_mode) == 0o600
+
+
+def test_a_console_of_another_version_is_told_what_to_do(served: Served) -> None:
+    answer = say(served.path, wire.Hello(wire.VERSION + 1, wire.Role.REFEREE, "new"))
+    assert "`madrob engine stop`" in answer.reason
+
+
+@given(data=st.binary(max_size=200))
+def test_no_greeting_can_be_anything_but_a_greeting(data: bytes) -> None:
+    try:
+        wire.hello_of(data)
+    except MadrobError:
+        return
+    assert wire.frame(wire.hello_of(data))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xff\xff\xff\xff",
+        b"\x00\x00\x00\x01x",
+        b"\x00\x00\x00\x03\x93\x01\x02",
+        b"GET / HTTP/1.0\r\n",
+    ],
+)
+def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(
+    served: Served, data: bytes
+) -> None:
+    with socket.socket(socket.AF_UNIX) as rubbish:
+        rubbish.connect(str(served.path))
+        rubbish.sendall(data)
+        rubbish.shutdown(socket.SHUT_WR)
+        while rubbish.recv(65536):
+            pass
+    with socket.socket(socket.AF_UNIX) as later:
+        later.connect(str(served.path))
+        later.sendall(wire.frame(wire.Hello(wire.VERSION, wire.Role.REFEREE, "x")) + data)
+        later.shutdown(socket.SHUT_WR)
+        while later.recv(65536):
+            pass
+    with closing(served.attach()) as client:
+        assert client.act(SetUp(make_setup())) is None
+
+
+def test_an_act_with_fields_of_the_wrong_type_does_nothing(served: Served) -> None:
+    with closing(served.attach()) as client:
+        for name, details in (("abort", {"reason": 3}), ("set up", {}), ("rm -rf", {})):
+            with pytest.raises(MadrobError):
+                client._ask(wire.ActRequest(next(client._numbers), name, details))
+        assert client.snapshot().run.phase is Phase.IDLE
+
+
+def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
+    served = Served(tmp_path, idle_time=0.5)
+    client = served.attach()
+    time.sleep(1.0)
+    assert served.thread.is_alive()
+    client.close()
+    served.thread.join(5.0)
+    assert not served.thread.is_alive()
+    assert not served.path.exists()
+    served.close()
+
+
+def test_an_engine_with_a_run_ends_only_by_force(served: Served) -> None:
+    with closing(served.attach()) as client:
+        start(client)
+        assert client.stop_engine(force=False) == "a run is going on"
+        assert client.stop_engine(force=True) is None
+    served.thread.join(5.0)
+    assert not served.thread.is_alive()
+
+
+def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
+    client = served.attach()
+    served.close()
+
+    def told() -> bool:
+        try:
+            client.snapshot()
+        except MadrobError as error:
+            return "start the console again" in str(error)
+        return False
+
+    wait(told, 5.0)
+    with pytest.raises(MadrobError):
+        client.act(Start())
+    client.close()
+
+
+def say(path: Path, hello: wire.Hello) -> wire.Rejected:
+    """Greet, and be rejected."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(str(path))
+        connection.sendall(wire.frame(hello))
+        data = b""
+        while part := connection.recv(65536):
+            data += part
+    message = wire.message_of(data[wire.LENGTH.size :])
+    assert isinstance(message, wire.Rejected)
+    return message

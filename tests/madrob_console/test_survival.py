@@ -1,0 +1,201 @@
+"""Nothing ends a run but its stop: real terminals, real processes, real kill -9."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+from collections.abc import Iterator
+
+import msgspec
+import pytest
+
+from madrob_console.referee.rebuild import Change
+from recorder.reader import read_bag
+from tests.madrob_console.console_process import F8, F10, Hall, start_a_run, wait_gone
+
+
+@pytest.fixture
+def hall() -> Iterator[Hall]:
+    with Hall() as hall:
+        yield hall
+
+
+@pytest.mark.parametrize("how", ["hang-up", "kill -9", "quit"])
+def test_a_run_survives_the_end_of_its_console_and_is_scored(hall: Hall, how: str) -> None:
+    with hall.console() as terminal:
+        start_a_run(terminal)
+        folder = hall.wait_for_running()
+        match how:
+            case "kill -9":
+                os.kill(terminal.pid, signal.SIGKILL)
+            case "quit":
+                terminal.send(F10)
+                terminal.wait_for("The run goes on without this screen")
+                terminal.send("y")
+                assert terminal.wait_exit() == 0
+    result = hall.wait_for_result(folder)
+    assert result["outcome"] == "completed"
+    assert result["indicators"]["capability_level"]["value"] == 6
+    assert result["quality"]["remarks"] == []
+    assert read_bag(folder).complete
+
+
+def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall) -> None:
+    with hall.console() as terminal:
+        start_a_run(terminal)
+        folder = hall.wait_for_running()
+    with hall.console() as terminal:
+        terminal.wait_for("RUNNING")
+        terminal.send(F8)
+        terminal.wait_for("ABORT the run")
+        terminal.send("1y")
+        terminal.wait_for("ABORTED")
+    assert hall.wait_for_result(folder)["outcome"] == "aborted"
+
+
+def test_spectators_see_the_run_and_their_keys_do_nothing(hall: Hall) -> None:
+    with hall.console() as terminal:
+        start_a_run(terminal)
+        folder = hall.wait_for_running()
+        with hall.console("watch") as spectator:
+            spectator.wait_for("RUNNING")
+            spectator.send(F8)
+            spectator.wait_for("Refused: abort: this screen only watches")
+    assert hall.wait_for_result(folder)["outcome"] == "completed"
+
+
+def test_nobody_watches_where_no_engine_runs(hall: Hall) -> None:
+    with hall.console("watch") as spectator:
+        assert spectator.wait_exit(60.0) == 2
+        assert any("no engine runs here to be watched" in line for line in spectator.screen())
+
+
+def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupted(
+    hall: Hall,
+) -> None:
+    with hall.console() as terminal:
+        start_a_run(terminal)
+        folder = hall.wait_for_running()
+        time.sleep(1.0)
+        hall.kill_engine()
+        terminal.wait_for("the engine has ended")
+        terminal.send(F10)
+        terminal.wait_for("Leave?")
+        terminal.send("y")
+        assert terminal.wait_exit() == 0
+    with hall.console() as terminal:
+        terminal.wait_for("A RUN WAS CUT OFF: run 1 of subject 1", 60.0)
+        terminal.send("s")
+        terminal.wait_for("INTERRUPTED")
+    result = hall.wait_for_result(folder)
+    assert result["outcome"] == "interrupted"
+    assert result["indicators"]["time_to_handle"]["value"] is not None
+
+
+def test_an_engine_started_twice_is_one_engine(hall: Hall) -> None:
+    with hall.console() as one, hall.console() as other:
+        for terminal in (one, other):
+            terminal.wait_for("all fresh and at rate", 60.0)
+        listed = hall.madrob("engine", "status").stdout
+        assert listed.count("SIMULATED nominal") == 1
+
+
+def test_status_and_stop_are_for_people_and_systemd(hall: Hall) -> None:
+    nothing = hall.madrob("engine", "status")
+    assert (nothing.returncode, nothing.stdout) == (1, "no engine runs\n")
+    with hall.console() as terminal:
+        start_a_run(terminal)
+        hall.wait_for_running()
+        refused = hall.madrob("engine", "stop")
+        assert refused.returncode == 1
+        assert "a run is going on" in refused.stdout
+        pid = hall.engine_pid()
+        stopped = hall.madrob("engine", "stop", "--force")
+        assert (stopped.returncode, stopped.stdout) == (0, "SIMULATED nominal: ended\n")
+        wait_gone(pid)
+    (folder,) = hall.run_folders()
+    assert hall.wait_for_result(folder)["outcome"] == "interrupted"
+
+
+def test_an_engine_that_cannot_start_says_why_in_one_line(hall: Hall) -> None:
+    hall.speed = 5000.0
+    with hall.console() as terminal:
+        assert terminal.wait_exit(60.0) == 2
+        assert any("madrob: --speed 5000: use 0 to 1000" in line for line in terminal.screen())
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments_a_console_loses_no_run(request: pytest.FixtureRequest) -> None:
+    count, rng = max(3, request.config.getoption("--runs") // 4), random.Random(7)
+    attached = []
+    with Hall(speed=4.0) as hall:
+        for number in range(count):
+            with hall.console() as terminal:
+                start_a_run(terminal)
+                folder = hall.wait_for_running()
+                time.sleep(rng.uniform(0.0, 3.0))
+                os.kill(terminal.pid, signal.SIGKILL)
+            began = time.monotonic()
+            with hall.console() as terminal:
+                terminal.wait_for(f"run {number + 1} of subject 1", 30.0)
+                attached.append(time.monotonic() - began)
+                result = hall.wait_for_result(folder)
+                terminal.send(F10)
+                terminal.wait_for("Leave?")
+                terminal.send("y")
+                terminal.wait_exit()
+            assert result["outcome"] == "completed"
+            assert read_bag(folder).complete
+    print(
+        f"\n{count} of {count} runs finished and were scored with their console killed; attached"
+        f" again after {sum(attached) / count:.2f} s on average, {max(attached):.2f} s at most"
+    )
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments_an_engine_loses_half_a_second_at_most(
+    request: pytest.FixtureRequest,
+) -> None:
+    count, rng = max(3, request.config.getoption("--runs") // 4), random.Random(8)
+    losses = []
+    for _ in range(count):
+        with Hall(speed=1.0) as hall:
+            with hall.console() as terminal:
+                start_a_run(terminal)
+                folder = hall.wait_for_running()
+                time.sleep(rng.uniform(0.2, 5.0))
+                pid = hall.engine_pid()
+                os.kill(pid, signal.SIGKILL)
+                killed = time.time_ns()
+                wait_gone(pid)
+            newest = max(message.receive_ns for message in read_bag(folder).messages())
+            losses.append((killed - newest) / 1e9)
+            opened = hall.madrob("score", str(folder), "--json")
+            assert opened.returncode == 0, opened.stderr
+            assert '"interrupted"' in opened.stdout
+    mean = sum(losses) / count
+    print(f"\nkill -9 of the engine, {count} runs: {mean:.2f} s lost, {max(losses):.2f} s at most")
+    assert max(losses) <= 0.6  # half a second, and the time that the kill takes
+
+
+@pytest.mark.slow
+def test_a_terminal_left_unread_changes_no_event(request: pytest.FixtureRequest) -> None:
+    unread = 5.0 if request.config.getoption("--runs") < 100 else 60.0
+    seen = []
+    for stalled in (False, True):
+        with Hall(speed=1.0) as hall, hall.console(columns=160, lines=50) as terminal:
+            start_a_run(terminal)
+            folder = hall.wait_for_running()
+            if stalled:
+                time.sleep(unread)  # nobody reads the pty
+            result = hall.wait_for_result(folder, 120.0)
+            events = {e["event"]: e["since_start"] for e in result["events"]}
+            seen.append(events)
+            stop = next(e for e in hall.journal(folder) if e.what == Change.RUN_STOPS)
+            assert stop.time - stop.details["time"] < 1.5
+    assert seen[0].keys() == seen[1].keys()
+    worst = max(abs(seen[0][name] - seen[1][name]) for name in seen[0])
+    print(f"\nunread for {unread:g} s: event times differ by {1000 * worst:.1f} ms at most")
+    assert worst <= 0.025, msgspec.json.encode(seen)
