@@ -24,7 +24,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.rebuild import act_named
 
-SNAPSHOT_PERIOD = 0.05
+SNAPSHOT_PERIOD = 0.1
 """Between two looks at the engine, s."""
 
 _HIGH_WATER = 256_000
@@ -146,22 +146,25 @@ class EngineServer:
 
     async def _show(self, screen: _Screen) -> None:
         """Send the latest snapshot, again and again, as fast as the screen takes it."""
-        last: tuple[float, bool, str] | None = None
         with suppress(OSError):
             while True:
                 try:
-                    snapshot = self._engine.snapshot()
+                    screen.send(self._state(screen))
                 except MadrobError as error:
                     screen.send(wire.Rejected(str(error)))
                     self.stop()
                     return
-                state = wire.State(snapshot, screen is self._referee, self._referee_name())
-                new = (snapshot.time, state.may_act, state.referee)
-                if new != last:
-                    screen.send(state)
-                    await screen.writer.drain()  # a screen that stalls waits here, alone
-                    last = new
+                await screen.writer.drain()  # a screen that stalls waits here, alone
                 await asyncio.sleep(SNAPSHOT_PERIOD)
+
+    def _state(self, screen: _Screen) -> wire.State:
+        """What a screen is to show.
+
+        Raises:
+            MadrobError: the engine has failed.
+        """
+        may_act = screen is self._referee
+        return wire.State(self._engine.snapshot(), may_act, self._referee_name())
 
     def _referee_name(self) -> str:
         return "" if self._referee is None else self._referee.who
@@ -171,6 +174,7 @@ class EngineServer:
     async def _reply(self, screen: _Screen, request: wire.Request) -> None:
         try:
             answer = await self._answer(screen, request)
+            screen.send(self._state(screen))  # before the answer: it shows what was done
         except MadrobError as error:
             answer = wire.Answer(request.number, failed=str(error))
         screen.send(answer)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""
 
-_SIGNALS = (signal.SIGHUP, signal.SIGTERM)
+_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
 def run_console(
@@ -69,7 +69,7 @@ def _ignore(_number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def leaving_on_signals(app: MadrobApp) -> Iterator[None]:
-    """While inside, HUP and TERM leave the app with exit code 128 + number.
+    """While inside, HUP, INT and TERM leave the app with exit code 128 + number.
 
     Without it either kills the process at once: no unmount, no `finally`, a broken terminal.
     """

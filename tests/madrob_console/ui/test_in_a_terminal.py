@@ -31,7 +31,7 @@ def running() -> Iterator[Terminal]:
         yield terminal
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGINT, signal.SIGTERM])
 def test_a_signal_leaves_cleanly_and_restores_the_terminal(
     running: Terminal, number: signal.Signals
 ) -> None:
