@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
@@ -317,6 +316,8 @@ def _yaml(content: Mapping[str, object]) -> str:
 
 
 def _csv(columns: Mapping[str, Sequence[object] | NDArray[np.float64]]) -> str:
+    import pandas as pd
+
     # the shortest digits that read back as the same float64; NaN as an empty cell
     return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy import signal
 
 from scoring.errors import ScoringError
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
@@ -63,6 +62,16 @@ class JointState:
         )
 
 
+def load_filters() -> None:
+    """Import SciPy and pandas now, so that the first result does not wait for them.
+
+    Elsewhere they are imported where they are used: they take most of the time that an engine
+    needs to be there.
+    """
+    for name in ("scipy.signal", "pandas"):
+        import_module(name)
+
+
 def joint_state(
     time: Array, position: Array, ruleset: Ruleset, largest_gap: float = LARGEST_GAP
 ) -> JointState:
@@ -104,6 +113,8 @@ def low_pass(joint: JointState, ruleset: Ruleset, largest_gap: float = LARGEST_G
     interval = _low_pass_interval(joint, ruleset, largest_gap)
     if interval is None or low_pass_problem(joint, ruleset, largest_gap) is not None:
         return filtered
+    from scipy import signal
+
     b, a = _butterworth(ruleset, interval)
     with np.errstate(over="ignore", invalid="ignore"):
         if ruleset.low_pass is LowPassRule.ONE_PASS:
@@ -174,12 +185,16 @@ class _Filters:
 
     def moving_average(self, position: Array) -> Array:
         """The averages of complete windows."""
+        import pandas as pd
+
         means = pd.Series(position).rolling(self.average, center=True).mean()
         half = self.average // 2
         return means.to_numpy(dtype=np.float64)[half : position.size - half]
 
     def derive(self, smooth: Array, derivative: int) -> Array:
         """A derivative of the moving average, of complete windows."""
+        from scipy import signal
+
         values = signal.savgol_filter(
             smooth,
             self.savgol,
@@ -276,6 +291,8 @@ def _filtered_stretches(joint: JointState, ruleset: Ruleset, largest_gap: float)
 
 
 def _butterworth(ruleset: Ruleset, interval: float) -> tuple[Array, Array]:
+    from scipy import signal
+
     b, a = signal.iirfilter(
         ruleset.low_pass_order,
         ruleset.low_pass_frequency,

@@ -18,6 +18,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act
 from madrob_console.rescore import open_run
 from madrob_console.runs import parse_folder_name
+from scoring.kinematics import load_filters
 
 TAKE_TIMEOUT = 0.02
 """How long the engine waits for messages before it looks at acts and the clock, s."""
@@ -53,6 +54,7 @@ class LocalEngine:
         self._snapshot = engine.snapshot()
         self._thread = threading.Thread(target=self._work, name="engine")
         self._thread.start()
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
     def _work(self) -> None:
         shown = 0.0
