@@ -22,7 +22,7 @@ from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import Tone
 from madrob_console.ui.widgets.table import Table
 
-KEYS = "Enter opens, x next like it, / filters, v which, o O sort, <- -> cols, * unsigned"
+KEYS = "Enter opens, x next like it, / filter, v which, o O sort, <- -> more, * open"
 
 
 class Which(StrEnum):
