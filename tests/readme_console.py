@@ -36,7 +36,7 @@ SCRIPT: tuple[tuple[str, float, str], ...] = (
 def play(terminal: Terminal) -> int:
     """Follow the script; the exit code of the console."""
     for text, timeout, keys in SCRIPT:
-        terminal.wait_for(text, timeout)
+        terminal.wait_for(text, timeout=timeout)
         print(f"--- {text!r} is on the screen", *terminal.screen(), sep="\n", flush=True)
         terminal.send(keys)
     return terminal.wait_exit()

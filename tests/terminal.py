@@ -106,21 +106,23 @@ class Terminal:
         """Type."""
         os.write(self._fd, keys.encode())
 
-    def wait_for(self, text: str, timeout: float = 10.0) -> None:
-        """Wait until `text` stands on the screen, within one line.
+    def wait_for(self, *texts: str, timeout: float = 10.0) -> str:
+        """Wait until one of `texts` stands on the screen, within one line; returns it.
 
         Raises:
-            AssertionError: it does not come within `timeout` s, or the program ends.
+            AssertionError: none comes within `timeout` s, or the program ends.
         """
         deadline = time.monotonic() + timeout
         while True:
             ended = self._process.poll() is not None
-            if any(text in line for line in self.screen()):
-                return
+            screen = self.screen()
+            for text in texts:
+                if any(text in line for line in screen):
+                    return text
             if ended:
-                raise AssertionError(f"the program ended before {text!r}:\n{self._shown()}")
+                raise AssertionError(f"the program ended before {texts}:\n{self._shown()}")
             if time.monotonic() > deadline:
-                raise AssertionError(f"{text!r} did not come in {timeout:g} s:\n{self._shown()}")
+                raise AssertionError(f"{texts} did not come in {timeout:g} s:\n{self._shown()}")
             self._read(0.1)
 
     def wait_exit(self, timeout: float = 10.0) -> int:

@@ -115,15 +115,20 @@ class Hall:
 
 def start_a_run(terminal: Terminal) -> None:
     """From the first screen to a countdown, by keys; again from the result of a run."""
-    terminal.wait_for("all fresh and at rate", STARTING)
+    ready, result = "all fresh and at rate", "f finalises it"
+    if terminal.wait_for(ready, result, timeout=STARTING) == result:
+        terminal.send("x")
+        terminal.wait_for("Set up the next run?")
+        terminal.send("y")
+        terminal.wait_for(ready, timeout=STARTING)
     terminal.send(ENTER)
-    terminal.wait_for("is set up", STARTING)
+    terminal.wait_for("is set up", timeout=STARTING)
     terminal.send(F7)
-    terminal.wait_for("Done: zero the handle", STARTING)
+    terminal.wait_for("Done: zero the handle", timeout=STARTING)
     terminal.send(F6)
-    terminal.wait_for("all passed or waived", STARTING)
+    terminal.wait_for("all passed or waived", timeout=STARTING)
     terminal.send(F5)
-    terminal.wait_for("COUNTDOWN", STARTING)
+    terminal.wait_for("COUNTDOWN", timeout=STARTING)
 
 
 def wait_gone(pid: int, timeout: float = 10.0) -> None:

@@ -86,7 +86,7 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
         terminal.send("y")
         assert terminal.wait_exit() == 0
     with hall.console() as terminal:
-        terminal.wait_for("A RUN WAS CUT OFF: run 1 of subject 1", 60.0)
+        terminal.wait_for("A RUN WAS CUT OFF: run 1 of subject 1", timeout=60.0)
         terminal.send("s")
         terminal.wait_for("INTERRUPTED")
     result = hall.wait_for_result(folder)
@@ -97,7 +97,7 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
 def test_an_engine_started_twice_is_one_engine(hall: Hall) -> None:
     with hall.console() as one, hall.console() as other:
         for terminal in (one, other):
-            terminal.wait_for("all fresh and at rate", 60.0)
+            terminal.wait_for("all fresh and at rate", timeout=60.0)
         listed = hall.madrob("engine", "status").stdout
         assert listed.count("SIMULATED nominal") == 1
 
@@ -139,7 +139,7 @@ def test_killed_at_random_moments_a_console_loses_no_run(request: pytest.Fixture
                 os.kill(terminal.pid, signal.SIGKILL)
             began = time.monotonic()
             with hall.console() as terminal:
-                terminal.wait_for(f"run {number + 1} of subject 1", 30.0)
+                terminal.wait_for(f"run {number + 1} of subject 1", timeout=30.0)
                 attached.append(time.monotonic() - began)
                 result = hall.wait_for_result(folder)
                 terminal.send(F10)

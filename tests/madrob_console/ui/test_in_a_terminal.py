@@ -27,7 +27,7 @@ LEAVE_SCREEN, SHOW_CURSOR = b"\x1b[?1049l", b"\x1b[?25h"
 @pytest.fixture
 def running() -> Iterator[Terminal]:
     with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, STARTING)
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
         yield terminal
 
 
@@ -43,7 +43,7 @@ def test_a_signal_leaves_cleanly_and_restores_the_terminal(
 
 def test_a_terminal_that_goes_ends_the_console_soon() -> None:
     with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, STARTING)
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
         terminal.hang_up()
         assert terminal.wait_exit() == 128 + signal.SIGHUP
 
@@ -64,7 +64,7 @@ def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -
 
 def test_no_color_means_no_colour_and_everything_still_reads() -> None:
     with Terminal([*PROGRAM, "--running"], env={"NO_COLOR": "1"}, cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, STARTING)
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
         terminal.wait_for("~~ SIMULATED nominal ~~")
         terminal.send(F8)
         terminal.wait_for("> n no, the run goes on")
@@ -97,14 +97,14 @@ def test_the_screens_import_nothing_slow() -> None:
 )
 def test_a_live_run_is_light_on_the_line(columns: int, lines: int, most: float) -> None:
     with Terminal([*PROGRAM, "--running"], columns, lines, cwd=ROOT) as terminal:
-        terminal.wait_for("Quit", STARTING)
+        terminal.wait_for("Quit", timeout=STARTING)
         assert bytes_per_second(terminal, 6.0) <= most
 
 
 @pytest.mark.slow
 def test_an_idle_console_hardly_writes() -> None:
     with Terminal(PROGRAM, cwd=ROOT) as terminal:
-        terminal.wait_for(LAST_KEY, STARTING)
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
         assert bytes_per_second(terminal, 4.0) <= 1_000
 
 
