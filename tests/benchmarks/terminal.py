@@ -1,0 +1,197 @@
+"""What the screens cost and how soon they answer, in a pty, beside a bare Textual app.
+
+Ours and the bare app take turns, so that what else the machine does hits both.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+
+from tests.benchmarks.report import Baseline, Figure, Goal
+from tests.benchmarks.wire import ROOT, SETTLING, SMALL, STARTED, STARTING, Cost, Size, Wire
+from tests.readme_console import ENTER, F5, F6, F7
+
+PACKAGES = ("textual",)
+
+BARE = [sys.executable, "-m", "tests.benchmarks.bare_app"]
+FAKE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
+MADROB = [sys.executable, "-m", "madrob_console.cli"]
+CONSOLE = [*MADROB, "console", "--testbed", "simulated"]
+
+LARGE = 160, 50
+LIVE_BYTES = {SMALL: Goal(8), LARGE: Goal(12)}  # kB/s
+IDLE_BYTES = Goal(2)  # kB/s
+LIVE_SHARE = Goal(5)  # % of a core
+ANSWER = Goal(50)  # ms
+FIRST_PAINT = Goal(0.5, times=2)  # s
+ENGINE_ATTACHED = Goal(1.5)  # s
+
+LEAST_KEYS = 50
+GAPS = 0.12, 0.35  # s between two keys, drawn anew so that they meet every phase of the redrawing
+
+FORM, FOOTER, CHECKS, LIVE = b"Opening side", b"F10", b"Checks", b"sensors  referee"
+"""What only the set-up form, the footer, the list of checks and the live pane say."""
+CLOCK = b"clock"
+F2, F3 = "\x1bOQ", "\x1bOR"
+PANE_KEYS = (
+    ("F2, the set-up", F2, FORM),
+    ("F3, the live pane", F3, LIVE),
+    ("?, the help", "?", b"this page"),
+    ("?, back", "?", LIVE),
+)
+"""Keys that change the pane, and what comes."""
+PARTS = (("bytes", "kB/s"), ("CPU", "% core"), ("CPU with the engine", "% core"))
+"""What the parts of a cost are called."""
+
+
+def screens(repeats: int) -> list[Figure]:
+    """Bytes and CPU of the screens alone, with an engine that only moves."""
+    live, bare = defaultdict[Size, list[Cost]](list), defaultdict[Size, list[Cost]](list)
+    idle: list[Cost] = []
+    for _ in range(repeats):
+        for size in LIVE_BYTES:
+            live[size].append(_cost([*FAKE, "--running"], LIVE, size))
+            bare[size].append(_cost(BARE, CLOCK, size))
+        idle.append(_cost(FAKE, CHECKS, SMALL))
+    figures: list[Figure] = []
+    for size, goal in LIVE_BYTES.items():
+        figures += _figures(f"live run, {_text(size)}", live[size], (goal, LIVE_SHARE), bare[size])
+    return [*figures, *_figures(f"idle set-up, {_text(SMALL)}", idle, (IDLE_BYTES, None))]
+
+
+def simulated_runs(repeats: int) -> list[Figure]:
+    """Bytes and CPU of the whole console in a simulated run."""
+    live, idle = defaultdict[Size, list[Cost]](list), defaultdict[Size, list[Cost]](list)
+    for _ in range(repeats):
+        for size in LIVE_BYTES:
+            with _console(size, blind=False) as wire:
+                wire.wait_for("all fresh and at rate", timeout=STARTING)
+                idle[size].append(wire.cost())
+                _start_run(wire)
+                live[size].append(wire.cost())
+    figures: list[Figure] = []
+    for size, goal in LIVE_BYTES.items():
+        live_goals, idle_goals = (goal, LIVE_SHARE, None), (IDLE_BYTES, None, None)
+        figures += _figures(f"simulated run, {_text(size)}", live[size], live_goals)
+        figures += _figures(f"idle before it, {_text(size)}", idle[size], idle_goals)
+    return figures
+
+
+def answers(repeats: int) -> list[Figure]:
+    """From a key to the first bytes that only it explains."""
+    rounds = max(4, -(-LEAST_KEYS // (repeats * len(PANE_KEYS))))
+    ours = defaultdict[str, list[float]](list)
+    bare: list[float] = []
+    for repeat in range(repeats):
+        random = Random(repeat)
+        with Wire([*FAKE, "--running"]) as wire:
+            wire.arrival(LIVE)
+            wire.read_for(SETTLING)
+            for name, key, text in PANE_KEYS * rounds:
+                ours[name].append(_answer(wire, key, text, random))
+        with Wire(BARE) as wire:
+            wire.arrival(CLOCK)
+            wire.read_for(SETTLING)
+            counts = (b"keys %d." % n for n in range(1, len(PANE_KEYS) * rounds + 1))
+            bare += [_answer(wire, "k", count, random) for count in counts]
+    beside = Baseline("bare app", bare)
+    every = [value for values in ours.values() for value in values]
+    return [
+        Figure(f"a key answers ({len(every)} keys)", "ms", every, ANSWER, beside),
+        *(Figure(f"  {name}", "ms", values, ANSWER, beside) for name, values in ours.items()),
+    ]
+
+
+def launch(repeats: int) -> list[Figure]:
+    """From the command to the screen and to the first key that is obeyed."""
+    marks = {
+        "launch to the screen with its footer": (FOOTER, FIRST_PAINT),
+        "launch to the set-up form": (FORM, None),
+        "launch to the checks (engine attached)": (CHECKS, ENGINE_ATTACHED),
+    }
+    ours = defaultdict[str, list[float]](list)
+    bare: list[float] = []
+    obeyed: list[float] = []
+    for _ in range(repeats):
+        with _console(SMALL) as wire:
+            began = wire.arrival(STARTED)
+            for name, (mark, _goal) in marks.items():
+                ours[name].append(wire.arrival(mark) - began)
+            wire.send(ENTER)
+            obeyed.append(wire.arrival(b"is set up") - began)
+        with Wire(BARE) as wire:
+            began = wire.arrival(STARTED)
+            bare.append(wire.arrival(CLOCK) - began)
+    baseline = Baseline("bare app", bare)
+    return [
+        *(Figure(name, "s", ours[name], goal, baseline) for name, (_, goal) in marks.items()),
+        Figure("launch to the first Enter obeyed", "s", obeyed, None, baseline),
+    ]
+
+
+BENCHMARKS = (screens, simulated_runs, answers, launch)
+
+
+def _cost(argv: Sequence[str], mark: bytes, size: Size) -> Cost:
+    with Wire(argv, size) as wire:
+        wire.arrival(mark)
+        return wire.cost()
+
+
+@contextmanager
+def _console(size: Size, *, blind: bool = True) -> Iterator[Wire]:
+    """The console on a simulated testbed, with settings, results and an engine of its own."""
+    with tempfile.TemporaryDirectory(prefix="madrob-", ignore_cleanup_errors=True) as folder:
+        env = {"XDG_RUNTIME_DIR": folder}
+        settings = Path(folder, "madrob.toml")
+        settings.write_text("[run]\ncountdown = 2\n")
+        own = ["--settings", str(settings), "--results", str(Path(folder, "results"))]
+        try:
+            with Wire([*CONSOLE, *own], size, blind=blind, env=env) as wire:
+                yield wire
+        finally:
+            stop = [*MADROB, "engine", "stop", "--force"]
+            subprocess.run(
+                stop, env=os.environ | env, cwd=ROOT, capture_output=True, timeout=60, check=False
+            )
+
+
+def _start_run(wire: Wire) -> None:
+    for key, text in (
+        (ENTER, "is set up"),
+        (F7, "Done: zero the handle"),
+        (F6, "all passed or waived"),
+        (F5, "RUNNING"),
+    ):
+        wire.send(key)
+        wire.wait_for(text)
+
+
+def _answer(wire: Wire, key: str, text: bytes, random: Random) -> float:
+    """Milliseconds from a key to what it brings."""
+    wire.read_for(random.uniform(*GAPS))
+    since, began = len(wire.output), time.monotonic()
+    wire.send(key)
+    return 1000 * (wire.arrival(text, since) - began)
+
+
+def _figures(
+    name: str, costs: Sequence[Cost], goals: Sequence[Goal | None], bare: Sequence[Cost] = ()
+) -> Iterator[Figure]:
+    """The parts of a cost for which there is a goal or None."""
+    for part, ((what, unit), goal) in enumerate(zip(PARTS, goals, strict=False)):
+        beside = Baseline("bare app", [cost[part] for cost in bare]) if bare else None
+        yield Figure(f"{name}: {what}", unit, [cost[part] for cost in costs], goal, beside)
+
+
+def _text(size: Size) -> str:
+    return "{}x{}".format(*size)
