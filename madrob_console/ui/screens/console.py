@@ -18,7 +18,7 @@ from madrob_console.ui.questions import Ask
 from madrob_console.ui.widgets.fault_line import FaultLine
 from madrob_console.ui.widgets.key_line import KeyLine
 from madrob_console.ui.widgets.label import Label
-from madrob_console.ui.widgets.lines import TONE_CLASSES, Tone
+from madrob_console.ui.widgets.lines import TONE_CLASSES, Tone, View
 from madrob_console.ui.widgets.run_summary import who_text
 from madrob_console.ui.widgets.tiny_clock import TinyClock
 from madrob_console.ui.widgets.top_line import TopLine
@@ -37,7 +37,7 @@ IDLE_PERIOD = 0.25
 """The same otherwise, s."""
 
 TOP_LINE_EVERY = 4
-"""Every fourth snapshot reaches the top line: its counters change with every one."""
+"""Every fourth snapshot of a run reaches the top line: its counters change with every one."""
 
 _MAIN = ("setup", "live", "results")
 
@@ -157,15 +157,23 @@ class ConsoleScreen(Screen[None]):
         self._follow(before, snapshot)
         self._faults.trouble = trouble
         self._faults.show(snapshot)
-        self._keys.typing = isinstance(self.focused, Input) and not self.dialogs
         self._keys.show(snapshot)
-        if self._count % TOP_LINE_EVERY == 0:
+        if self._count % TOP_LINE_EVERY == 0 or not snapshot.run.active:
             self._top.show(snapshot)
         self._count += 1
         self.panes[self.pane].show(snapshot)
         self._tiny.show(snapshot)
         if self.pane != "setup":
             self.panes.setup.follow(snapshot)
+
+    def on_descendant_focus(self) -> None:
+        """The footer says whether letters type."""
+        self._keys.typing = isinstance(self.focused, Input) and not self.dialogs
+        self._keys.redraw()
+
+    def on_descendant_blur(self) -> None:
+        """The same."""
+        self.on_descendant_focus()
 
     def show_pane(self, name: str) -> None:
         """Switch to a pane; the key of a side pane that is shown goes back."""
@@ -175,6 +183,9 @@ class ConsoleScreen(Screen[None]):
             name = self._behind
         if name in _MAIN:
             self._behind = name
+        if name != self.pane:
+            for view in self.panes[self.pane].query(View):
+                view.forget()
         self._switcher.current = self.pane = name
         self._keys.pane = name
         self.take_focus()

@@ -77,6 +77,7 @@ class SetupPane(Vertical):
     def follow(self, snapshot: Snapshot) -> None:
         """Keep the proposal up to date, in view or not."""
         before, self._snapshot = self._snapshot, snapshot
+        self.disabled = snapshot.run.active
         if before is None:
             self._load(snapshot)
             self._untouched = self._form.read()
@@ -88,7 +89,6 @@ class SetupPane(Vertical):
         """Show a newer snapshot."""
         self.follow(snapshot)
         run = snapshot.run
-        self._form.disabled = self._press.disabled = self._checks.disabled = run.active
         self._press.say("Set up this run" if run.phase in _OPEN else "Set up the next run")
         self._state.say(*self._state_text(snapshot))
         self._checks.show(snapshot)
@@ -99,9 +99,9 @@ class SetupPane(Vertical):
         if self._snapshot is None:
             return NOT_YET
         run = self._snapshot.run
-        if run.phase not in _OPEN:
-            return None
         setup = self.draft()
+        if run.phase not in _OPEN:
+            return None  # a draft for the next run
         if isinstance(setup, str):
             return setup
         self._form.show_names(setup)

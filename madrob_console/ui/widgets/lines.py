@@ -73,6 +73,8 @@ class Lines(Widget):
     ALLOW_SELECT = False
 
     _drawn: tuple[Line, ...] = ()
+    _base: Style | None = None
+    _tones: dict[Tone, Style] = {}  # noqa: RUF012  each widget makes its own with its first style
 
     @property
     def ascii_only(self) -> bool:
@@ -117,18 +119,32 @@ class Lines(Widget):
 
     def render_line(self, y: int) -> Strip:
         """One row, cropped with an ellipsis where it is too long."""
-        base = self.rich_style
-        width = self.content_size.width
+        if self._base is None:
+            self._base = self.rich_style
+        base, width = self._base, self.content_size.width
         if y >= len(self._drawn):
             return Strip.blank(width, base)
-        _, background = self.background_colors
         strip = Strip(
-            Segment(terminal_safe(span.text), base + self._style(span.tone, background))
+            Segment(terminal_safe(span.text), self._toned(span.tone, base))
             for span in self._drawn[y]
         )
         if strip.cell_length > width:
             strip = Strip([*strip.crop(0, width - 1), Segment("…", base)])
         return strip.adjust_cell_length(width, base)
+
+    def notify_style_update(self) -> None:
+        """Theme or focus have changed: look the styles up again."""
+        super().notify_style_update()
+        self._base = None
+        self._tones = {}
+
+    def _toned(self, tone: Tone, base: Style) -> Style:
+        """The style of a tone; kept, for most of a frame's time went into looking it up."""
+        style = self._tones.get(tone)
+        if style is None:
+            _, background = self.background_colors
+            style = self._tones[tone] = base + self._style(tone, background)
+        return style
 
     def _style(self, tone: Tone, background: Color) -> Style:
         """How a tone looks here.
@@ -152,6 +168,11 @@ class View(Lines):
         """Show a newer snapshot."""
         self._snapshot = snapshot
         self.redraw()
+
+    def forget(self) -> None:
+        """Show nothing until the next snapshot: what is out of view grows old."""
+        self._snapshot, self._drawn = None, ()
+        self.refresh()
 
     def lines(self, width: int) -> Sequence[Line]:
         """The lines of the latest snapshot."""
