@@ -32,7 +32,8 @@ FIXED = {"LC_ALL": "C.UTF-8", "TERM": "xterm-256color", "TEXTUAL_ANIMATIONS": "n
 
 # a session of its own has no terminal until it asks for one; without it nothing hangs up
 _TAKE_TERMINAL = """\
-import fcntl, os, sys, termios
+import fcntl, os, signal, sys, termios
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execvp(sys.argv[1], sys.argv[1:])
 """
@@ -113,6 +114,7 @@ class Terminal:
             AssertionError: none comes within `timeout` s, or the program ends.
         """
         deadline = time.monotonic() + timeout
+        wanted = " or ".join(map(repr, texts))
         while True:
             ended = self._process.poll() is not None
             screen = self.screen()
@@ -120,9 +122,9 @@ class Terminal:
                 if any(text in line for line in screen):
                     return text
             if ended:
-                raise AssertionError(f"the program ended before {texts}:\n{self._shown()}")
+                raise AssertionError(f"the program ended before {wanted}:\n{self._shown()}")
             if time.monotonic() > deadline:
-                raise AssertionError(f"{texts} did not come in {timeout:g} s:\n{self._shown()}")
+                raise AssertionError(f"{wanted} did not come in {timeout:g} s:\n{self._shown()}")
             self._read(0.1)
 
     def wait_exit(self, timeout: float = 10.0) -> int:
