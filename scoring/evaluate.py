@@ -37,6 +37,10 @@ from scoring.samples import DoorSample, HandleSample, Sample
 
 Array = NDArray[np.float64]
 
+_MOST_PROBLEMS = 20
+"""Different problems that are told one by one; random bytes make a new one each time."""
+_OTHER_PROBLEMS = "other problems with the recording"
+
 _USED = {strip: tuple(s.element for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip}
 
 
@@ -171,6 +175,8 @@ class Assessment:
         self._largest_force = 0.0
         self._against = 0.0
         self._newest: float | None = None
+        self._began: float | None = None
+        self._ended: float | None = None
 
     @property
     def newest(self) -> float | None:
@@ -184,6 +190,8 @@ class Assessment:
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample, in the order of the recording."""
+        self._began = sample.log_time if self._began is None else self._began
+        self._ended = sample.log_time
         counter = self._counters.get(sample.signal)
         if counter is None:
             counter = QualityCounter(sample.signal, self._thresholds.largest_gap)
@@ -214,6 +222,8 @@ class Assessment:
 
     def report_problem(self, text: str) -> None:
         """Count something wrong with the recording that no sample shows, in words."""
+        if text not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
+            text = _OTHER_PROBLEMS
         self._problems[text] = self._problems.get(text, 0) + 1
 
     def procedure(self, rulings: Sequence[Ruling] = (), stop: float | None = None) -> Procedure:
@@ -231,7 +241,7 @@ class Assessment:
 
     def provisional(self, procedure: Procedure) -> dict[str, float]:
         """The time indicators known so far, by file name, s; the run can still change them."""
-        events = self._live.events()
+        events = self._live.events(door_events=2)  # the last closing is one of them
         known = (
             pi.time_to_handle(events),
             pi.door_occupation_time(events, self.condition, self._ruleset),
@@ -315,7 +325,7 @@ class Assessment:
             if counter is None:
                 remarks.append(f"{signal.value}: nothing recorded")
                 counter = QualityCounter(signal, self._thresholds.largest_gap)
-            quality = counter.quality()
+            quality = counter.quality(self._began, self._ended)
             signals.append(quality)
             remarks += quality.remarks()
             remarks += [

@@ -256,11 +256,18 @@ class EventDetector:
             crossed=crossed,
         )
 
-    def events(self, stop: float | None = None) -> tuple[Event, ...]:
+    def events(
+        self, stop: float | None = None, *, door_events: int | None = None
+    ) -> tuple[Event, ...]:
         """The events so far by time, or all events of a run stopped at `stop`.
 
         Live, the last fall stands as `humanoid_moves_to_<side>_side` once nothing is under
         the sensors; `benchmark_stop` is there only after the stop.
+
+        Args:
+            stop: of the run, s since the epoch; None = live.
+            door_events: only so many of the newest of the door; a door that flickers has
+                many, and a screen asks ten times a second. None = all.
         """
         if stop is not None:
             self._begin()
@@ -271,7 +278,7 @@ class EventDetector:
             events.append(Event(touch, EventName.HANDLE_IS_TOUCHED))
         events += [
             Event(e.time, EventName.DOOR_OPENS if e.value else EventName.DOOR_CLOSES)
-            for e in self._door.edges
+            for e in self._door.edges[-door_events if door_events else 0 :]
         ]
         events += self._latch_events
         passage_end = math.inf if self._ruleset.passage_events_to_end else end

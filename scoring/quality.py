@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from scoring.protocol import Signal
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
-from scoring.stamps import StampGuard
+from scoring.stamps import KEPT_STEPS, StampGuard
 
 LARGEST_SKEW = 0.1
 """Stamps that differ by this much from the time of reception are worth a remark, s."""
+
+LARGEST_UNEVENNESS = 1 / 3
+"""A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +28,13 @@ class SignalQuality:
         largest_gap: the longest interval between samples, s; None below two samples.
         gaps: intervals above the largest allowed one.
         jitter: standard deviation of the other intervals, s; None below two of them.
-        dropped: samples with a duplicate or backward stamp.
+        dropped: samples with a duplicate, backward or missing stamp.
         shifted: samples whose stamp was shifted back after a step of the publisher's clock.
         no_reading: readings that were NaN, missing or out of range.
         skew: largest abs(stamp - log time) outside of steps, s; None without samples.
+        clock_steps: how often the publisher's clock was stepped.
+        begins_late, ends_early: how long nothing of it could be used at the beginning and at
+            the end of the recording, s; 0 = no longer than the largest allowed interval.
     """
 
     signal: Signal
@@ -40,20 +47,39 @@ class SignalQuality:
     shifted: int
     no_reading: int
     skew: float | None
+    clock_steps: int = 0
+    begins_late: float = 0.0
+    ends_early: float = 0.0
 
     def remarks(self) -> list[str]:
         """What to know of the signal, in words; empty for a good one."""
         name = self.signal.value
         remarks = []
         if self.dropped:
-            remarks.append(f"{name}: {self.dropped} duplicate or backward stamps dropped")
-        if self.gaps and self.signal is not Signal.LATCH:
-            remarks.append(f"{name}: {self.gaps} gaps, the longest {self.largest_gap:.3f} s")
+            remarks.append(f"{name}: {self.dropped} duplicate, backward or missing stamps dropped")
+        if self.clock_steps > KEPT_STEPS:
+            stepped = f"clock stepped {self.clock_steps} times"
+            remarks.append(f"{name}: {stepped}, of which the first {KEPT_STEPS} are told")
+        if self.signal is not Signal.LATCH:
+            remarks += [f"{name}: {words}" for words in self._interruptions()]
         if self.no_reading:
             remarks.append(f"{name}: {self.no_reading} values without a reading")
         if self.skew is not None and self.skew >= LARGEST_SKEW:
             remarks.append(f"{name}: stamps differ from reception by up to {self.skew:.3f} s")
         return remarks
+
+    def _interruptions(self) -> Iterator[str]:
+        if self.begins_late:
+            yield f"nothing in the first {self.begins_late:.1f} s of the recording"
+        if self.gaps:
+            yield f"{self.gaps} gaps, the longest {self.largest_gap:.3f} s"
+        if self.ends_early:
+            yield f"nothing in the last {self.ends_early:.1f} s of the recording"
+        if self.rate and self.jitter and self.jitter * self.rate > LARGEST_UNEVENNESS:
+            yield (
+                f"uneven intervals of {1000 / self.rate:.1f} ms on average, "
+                f"{1000 * self.jitter:.1f} ms standard deviation"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +105,8 @@ class QualityCounter:
         self._limit = largest_gap
         self._samples = 0
         self._newest = 0.0
+        self._first_log = 0.0
+        self._last_log = 0.0
         self._longest = 0.0
         self._gaps = 0
         self._regular = 0
@@ -93,7 +121,10 @@ class QualityCounter:
             return None
         if self._samples:
             self._interval(admitted.time - self._newest)
+        else:
+            self._first_log = admitted.log_time
         self._newest = admitted.time
+        self._last_log = admitted.log_time
         self._samples += 1
         self._skew = max(self._skew, abs(admitted.time - admitted.log_time))
         return admitted
@@ -107,8 +138,14 @@ class QualityCounter:
         self._sum += interval
         self._squares += interval * interval
 
-    def quality(self) -> SignalQuality:
-        """What was counted so far."""
+    def quality(self, begin: float | None = None, end: float | None = None) -> SignalQuality:
+        """What was counted so far.
+
+        Args:
+            begin: log time of the recording's first sample of any signal, s since the epoch;
+                None = that of this signal.
+            end: log time of the last one.
+        """
         mean = self._sum / self._regular if self._regular else 0.0
         jitter = None
         if self._regular >= 2:
@@ -124,7 +161,16 @@ class QualityCounter:
             shifted=self.guard.shifted,
             no_reading=self.no_reading,
             skew=self._skew if self._samples else None,
+            clock_steps=self.guard.step_count,
+            begins_late=self._silence(begin, self._first_log),
+            ends_early=self._silence(self._last_log, end),
         )
+
+    def _silence(self, begin: float | None, end: float | None) -> float:
+        """How long a silence is, s; 0 where it is no longer than an interval may be."""
+        if not self._samples or begin is None or end is None:
+            return 0.0
+        return end - begin if end - begin > self._limit else 0.0
 
 
 def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:

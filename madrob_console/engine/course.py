@@ -20,6 +20,15 @@ from scoring.samples import Sample
 IN_FLIGHT = 0.1
 """A timeout is judged this much later, s: by then what was measured before it has arrived."""
 
+MOST_NOTED = 500
+"""Events of a run that are noted one by one. More come of a signal that flickers (two publishers,
+a loose contact); each costs a synced line of the journal, and all of them would delay the stop."""
+
+MOST_FALSE_STARTS = 20
+"""False starts of a countdown that are noted; for the same reason."""
+
+FLICKERS = f"more than {MOST_NOTED} events: a signal flickers; the others stand in the result only"
+
 FALSE_STARTS = frozenset(
     {
         EventName.HANDLE_IS_TOUCHED,
@@ -100,7 +109,10 @@ class Course:
         assert start is not None
         assert began is not None
         assert self._watch is not None
-        for event in self._watch.events():
+        seen = self._watch.events() if len(self._known) < MOST_FALSE_STARTS else ()
+        for event in seen:
+            if len(self._known) >= MOST_FALSE_STARTS:
+                break
             inside = began < event.time < start
             if event.name in FALSE_STARTS and inside and event not in self._known:
                 self._known.add(event)
@@ -117,10 +129,7 @@ class Course:
     def _follow(self, run: Run, now: float, happened: list[Happening]) -> Run:
         assert run.setup is not None
         assert run.start is not None
-        for event in self.assessment.events():
-            if event not in self._known and event.name is not EventName.BENCHMARK_START:
-                self._known.add(event)
-                happened.append(_seen(Change.EVENT, event))
+        self._note_events(happened, now)
         self.procedure = self.assessment.procedure(run.rulings)
         limit = run.start + run.setup.timeout
         if run.timeout_at is None and now >= limit:
@@ -134,6 +143,18 @@ class Course:
         if run.timeout_at is None and completed is not None:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         return run
+
+    def _note_events(self, happened: list[Happening], now: float) -> None:
+        if len(self._known) >= MOST_NOTED:
+            return
+        for event in self.assessment.events():
+            if event not in self._known and event.name is not EventName.BENCHMARK_START:
+                self._known.add(event)
+                happened.append(_seen(Change.EVENT, event))
+            if len(self._known) >= MOST_NOTED:
+                details = {"time": now}
+                happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
+                return
 
     def _time_out(self, run: Run, limit: float, now: float, happened: list[Happening]) -> Run:
         """Section 2: a timeout that falls into the settle time waits for its end."""

@@ -15,6 +15,7 @@ from madrob_console.clock import Clock, seconds
 from madrob_console.engine.chronicle import Chronicle
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.course import Course, Happening
+from madrob_console.engine.fault_notes import FaultNotes
 from madrob_console.engine.log import EventLog
 from madrob_console.engine.pre_start import PreStart
 from madrob_console.engine.record import RunRecord
@@ -44,7 +45,7 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, act_details
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from madrob_console.rescore import OpenedRun
 from madrob_console.runs import next_run_number
@@ -80,6 +81,7 @@ class Engine:
         self._decoder = Decoder(config.mappings, types)
         self._sensors = Sensors(config.mappings, config.thresholds, config.limits)
         self._pre_start = PreStart(config, self._sensors)
+        self._fault_notes = FaultNotes()
         self._run = Run()
         self._recording: Recording | None = None
         self._recorder_view = RecorderView("closed")
@@ -333,6 +335,7 @@ class Engine:
         self._scored = None
         self._result_problem = None
         self._decided = None
+        self._fault_notes.clear()
         self._recorder_view = RecorderView("closed")
 
     def _open_recording(self, run: Run) -> None:
@@ -376,6 +379,10 @@ class Engine:
         now = self.now()
         if self._recording is not None:
             self._recording.add_topics(self.source.topics())
+            for words in self._fault_notes.due(
+                self._sensors.troubles(self.source.status(), now), now
+            ):
+                self._note(_fault(words, now))
         if self._course is not None and self._run.active:
             self._go_on(*self._course.advance(self._run, now))
         if self._decided is not None and self._recording is not None and self._post_roll_over(now):
@@ -464,6 +471,9 @@ class Engine:
 
     def _note(self, happened: Happening) -> None:
         """Write a line that takes effect whatever the disk says."""
+        if happened.change is Change.FAULT:
+            fault = TestbedFault(float(happened.details["time"]), happened.reason)
+            self._run = replace(self._run, faults=(*self._run.faults, fault))
         entry = Entry(
             self.now(),
             happened.origin,
@@ -519,3 +529,7 @@ class Engine:
             opened=self._opened is not None,
             folder=str(self._folder) if self._folder else None,
         )
+
+
+def _fault(words: str, now: float) -> Happening:
+    return Happening(Origin.SYSTEM, Change.FAULT, words, {"time": now})

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
-from madrob_console.referee.health import Freshness, Health
+from madrob_console.engine.topic_watch import TopicWatch, Trouble
+from madrob_console.referee.health import Freshness
 from madrob_console.testbeds.messages import TopicMapping
 from madrob_console.testbeds.source import TopicStatus
 from recorder.message import RawMessage
@@ -17,6 +18,7 @@ from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,
     Condition,
+    PassageSensor,
     Side,
     Signal,
     Strip,
@@ -64,13 +66,10 @@ class Sensors:
         self.limits = limits
         self._mappings = tuple(mappings)
         self._thresholds = thresholds
-        self._health = {m.topic: Health(limits.fresh, limits.lost) for m in mappings}
-        self._topic_of = {m.signal: m.topic for m in mappings}
-        self._received: Counter[str] = Counter()
-        self._errors: dict[str, str] = {}
+        self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
+        self._of_signal = {watch.signal: watch for watch in self._watches.values()}
         self._force: float | None = None
         self._forces: deque[tuple[float, float]] = deque()
-        self._skews: deque[tuple[float, float]] = deque()
         self._newest: dict[Signal, Sample] = {}
         self._heights: dict[tuple[Strip, int], float | None] = {}
         # A start that never comes: this detector only keeps states.
@@ -78,25 +77,20 @@ class Sensors:
 
     def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
         """A message arrived; `sample` is what it says, `error` why it cannot be decoded."""
-        health = self._health.get(message.topic)
-        if health is None:
+        watch = self._watches.get(message.topic)
+        if watch is None:
             return
         now = message.receive_ns / 1e9
-        self._received[message.topic] += 1
-        health.seen(now)
         if error is not None:
-            self._errors[message.topic] = error
-            return
-        self._errors.pop(message.topic, None)
+            error = error.removeprefix(f"{message.topic}: ")
+        watch.receive(now, sample, error, self._states.angle or 0.0)
         if sample is None:
             return
         self._states.feed(sample)
         self._newest[sample.signal] = sample
-        self._keep(self._skews, now, abs(sample.time - sample.log_time))
         match sample:
             case HandleSample() if math.isfinite(sample.force):
-                self._force = sample.force
-                self._keep(self._forces, now, sample.force)
+                self._keep_force(now, sample.force)
             case PassageSample():
                 for element, distance in enumerate(sample.ranges):
                     height = self._thresholds.lintel_height - distance
@@ -105,24 +99,35 @@ class Sensors:
             case DoorSample() | LatchSample() | HandleSample():
                 pass
 
-    def _keep(self, values: deque[tuple[float, float]], now: float, value: float) -> None:
-        if values and now < values[-1][0]:
-            values.clear()  # the clock was stepped back
-        values.append((now, value))
-        while values[0][0] < now - self.limits.averaging:
-            values.popleft()
+    def _keep_force(self, now: float, force: float) -> None:
+        self._force = force
+        if self._forces and now < self._forces[-1][0]:
+            self._forces.clear()  # the clock was stepped back
+        self._forces.append((now, force))
+        while self._forces[0][0] < now - self.limits.averaging:
+            self._forces.popleft()
 
     def newest(self) -> tuple[Sample, ...]:
         """The newest sample of each signal."""
         return tuple(self._newest.values())
 
     def freshness(self, signal: Signal, now: float) -> Freshness:
-        """State of the topic that delivers a signal."""
-        topic = self._topic_of.get(signal)
-        return self._health[topic].freshness(now) if topic else Freshness.NEVER
+        """State of a signal, by its newest reading: a message that says nothing is none."""
+        watch = self._of_signal.get(signal)
+        return watch.readings.freshness(now) if watch else Freshness.NEVER
 
     def _fresh(self, signal: Signal, now: float) -> bool:
         return self.freshness(signal, now) is Freshness.FRESH
+
+    def _sensor_freshness(self, sensor: PassageSensor, masked: bool, now: float) -> Freshness:
+        """State of a used passage sensor; one under the panel needs no reading of its own."""
+        watch = self._of_signal.get(Signal.of_strip(sensor.strip))
+        if watch is None:
+            return Freshness.NEVER
+        return (watch.messages if masked else watch.sensors[sensor]).freshness(now)
+
+    def _masked(self, sensor: PassageSensor) -> bool:
+        return self._thresholds.masked(sensor.side, sensor.index, self._states.angle or 0.0)
 
     def angle(self, now: float) -> float | None:
         """Door angle, rad; None unless fresh."""
@@ -137,24 +142,25 @@ class Sensors:
         recent = [force for time, force in self._forces if time >= now - self.limits.averaging]
         if not recent or not self._fresh(Signal.HANDLE, now):
             return None
-        return math.fsum(recent) / len(recent)
+        mean = sum(recent) / len(recent)
+        return mean if math.isfinite(mean) else None  # forces no handle bears
 
     def skew(self, now: float) -> float | None:
         """Largest abs(stamp - log time) of the last second, s; None without samples."""
-        recent = [skew for time, skew in self._skews if time >= now - self.limits.averaging]
-        return max(recent, default=None)
+        skews = (watch.skew(now) for watch in self._watches.values())
+        return max((abs(skew) for skew in skews if skew is not None), default=None)
 
     def occupied(self, now: float) -> tuple[str, ...] | None:
         """Names of the used sensors that see something; None if one of them says nothing."""
-        if any(not self._fresh(Signal.of_strip(s), now) for s in Strip):
-            return None
         states = self._states.occupied
-        if None in states.values():
-            return None
+        for sensor, state in states.items():
+            freshness = self._sensor_freshness(sensor, self._masked(sensor), now)
+            if freshness is not Freshness.FRESH or state is None:
+                return None
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
 
     def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
-        """One line per topic that is missing, stale, off its rate or not decodable."""
+        """One line per topic with which anything is wrong."""
         views = self.topics(statuses, {}, now)
         return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
 
@@ -171,41 +177,31 @@ class Sensors:
     def _topic(
         self, mapping: TopicMapping, status: TopicStatus | None, dropped: int, now: float
     ) -> TopicView:
-        health = self._health[mapping.topic]
-        optional = mapping.signal is Signal.LATCH
-        view = TopicView(
+        watch = self._watches[mapping.topic]
+        return TopicView(
             topic=mapping.topic,
             type=status.type if status else mapping.type,
             publishers=status.publishers if status else 0,
-            freshness=health.freshness(now),
-            age=health.age(now),
-            rate=health.rate(now),
-            received=self._received[mapping.topic],
+            freshness=watch.messages.freshness(now),
+            age=watch.messages.age(now),
+            rate=watch.messages.rate(now),
+            received=watch.received,
             lost=status.lost if status else None,
             dropped=dropped,
-            optional=optional,
-            problem=None,
+            optional=mapping.signal is Signal.LATCH,
+            problem="; ".join(watch.troubles(status, now).values()) or None,
         )
-        problem = status.problem if status else None
-        problem = problem or self._errors.get(mapping.topic) or self._trouble(view)
-        return replace(view, problem=problem)
 
-    def _trouble(self, view: TopicView) -> str | None:
-        if view.freshness is Freshness.NEVER:
-            if view.optional:
-                return None
-            return "nothing received: no publisher" if not view.publishers else "nothing received"
-        if view.publishers > 1:
-            return f"{view.publishers} publishers: keep one"
-        if view.freshness is not Freshness.FRESH:
-            return None if view.optional else f"{view.freshness}, silent for {view.age:.1f} s"
-        if view.optional or view.rate is None:
-            return None
-        if view.rate < self.limits.least_rate * self.limits.rate:
-            return f"only {view.rate:.0f} Hz of {self.limits.rate:.0f} Hz"
-        if view.rate > self.limits.most_rate * self.limits.rate:
-            return f"{view.rate:.0f} Hz, far above {self.limits.rate:.0f} Hz"
-        return None
+    def troubles(
+        self, statuses: Sequence[TopicStatus], now: float
+    ) -> dict[tuple[str, Trouble], str]:
+        """What is wrong at `now` with which topic, in words."""
+        by_topic = {status.topic: status for status in statuses}
+        return {
+            (topic, trouble): words
+            for topic, watch in self._watches.items()
+            for trouble, words in watch.troubles(by_topic.get(topic), now).items()
+        }
 
     def door_view(self, now: float) -> DoorView:
         """The panel."""
@@ -231,12 +227,11 @@ class Sensors:
 
     def passage_view(self, now: float) -> tuple[SensorView, ...]:
         """The ten used passage sensors."""
-        angle = self._states.angle
         states = self._states.occupied
         views = []
         for sensor in PASSAGE_SENSORS:
-            freshness = self.freshness(Signal.of_strip(sensor.strip), now)
-            masked = angle is not None and self._thresholds.masked(sensor.side, sensor.index, angle)
+            masked = self._masked(sensor)
+            freshness = self._sensor_freshness(sensor, masked, now)
             known = freshness is Freshness.FRESH
             views.append(
                 SensorView(

@@ -17,7 +17,7 @@ from madrob_console.referee.acts import (
     Situation,
 )
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Run
+from madrob_console.referee.run import FalseStart, Run, TestbedFault
 from madrob_console.referee.transitions import begin_run, stop, time_out
 from scoring.protocol import EventName, Outcome
 
@@ -30,6 +30,7 @@ class Change(StrEnum):
     TIMEOUT_ELAPSED = "timeout elapsed"
     FALSE_START = "false start"
     EVENT = "event"
+    FAULT = "fault of the testbed"
     RESULT_WRITTEN = "result written"
 
 
@@ -107,6 +108,9 @@ def _after(run: Run, entry: Entry, handle_zero: float) -> Run:
                 name = EventName(entry.details["event"])
                 mark = FalseStart(float(entry.details["time"]), name)
                 return replace(run, false_starts=(*run.false_starts, mark))
+            case Change.FAULT:
+                fault = TestbedFault(float(entry.details["time"]), entry.reason)
+                return replace(run, faults=(*run.faults, fault))
             case Change.RESULT_WRITTEN:
                 return replace(run, issue=int(entry.details["issue"]))
             case _:

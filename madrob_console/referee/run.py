@@ -146,6 +146,14 @@ class Note:
 
 
 @dataclass(frozen=True, slots=True)
+class TestbedFault:
+    """Something wrong with the testbed while the run was recorded, in words, with its time."""
+
+    time: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class Closure:
     """How a result was finalised."""
 
@@ -173,6 +181,7 @@ class Run:
         timeout_at: when the timeout came, while a running settle time delays the stop.
         outcome, outcome_reason: how and why it ended.
         false_starts, incidents, notes, rulings: what happened and what the referee said.
+        faults: of the testbed while it was recorded, each once.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
     """
@@ -192,6 +201,7 @@ class Run:
     incidents: tuple[Incident, ...] = ()
     notes: tuple[Note, ...] = ()
     rulings: tuple[Ruling, ...] = ()
+    faults: tuple[TestbedFault, ...] = ()
     issue: int = 0
     closure: Closure | None = None
 
@@ -211,9 +221,12 @@ class Run:
         return self.phase in (Phase.COUNTDOWN, Phase.RUNNING)
 
     def remarks(self) -> list[str]:
-        """What the referee's decisions say about the data, in words."""
+        """What the referee's decisions and the testbed's faults say about the data, in words."""
         remarks = [f"check waived: {w.check}: {w.reason}" for w in self.waivers]
         for mark in self.false_starts:
             decision = f"accepted: {mark.accepted}" if mark.accepted else "not decided"
             remarks.append(f"false start: {mark.event} ({decision})")
+        for fault in self.faults:
+            at = "" if self.start is None else f" at {fault.time - self.start:.1f} s"
+            remarks.append(f"fault{at}: {fault.text}")
         return remarks

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scoring.protocol import Signal
 from scoring.quality import QualityCounter
 from scoring.samples import DoorSample
-from scoring.stamps import StampGuard
+from scoring.stamps import KEPT_STEPS, StampGuard
 
 PERIOD = 0.02
 
@@ -71,6 +71,31 @@ def test_slow_drift_is_no_step() -> None:
     assert guard.steps == []
 
 
+def test_a_stamp_that_stood_still_is_no_step_when_it_goes_on() -> None:
+    still = [-i * PERIOD for i in range(100)]
+    guard, times = admitted(stream([*still, *[0.0] * 100]))
+    assert times == [1000.0] + [1000.0 + i * PERIOD for i in range(100, 200)]
+    assert (guard.dropped, guard.shifted, guard.steps) == (99, 0, [])
+
+
+def test_a_missing_stamp_is_dropped_and_is_no_step() -> None:
+    unset = [-(1000.0 + i * PERIOD) for i in range(100)]
+    guard, times = admitted(stream([*unset, *[0.0] * 100]))
+    assert times == [1000.0 + i * PERIOD for i in range(100, 200)]
+    assert (guard.dropped, guard.shifted, guard.steps) == (100, 0, [])
+
+
+def test_a_clock_that_jumps_all_the_time_is_told_in_a_few_words() -> None:
+    counter = QualityCounter(Signal.DOOR, 0.1)
+    for sample in stream([5.0 * (i % 2) for i in range(1000)]):
+        counter.admit(sample)
+    assert len(counter.guard.steps) == KEPT_STEPS
+    assert counter.quality().clock_steps == 999
+    assert counter.quality().remarks() == [
+        "door angle: clock stepped 999 times, of which the first 5 are told"
+    ]
+
+
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=50))
 def test_whatever_the_stamps_what_is_kept_increases(offsets: list[float]) -> None:
     guard, times = admitted(stream(offsets))
@@ -95,3 +120,31 @@ def test_quality_counts_rate_gaps_and_jitter() -> None:
 def test_quality_of_nothing_has_no_numbers() -> None:
     quality = QualityCounter(Signal.HANDLE, 0.1).quality()
     assert (quality.samples, quality.rate, quality.jitter, quality.skew) == (0, None, None, None)
+
+
+def counted(times: list[float]) -> QualityCounter:
+    counter = QualityCounter(Signal.HANDLE, 0.1)
+    for time in times:
+        counter.admit(DoorSample(time, time, 0.0))
+    return counter
+
+
+def test_a_signal_that_begins_late_or_ends_early_is_told() -> None:
+    counter = counted([12.0 + i * PERIOD for i in range(100)])
+    quality = counter.quality(begin=10.0, end=20.0)
+    assert quality.begins_late == pytest.approx(2.0)
+    assert quality.ends_early == pytest.approx(6.02)
+    assert quality.remarks() == [
+        "handle force: nothing in the first 2.0 s of the recording",
+        "handle force: nothing in the last 6.0 s of the recording",
+    ]
+    assert counter.quality(begin=11.9, end=14.0).remarks() == []
+
+
+def test_a_flood_and_a_second_publisher_show_in_the_intervals() -> None:
+    calm = [1000.0 + i * PERIOD for i in range(100)]
+    assert counted(calm).quality().remarks() == []
+    flooded = counted([*calm, *(1002.0 + i * PERIOD / 30 for i in range(3000))])
+    doubled = counted(sorted([*calm, *(time + 0.006 for time in calm)]))
+    for counter in (flooded, doubled):
+        assert "handle force: uneven intervals of" in "".join(counter.quality().remarks())

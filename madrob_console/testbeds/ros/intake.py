@@ -88,7 +88,8 @@ class Intake:
         """Look at the publishers, and subscribe to them as they need it."""
         infos = self._node.get_publishers_info_by_topic(self.name)
         usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
-        self._problem = None if usable or not infos else self._misfit(infos[0])
+        misfits = [i for i in infos if i not in usable]
+        self._problem = self._misfit(misfits[0], alone=not usable) if misfits else None
         self._found_type = self.type if usable or not infos else infos[0].topic_type
         ids = frozenset(bytes(i.endpoint_gid) for i in usable)
         if ids.isdisjoint(self._publisher_ids):
@@ -138,7 +139,10 @@ class Intake:
         theirs = str(info.topic_type_hash)
         return not self._type_hash or not theirs.startswith("RIHS") or theirs == self._type_hash
 
-    def _misfit(self, info: RosObject) -> str:
+    def _misfit(self, info: RosObject, *, alone: bool) -> str:
+        if not alone:
+            other = "another version of it" if info.topic_type == self.type else info.topic_type
+            return f"another publisher sends {other}: stop that one"
         if info.topic_type == self.type:
             return (
                 f"its publisher has another version of {self.type}: "

@@ -1,66 +1,31 @@
-"""A testbed whose topics can be spoiled while it runs: what sensors and publishers do wrong."""
+"""A testbed whose topics can be spoiled while it runs."""
 
 from __future__ import annotations
 
-import math
-import struct
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from enum import StrEnum
+from itertools import cycle, islice
+from pathlib import Path
 
-import numpy as np
-
-from madrob_console.clock import NS, Clock
-from madrob_console.testbeds.message_types import Message
-from madrob_console.testbeds.messages import MessageTypes, encode_text
+from madrob_console.clock import Clock
+from madrob_console.engine.engine import Engine
+from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.run import CheckName, Phase
+from madrob_console.rescore import score_path
+from madrob_console.testbeds.messages import MessageTypes
 from madrob_console.testbeds.simulated import SimulatedSource
 from madrob_console.testbeds.source import RefereeState, SourceKind, TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
+from recorder.reader import read_bag
 from scoring.protocol import Condition, StartPose
+from scoring.result import Result
+from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.engine.spoilt import Edit, Fault, Spoil, edited, spoiler
 
-DOOR = "/madrob/door/angle"
-HANDLE = "/madrob/handle/force"
-STRIP = "/madrob/passage/cw_right"
-PERIOD_NS = 20_000_000
-"""Between two messages of a simulated topic."""
-
-Spoil = Callable[[RawMessage], list[RawMessage]]
-"""What a publisher sends instead of a message; it may lie in the future."""
-Edit = Callable[[Message], None]
-
-STRING = "std_msgs/msg/String"
-TYPES = MessageTypes()
-
-
-class Fault(StrEnum):
-    """What can be wrong with a topic."""
-
-    DIES = "dies"
-    SLOWS = "slows to 5 Hz"
-    CRAWLS = "slows to 0.4 Hz"
-    FLOODS = "floods with 1500 Hz"
-    REPEATS_STAMPS = "repeats one stamp"
-    STEPS_BACK = "steps back by 0.3 s, once"
-    STRAYS_BACK = "one stamp is 0.3 s old"
-    STEPS_BACK_FAR = "steps back by 5 s, once"
-    STEPS_BACK_AGAIN = "steps back by 0.3 s, every second"
-    STEPS_BACK_FAR_AGAIN = "steps back by 5 s, every second"
-    JUMPS_TO_AND_FRO = "every other stamp is 5 s ahead"
-    AHEAD = "stamps 5 s ahead"
-    BEHIND = "stamps 5 s behind"
-    ZERO_STAMPS = "stamps zero"
-    NAN = "NaN"
-    PLUS_INFINITY = "+inf"
-    MINUS_INFINITY = "-inf"
-    EMPTY = "empty arrays"
-    OUT_OF_RANGE = "out of range"
-    ENORMOUS = "enormous numbers"
-    OTHER_TYPE = "another type"
-    TWO_PUBLISHERS = "two publishers"
-    TRUNCATED = "truncated"
-    NOTHING_INSIDE = "no bytes"
-    HUGE_LENGTH = "claims 2 GB"
+TIMEOUT = 16.0
+"""Of a run, s; the robot needs 13.85 s."""
 
 
 class FaultySource:
@@ -86,6 +51,20 @@ class FaultySource:
     def fake(self, topic: str, edit: Edit) -> None:
         """From now on `topic` says something else."""
         self._spoils[topic] = lambda message: [edited(message, edit)]
+
+    def alternate(self, topic: str, faults: Sequence[Fault]) -> None:
+        """From now on each message of `topic` has the next one of these faults."""
+        spoils = cycle([spoiler(topic, fault) for fault in faults])
+
+        def spoil(message: RawMessage) -> list[RawMessage]:
+            return next(spoils)(message)
+
+        self._spoils[topic] = spoil
+
+    def replace_data(self, topic: str, data: Sequence[bytes]) -> None:
+        """From now on `topic` sends these bytes, again and again; nothing if there are none."""
+        again = cycle(data)
+        self._spoils[topic] = lambda message: [replace(message, data=d) for d in islice(again, 1)]
 
     def heal(self, topic: str) -> None:
         """From now on `topic` is honest again."""
@@ -148,142 +127,71 @@ class FaultySource:
         self._source.close()
 
 
-def spoiler(topic: str, fault: Fault) -> Spoil:
-    """A publisher of `topic` with this fault."""
-    match fault:
-        case Fault.DIES:
-            return lambda _: []
-        case Fault.SLOWS:
-            return _Every(10)
-        case Fault.CRAWLS:
-            return _Every(125)
-        case Fault.FLOODS:
-            return lambda message: [
-                restamped(message, k * PERIOD_NS // 30, late=True) for k in range(30)
-            ]
-        case Fault.TWO_PUBLISHERS:
-            return lambda message: [message, another(message, topic)]
-        case Fault.OTHER_TYPE:
-            other = encode_text(TYPES, "not what you expect")
-            return lambda message: [replace(message, type=STRING, data=other)]
-        case Fault.TRUNCATED:
-            return lambda message: [replace(message, data=message.data[: len(message.data) // 2])]
-        case Fault.NOTHING_INSIDE:
-            return lambda message: [replace(message, data=b"")]
-        case Fault.HUGE_LENGTH:
-            return lambda message: [replace(message, data=with_length(message.data, 2**31 - 1))]
-        case Fault.NAN | Fault.PLUS_INFINITY | Fault.MINUS_INFINITY | Fault.EMPTY:
-            return _edit_with(_VALUES[fault])
-        case Fault.OUT_OF_RANGE | Fault.ENORMOUS:
-            return _edit_with(_VALUES[fault])
-        case _:
-            return _Stamps(_SHIFTS[fault]) if fault in _SHIFTS else _FrozenStamp(fault)
+class FaultyDrive(Drive):
+    """A drive on a testbed that can be spoiled."""
 
+    def __init__(self, results: Path) -> None:
+        super().__init__(results)
+        self.faulty = FaultySource(self.source, self.clock)
+        self.engine = Engine(self.faulty, self.clock, self.engine.config, MessageTypes())
+        self.engine.open()
 
-_VALUES: dict[Fault, float | None] = {
-    Fault.NAN: math.nan,
-    Fault.PLUS_INFINITY: math.inf,
-    Fault.MINUS_INFINITY: -math.inf,
-    Fault.EMPTY: None,
-    Fault.OUT_OF_RANGE: 9.0,
-    Fault.ENORMOUS: 1.7e308,
-}
+    def set_up(self) -> None:
+        """All is ready for a start."""
+        self.act(SetUp(make_setup(timeout=TIMEOUT, countdown=1.0)))
+        self.wait(2.1)
+        self.act(ZeroHandle(), ConfirmPose())
 
-_SHIFTS: dict[Fault, Callable[[int], float]] = {
-    Fault.STEPS_BACK: lambda _: -0.3,
-    Fault.STRAYS_BACK: lambda number: -0.3 if number == 0 else 0.0,
-    Fault.STEPS_BACK_FAR: lambda _: -5.0,
-    Fault.STEPS_BACK_AGAIN: lambda number: -0.3 * (1 + number // 50),
-    Fault.STEPS_BACK_FAR_AGAIN: lambda number: -5.0 * (1 + number // 50),
-    Fault.JUMPS_TO_AND_FRO: lambda number: 5.0 * (number % 2),
-    Fault.AHEAD: lambda _: 5.0,
-    Fault.BEHIND: lambda _: -5.0,
-}
-"""By how many seconds the stamp of message number n is off, from the fault on."""
+    def spoilt_run(self, topic: str, fault: Fault) -> None:
+        """A run that goes well for 3 s: the handle is touched, the door begins to open."""
+        self.set_up()
+        self.begin()
+        self.wait(4.0)
+        assert (self.engine.run.phase, self.faults()) == (Phase.RUNNING, "")
+        self.faulty.spoil(topic, fault)
 
+    def result(self) -> Result:
+        """The run's result, waited for."""
+        self.finish()
+        assert self.engine.scored is not None
+        return self.engine.scored.result
 
-class _Every:
-    """Only every n-th message is sent."""
+    def rescored(self) -> Result:
+        """What `madrob score` says of the run."""
+        assert self.engine.folder is not None
+        return score_path(self.engine.folder)[0].result
 
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self._count = 0
+    def recorded(self, topic: str) -> list[bytes]:
+        """What the bag holds of a topic."""
+        assert self.engine.folder is not None
+        return [m.data for m in read_bag(self.engine.folder).messages() if m.topic == topic]
 
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        self._count += 1
-        return [message] if self._count % self._n == 0 else []
+    def topics(self) -> list[str]:
+        """The topics that a testbed must have."""
+        return [view.topic for view in self.engine.snapshot().topics if not view.optional]
 
+    def begin(self) -> None:
+        """Start, and count from here what is handed to the engine: all of it is recorded."""
+        self.act(Start())
+        self.faulty.handed.clear()
 
-class _Stamps:
-    """Stamps are off."""
+    def handed(self, topic: str) -> list[bytes]:
+        """What came on a topic since the recording began."""
+        return [message.data for message in self.faulty.handed if message.topic == topic]
 
-    def __init__(self, shift: Callable[[int], float]) -> None:
-        self._shift = shift
-        self._count = 0
+    def check(self, name: CheckName) -> str:
+        """What a pre-start check says, with its state."""
+        check = next(c for c in self.engine.snapshot().checks if c.name is name)
+        return f"{check.state}: {check.reason}"
 
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        shift = self._shift(self._count)
-        self._count += 1
-        return [restamped(message, round(shift * NS))]
+    def seen_after(self, texts: Callable[[], str], words: str, patience: float = 2.0) -> float:
+        """How long it takes until a text holds these words (a pattern), s."""
+        begin = self.engine.now()
+        while not re.search(words, texts()):
+            assert self.engine.now() - begin <= patience, f"{words!r} is not in {texts()!r}"
+            self.engine.step(STEP)
+        return self.engine.now() - begin
 
-
-class _FrozenStamp:
-    """All stamps are the same one: that of the first message, or zero."""
-
-    def __init__(self, fault: Fault) -> None:
-        self._stamp = (0, 0) if fault is Fault.ZERO_STAMPS else None
-
-    def __call__(self, message: RawMessage) -> list[RawMessage]:
-        def freeze(content: Message) -> None:
-            stamp = content.header.stamp
-            if self._stamp is None:
-                self._stamp = (stamp.sec, stamp.nanosec)
-            stamp.sec, stamp.nanosec = self._stamp
-
-        return [edited(message, freeze)]
-
-
-def edited(message: RawMessage, edit: Edit) -> RawMessage:
-    """The message with another content."""
-    content = TYPES.decode(message.type, message.data)
-    edit(content)
-    return replace(message, data=TYPES.encode(message.type, content))
-
-
-def restamped(message: RawMessage, shift_ns: int, *, late: bool = False) -> RawMessage:
-    """The message with its stamp shifted; `late` shifts its arrival as well."""
-
-    def shift(content: Message) -> None:
-        stamp = content.header.stamp
-        stamp.sec, stamp.nanosec = divmod(stamp.sec * NS + stamp.nanosec + shift_ns, NS)
-
-    moved = edited(message, shift)
-    return replace(moved, receive_ns=moved.receive_ns + shift_ns) if late else moved
-
-
-def another(message: RawMessage, topic: str) -> RawMessage:
-    """What a second publisher says 7 ms later: something else."""
-    later = restamped(message, 7_000_000, late=True)
-    value = {DOOR: 0.4, HANDLE: -30.0}.get(topic, 1.0)
-    return edited(later, lambda content: set_value(content, value))
-
-
-def set_value(content: Message, value: float | None) -> None:
-    """Set what a message measures; None = an empty array."""
-    if hasattr(content, "position"):
-        content.position = np.array([] if value is None else [value], np.float64)
-    elif hasattr(content, "ranges"):
-        number = value if value is None or abs(value) < 1e30 or math.isinf(value) else 3e38
-        content.ranges = np.array([] if number is None else [number] * 4, np.float32)
-    else:
-        content.wrench.force.x = value
-
-
-def _edit_with(value: float | None) -> Spoil:
-    return lambda message: [edited(message, lambda content: set_value(content, value))]
-
-
-def with_length(data: bytes, length: int) -> bytes:
-    """The bytes of a stamped message whose `frame_id` claims to be so long."""
-    encapsulation_and_stamp = 12
-    return data[:encapsulation_and_stamp] + struct.pack("<I", length) + data[16:]
+    def faults(self) -> str:
+        """The fault lines."""
+        return "\n".join(self.engine.snapshot().faults)
