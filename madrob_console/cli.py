@@ -72,6 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_testbed(commands)
     _add_score(commands)
+    _add_recover(commands)
     _add_doctor(commands)
     _add_settings(commands)
     return parser
@@ -216,6 +217,16 @@ def _add_score(commands: _Commands) -> None:
         help="the rules; those of the run if not given",
     )
     parser.add_argument("--json", action="store_true", help="JSON for programs")
+
+
+def _add_recover(commands: _Commands) -> None:
+    parser = _command(
+        commands,
+        "recover",
+        "repair recordings that were cut off",
+        "Writes a whole bag beside the torn one, which is kept. PATH is a run folder or a bag.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
 
 
 def _add_doctor(commands: _Commands) -> None:

@@ -7,9 +7,12 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from recorder.bag import METADATA_FILE, Topic, bag_file_name
+from recorder.bag import METADATA_FILE, BagInformation, Topic, bag_file_name
 from recorder.errors import RecorderError
 from recorder.mcap_file import McapFile
+
+METADATA_PART = f"{METADATA_FILE}.part"
+"""`metadata.yaml` before it is whole; no reader looks at it."""
 
 
 class BagFolder:
@@ -65,15 +68,32 @@ class BagFolder:
             os.close(self._fd)
 
     def _write_metadata(self) -> None:
-        """Replace `metadata.yaml`, so that after any crash it is the old one or the new one."""
-        part = f"{METADATA_FILE}.part"
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-        with os.fdopen(os.open(part, flags, 0o666, dir_fd=self._fd), "w", encoding="utf-8") as file:
-            file.write(self.file.information().metadata_yaml())
-            file.flush()
-            os.fsync(file.fileno())
-        os.rename(part, METADATA_FILE, src_dir_fd=self._fd, dst_dir_fd=self._fd)
-        os.fsync(self._fd)
+        prepare_metadata(self._fd, self.file.information())
+        put_metadata(self._fd)
+
+
+def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
+    """Write the next `metadata.yaml` beside the one that stands; on the disk on return.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    fd = os.open(METADATA_PART, flags, 0o666, dir_fd=folder_fd)
+    with os.fdopen(fd, "w", encoding="utf-8") as file:
+        file.write(information.metadata_yaml())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def put_metadata(folder_fd: int) -> None:
+    """Make the prepared `metadata.yaml` the one that counts; after a crash it is either of them.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    os.rename(METADATA_PART, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+    os.fsync(folder_fd)
 
 
 def _cannot_record(folder: Path, error: OSError) -> RecorderError:
@@ -85,7 +105,7 @@ def _cannot_record(folder: Path, error: OSError) -> RecorderError:
 
 def _remove(folder: Path, name: str) -> None:
     """Take away what was just made here, and nothing else."""
-    for made in (name, METADATA_FILE, f"{METADATA_FILE}.part"):
+    for made in (name, METADATA_FILE, METADATA_PART):
         with suppress(OSError):
             (folder / made).unlink()
     with suppress(OSError):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import IO, TYPE_CHECKING, cast
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
@@ -21,12 +23,21 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 768 * 1024
 """Bytes of a chunk before compression: the longest single write stays at a few milliseconds."""
 
+ROSBAG2_RECORD = "rosbag2"
+"""The metadata record in which rosbag2 repeats `metadata.yaml`."""
+
 
 class McapFile:
     """Puts topics, messages and records into a new file of an open folder.
 
     Every call raises `OSError` when the disk refuses. What was saved before then stays readable
-    as an unfinished recording.
+    as an unfinished recording. The file is locked (flock) until it is closed, so that nobody
+    takes it for one that was cut off.
+
+    Args:
+        folder_fd: the open folder.
+        name: the new file's name.
+        listed_as: the name by which the bag lists it, if it will be renamed.
 
     Attributes:
         saved: messages per topic name that the file holds; those of the chunk still in memory
@@ -35,9 +46,9 @@ class McapFile:
         end_ns: latest log time of the saved messages, None before the first.
     """
 
-    def __init__(self, folder_fd: int, name: str) -> None:
+    def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        self.name = name
+        self.name = listed_as or name
         self.saved: Counter[str] = Counter()
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -126,7 +137,7 @@ class McapFile:
         """Add the record `rosbag2`, the indexes and the summary; on the disk on return."""
         self._flush()
         record = {"serialized_metadata": self.information().serialized_metadata()}
-        self._writer.add_metadata("rosbag2", record)
+        self._writer.add_metadata(ROSBAG2_RECORD, record)
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._disk.sync()
 
@@ -161,6 +172,8 @@ class _Disk(io.BufferedIOBase):
     def __init__(self, fd: int) -> None:
         self._fd = fd
         self.size = 0
+        with suppress(OSError):  # not every network disk has locks
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def write(self, data: ReadableBuffer) -> int:
         rest = memoryview(data).cast("B")

@@ -1,9 +1,9 @@
 """Walk the records of an MCAP file in storage order, whole or torn.
 
-The records are parsed by the mcap library; only their framing (opcode and length) is taken apart
-here. The library's own stream reader believes every length in a damaged file, decompresses a
-chunk to whatever size its content claims, holds all of its messages at once, and walks a tail of
-zeros, as a power cut leaves it, nine bytes at a time.
+The records are parsed by the mcap library; only their framing (opcode and length) and the chunks
+are taken apart here. The library's own stream reader believes every length in a damaged file,
+decompresses a chunk to whatever size its content claims, takes a text that ends too early for
+whole, and walks a tail of zeros, as a power cut leaves it, nine bytes at a time.
 """
 
 from __future__ import annotations
@@ -12,17 +12,15 @@ import io
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import BinaryIO
+from dataclasses import dataclass
+from typing import BinaryIO, TypeAlias
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
 from mcap.records import (
     Channel,
-    Chunk,
     Footer,
     McapRecord,
     Message,
@@ -33,8 +31,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-RECORD_LIMIT = 256 * 1024 * 1024
-"""The most bytes a record or a chunk may have, decompressed; rosbag2 makes chunks of 0.75 MiB."""
+from recorder.mcap_chunk import RECORD_LIMIT, unpack
 
 _FRAME = struct.Struct("<BQ")
 _CRC_SIZE = 4
@@ -42,25 +39,59 @@ _PARSERS = {
     Opcode.FOOTER: Footer.read,
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
-    Opcode.CHUNK: Chunk.read,
     Opcode.METADATA: Metadata.read,
     Opcode.METADATA_INDEX: MetadataIndex.read,
     Opcode.STATISTICS: Statistics.read,
 }
+_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK})
+_IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 
 
 class DamageError(Exception):
-    """Nothing behind this place can be read; says where and why."""
+    """Nothing behind this place can be read; says where and why.
+
+    Attributes:
+        offset: the first byte of the file that does not belong to a whole record; None if the
+            damage is in what the records say.
+    """
+
+    def __init__(self, text: str, offset: int | None = None) -> None:
+        super().__init__(text)
+        self.offset = offset
 
 
 class ForeignError(DamageError):
     """The file is no recording of ROS 2 messages; says what it is instead."""
 
 
-def read_records(file: BinaryIO) -> Iterator[McapRecord]:
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A chunk that cannot be read while what follows it can.
+
+    Attributes:
+        reason: where and why, in words.
+    """
+
+    reason: str
+
+
+StreamItem: TypeAlias = McapRecord | Gap
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    opcode: int
+    offset: int
+    body: bytes
+    whole: bool
+
+
+def read_records(file: BinaryIO) -> Iterator[StreamItem]:
     """Records of a file from its beginning to its footer, chunks unpacked.
 
-    Message indexes, attachments and unknown records are passed over.
+    A damaged chunk is a `Gap`; of the chunk in which the file ends, the whole records are read.
+    Message indexes, attachments and unknown records are passed over. The file may be read
+    elsewhere between two records.
 
     Raises:
         ForeignError: it is no MCAP file.
@@ -71,23 +102,24 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise ForeignError("it does not begin like an MCAP file" if size else "it is empty")
     chunked = False
-    for record in _records(file, size):
-        if isinstance(record, Chunk):
+    for frame in _frames(file, len(MCAP0_MAGIC), size):
+        if frame.opcode == Opcode.CHUNK:
             chunked = True
-            yield from _unpack(record)
-        elif chunked and isinstance(record, Message):
+            yield from _chunk(frame)
+        elif chunked and frame.opcode == Opcode.MESSAGE:
             # No writer mixes the two, but one flipped bit makes a message of an index.
-            raise DamageError("a message stands outside the chunks")
+            raise DamageError("a message stands outside the chunks", frame.offset)
         else:
-            yield record
-        if isinstance(record, Footer):
+            yield _parse(frame)
+        if frame.opcode == Opcode.FOOTER:
+            file.seek(frame.offset + _FRAME.size + len(frame.body))
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise DamageError("there is no end mark behind the footer")
+                raise DamageError("there is no end mark behind the footer", frame.offset)
             return
-    raise DamageError(f"it ends at byte {size} without a footer")
+    raise DamageError(f"it ends at byte {size} without a footer", size)
 
 
-def read_summary(file: BinaryIO) -> list[McapRecord]:
+def read_summary(file: BinaryIO) -> Iterator[McapRecord]:
     """The records of the summary and all metadata records, found by the footer; fast.
 
     Raises:
@@ -108,80 +140,87 @@ def read_summary(file: BinaryIO) -> list[McapRecord]:
     summary = file.read(size - len(MCAP0_MAGIC) - _CRC_SIZE - footer.summary_start)
     if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
         raise DamageError("the checksum of its summary is wrong")
-    records = list(_records(io.BytesIO(summary), start - footer.summary_start))
-    indexes = [record for record in records if isinstance(record, MetadataIndex)]
-    return records + [_record_at(file, index.offset, size) for index in indexes]
+    for frame in _frames(io.BytesIO(summary), 0, start - footer.summary_start):
+        if frame.opcode == Opcode.CHUNK:
+            raise DamageError("a chunk stands in its summary")
+        record = _parse(frame)
+        yield record
+        if isinstance(record, MetadataIndex):
+            metadata = _record_at(file, record.offset, size)
+            if not isinstance(metadata, Metadata):
+                raise DamageError(f"an index points to byte {record.offset}, wrongly")
+            yield metadata
 
 
 def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
     if offset >= size:
         raise DamageError(f"an index points behind its end, to byte {offset}")
-    file.seek(offset)
-    for record in _records(file, size):
-        return record
+    for frame in _frames(file, offset, size):
+        if frame.offset == offset and frame.opcode != Opcode.CHUNK:
+            return _parse(frame)
+        break
     raise DamageError(f"there is no record at byte {offset}")
 
 
-def _records(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Records from the stream's position to byte `size`, where one must end."""
-    offset = stream.tell()
+def _frames(stream: BinaryIO, offset: int, size: int) -> Iterator[_Frame]:
+    """The wanted records from `offset` to byte `size`, where one must end.
+
+    Only a chunk is yielded when it is not whole; then it is the last frame.
+
+    Raises:
+        DamageError: another record is not whole, or there is none.
+    """
     while offset < size:
+        stream.seek(offset)
         frame = stream.read(_FRAME.size)
         if len(frame) < _FRAME.size:
-            raise DamageError(f"it is torn at byte {offset}")
+            raise DamageError(f"it is torn at byte {offset}", offset)
         opcode, length = _FRAME.unpack(frame)
         if opcode == 0:
-            raise DamageError(f"there are only zeros from byte {offset} on")
+            raise DamageError(f"there are only zeros from byte {offset} on", offset)
         following = offset + _FRAME.size + length
         if following > size:
-            raise DamageError(f"it is torn at byte {offset}")
-        if opcode == Opcode.MESSAGE or opcode in _PARSERS:
+            if opcode == Opcode.CHUNK:
+                rest = min(size - stream.tell(), RECORD_LIMIT)
+                yield _Frame(opcode, offset, stream.read(rest), whole=False)
+            raise DamageError(f"it is torn at byte {offset}", offset)
+        if opcode in _WANTED:
             if length > RECORD_LIMIT:
-                raise DamageError(f"the record at byte {offset} claims {length} bytes")
-            yield _parse(opcode, stream.read(length), offset)
-        else:
-            stream.seek(following)
+                raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
+            yield _Frame(opcode, offset, stream.read(length), whole=True)
         offset = following
 
 
-def _parse(opcode: int, body: bytes, offset: int) -> McapRecord:
-    fields = ReadDataStream(io.BytesIO(body))
+def _chunk(frame: _Frame) -> Iterator[StreamItem]:
+    content = unpack(frame.body)
+    problem = content.problem
     try:
-        if opcode == Opcode.MESSAGE:
-            record: McapRecord = Message.read(fields, len(body))
+        for inner in _frames(io.BytesIO(content.records), 0, len(content.records)):
+            if inner.opcode in _IN_CHUNKS:
+                yield _parse(inner)
+    except DamageError:
+        problem = problem or "has a damaged record"
+    if problem is not None and frame.whole:
+        yield Gap(f"a chunk {problem} (byte {frame.offset})")
+
+
+class _Fields(ReadDataStream):
+    """The fields of a record; one that claims to be longer than the record is an error."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
+
+def _parse(frame: _Frame) -> McapRecord:
+    fields = _Fields(io.BytesIO(frame.body))
+    try:
+        if frame.opcode == Opcode.MESSAGE:
+            record: McapRecord = Message.read(fields, len(frame.body))
         else:
-            record = _PARSERS[Opcode(opcode)](fields)
+            record = _PARSERS[Opcode(frame.opcode)](fields)
     except (McapError, struct.error, ValueError, OverflowError):
-        raise DamageError(f"the record at byte {offset} is damaged") from None
+        raise DamageError(f"the record at byte {frame.offset} is damaged", frame.offset) from None
     return record
-
-
-def _unpack(chunk: Chunk) -> Iterator[McapRecord]:
-    if chunk.uncompressed_size > RECORD_LIMIT:
-        raise DamageError(f"a chunk claims {chunk.uncompressed_size} bytes")
-    try:
-        data = _decompress(chunk)
-    except (zstandard.ZstdError, RuntimeError, EOFError, OSError):  # lz4 has no error of its own
-        raise DamageError("a chunk cannot be decompressed") from None
-    if len(data) != chunk.uncompressed_size:
-        raise DamageError("a chunk has not the size that it claims")
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise DamageError("the checksum of a chunk is wrong")
-    for record in _records(io.BytesIO(data), len(data)):
-        if isinstance(record, Schema | Channel | Message):
-            yield record
-
-
-def _decompress(chunk: Chunk) -> bytes:
-    """At most one byte more than the chunk claims."""
-    packed, limit = io.BytesIO(chunk.data), chunk.uncompressed_size + 1
-    match chunk.compression:
-        case "":
-            return chunk.data
-        case "zstd":
-            return zstandard.ZstdDecompressor().stream_reader(packed).read(limit)
-        case "lz4":
-            data: bytes = lz4.frame.LZ4FrameFile(packed).read(limit)
-            return data
-        case other:
-            raise DamageError(f"the compression {other!r} is unknown")

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path, PurePath
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import yaml
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.records import Channel, Message, Metadata
 
-from recorder.bag import BAG_INFORMATION, METADATA_FILE, Topic, parse_qos
+from recorder.bag import BAG_INFORMATION, METADATA_FILE, Topic
+from recorder.catalogue import YAML_PROBLEMS, Catalogue
 from recorder.errors import RecorderError
-from recorder.mcap_stream import DamageError, ForeignError, read_records, read_summary
+from recorder.mcap_stream import DamageError, ForeignError, Gap, read_records, read_summary
 from recorder.message import RawMessage
 
-_METADATA_LIMIT = 4 * 1024 * 1024
-"""The most bytes of `metadata.yaml` that are read; rosbag2 writes some kilobytes."""
+RECOVERY_RECORD = "recovery"
+"""The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
+
+BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
+"""What a recording holds, in storage order; a topic comes before its messages."""
+
+_METADATA_LIMIT = 1024 * 1024
+"""The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
 
 
 def read_bag(path: Path) -> Bag:
@@ -30,18 +37,23 @@ def read_bag(path: Path) -> Bag:
     """
     try:
         path.stat()
-        files, problem = _bag_files(path) if path.is_dir() else ([path], None)
-        _refuse_sqlite(path, files)
+        files, problem = bag_files(path) if path.is_dir() else ([path], None)
+        refuse_sqlite(path, files)
         return Bag(path, files, problem)
     except ForeignError as error:
-        raise RecorderError(
-            f"{path} is no bag: {error}; choose a rosbag2 bag folder or an .mcap file of ROS 2"
-        ) from None
+        raise not_a_bag(path, error) from None
     except OSError as error:
         raise RecorderError(
             f"cannot read {error.filename or path}: {error.strerror or error}; "
             "check the path and its permissions"
         ) from None
+
+
+def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
+    """The error to raise for a path that holds no recording of ROS 2 messages."""
+    return RecorderError(
+        f"{path} is no bag: {error}; choose a rosbag2 bag folder or an .mcap file of ROS 2"
+    )
 
 
 class Bag:
@@ -51,7 +63,8 @@ class Bag:
         path: the bag folder or the file.
         records: the MCAP metadata records; of several with one name the last.
         problem: why the bag is not complete, in words; None for a complete one. Damage that
-            only reading everything can show is added by `messages`.
+            only reading everything can show is added by `messages`. A repaired bag still tells
+            what it had lost.
     """
 
     def __init__(self, path: Path, files: Iterable[Path], problem: str | None) -> None:
@@ -67,14 +80,16 @@ class Bag:
             except (DamageError, OSError) as error:
                 if not self._files:
                     raise
-                self._found(file, error)
+                self._found(file, end_of(error))
                 break
             self._files.append(file)
             self.records |= catalogue.records
             for topic in topics:
                 self._topics.setdefault(topic.name, topic)
-            if damage is not None:
-                self._found(file, damage)
+            lost = catalogue.records.get(RECOVERY_RECORD, {}).get("problem")
+            for text in (lost, damage):
+                if text is not None:
+                    self._found(file, text)
 
     @property
     def complete(self) -> bool:
@@ -88,134 +103,93 @@ class Bag:
     def messages(self) -> Iterator[RawMessage]:
         """Messages in the order in which they were written, chunk by chunk from the disk.
 
-        Ends where the bag is torn or damaged, and then says so in `problem`; never raises.
+        A damaged chunk is left out. Ends where the bag is torn. Both are then told in `problem`;
+        never raises.
         """
-        for file in self._files:
+        for path in self._files:
             try:
-                yield from _messages(file)
+                with _open(path) as file:
+                    for item in read_items(file):
+                        if isinstance(item, RawMessage):
+                            yield item
+                        elif isinstance(item, Gap):
+                            self._found(path, left_out(item))
             except (DamageError, OSError) as error:
-                self._found(file, error)
+                self._found(path, end_of(error))
                 return
 
-    def _found(self, file: Path, error: Exception) -> None:
-        self.problem = self.problem or f"{file}: {error}; what comes before that is read"
+    def _found(self, file: Path, problem: str) -> None:
+        self.problem = self.problem or f"{file}: {problem}"
 
 
-class _Catalogue:
-    """Schemas, channels and metadata records of one file, gathered in any order."""
+def end_of(error: DamageError | OSError) -> str:
+    """What is said of the place where reading ended."""
+    return f"{error}; what comes before that is read"
 
-    def __init__(self, records: Iterable[McapRecord] = ()) -> None:
-        self.records: dict[str, dict[str, str]] = {}
-        self.statistics: Statistics | None = None
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._by_channel: dict[int, Topic] = {}
-        for record in records:
-            self.add(record)
 
-    def add(self, record: McapRecord) -> None:
+def left_out(gap: Gap) -> str:
+    """What is said of a chunk that cannot be read."""
+    return f"{gap.reason}; it is left out"
+
+
+def read_items(file: BinaryIO) -> Iterator[BagItem]:
+    """Everything that a recording holds, in storage order.
+
+    Raises:
+        ForeignError: it is no MCAP file, or one of other messages than those of ROS 2.
+        DamageError: it is torn or damaged; everything before that place was yielded.
+    """
+    catalogue = Catalogue()
+    count, gaps = 0, 0
+    for record in read_records(file):
         match record:
-            case Schema():
-                self._schemas.setdefault(record.id, record)
-            case Channel():
-                self._channels.setdefault(record.id, record)
-            case Metadata():
-                self.records[record.name] = record.metadata
-            case Statistics():
-                self.statistics = record
-
-    @property
-    def whole(self) -> bool:
-        """Whether, taken from a summary, it is all that the file holds."""
-        return (
-            self.statistics is not None
-            and self.statistics.channel_count == len(self._channels)
-            and bool(self.records) == bool(self.statistics.metadata_count)
-            and all(channel.schema_id in self._schemas for channel in self._channels.values())
-        )
-
-    def topics(self) -> list[Topic]:
-        """The topics whose type is there.
-
-        Raises:
-            ForeignError: one does not hold ROS 2 messages.
-        """
-        topics = []
-        for channel_id in self._channels:
-            try:
-                topics.append(self.topic(channel_id))
-            except ForeignError:
-                raise
-            except DamageError:  # its messages cannot be read either, and then say so
-                continue
-        return topics
-
-    def topic(self, channel_id: int) -> Topic:
-        """The topic of a channel.
-
-        Raises:
-            ForeignError: it does not hold ROS 2 messages.
-            DamageError: it is not in the file.
-        """
-        if channel_id not in self._by_channel:
-            self._by_channel[channel_id] = self._make_topic(channel_id)
-        return self._by_channel[channel_id]
-
-    def _make_topic(self, channel_id: int) -> Topic:
-        channel = self._channels.get(channel_id)
-        if channel is None:
-            raise DamageError(f"a message belongs to the unknown channel {channel_id}")
-        if channel.message_encoding != MessageEncoding.CDR:
-            raise ForeignError(f"{channel.topic} holds {channel.message_encoding!r}, not CDR")
-        schema = self._schemas.get(channel.schema_id)
-        if schema is None:
-            raise DamageError(f"the type of {channel.topic} is missing")
-        is_text = schema.encoding == SchemaEncoding.ROS2
-        return Topic(
-            channel.topic,
-            schema.name,
-            schema.data.decode(errors="replace") if is_text else "",
-            channel.metadata.get("topic_type_hash", ""),
-            parse_qos(channel.metadata.get("offered_qos_profiles", "")),
-        )
+            case Message():
+                topic = catalogue.topic(record.channel_id)
+                count += 1
+                yield RawMessage(
+                    topic.name, topic.type, record.data, record.publish_time, record.log_time
+                )
+            case Gap():
+                gaps += 1
+                yield record
+                if gaps == 1:  # it may have held channels of later chunks; the summary has all
+                    with suppress(DamageError):
+                        for known in read_summary(file):
+                            catalogue.add(known)
+                    yield from catalogue.fresh_topics()
+            case _:
+                catalogue.add(record)
+                if isinstance(record, Channel):
+                    yield from catalogue.fresh_topics()
+                elif isinstance(record, Metadata):
+                    yield record
+    statistics = catalogue.statistics
+    if not gaps and statistics is not None and statistics.message_count != count:
+        raise DamageError(f"{count} of {statistics.message_count} messages are left")
 
 
-def _catalogue(path: Path) -> tuple[_Catalogue, DamageError | None]:
-    """What a file holds, by its summary or else by reading it, and what ended the reading."""
+def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
+    """What a file holds, by its summary or else by reading it, and what was found wrong."""
     with _open(path) as file:
         try:
-            catalogue = _Catalogue(read_summary(file))
+            catalogue = Catalogue(read_summary(file))
             if catalogue.whole:
                 return catalogue, None
         except DamageError:
             pass  # unfinished, or a writer that makes no summary
-        catalogue = _Catalogue()
+        catalogue = Catalogue()
+        problem: str | None = None
         try:
             for record in read_records(file):
-                catalogue.add(record)
+                if isinstance(record, Gap):
+                    problem = problem or left_out(record)
+                else:
+                    catalogue.add(record)
         except ForeignError:
             raise
         except DamageError as error:
-            return catalogue, error
-        return catalogue, None
-
-
-def _messages(path: Path) -> Iterator[RawMessage]:
-    catalogue = _Catalogue()
-    count = 0
-    with _open(path) as file:
-        for record in read_records(file):
-            if not isinstance(record, Message):
-                catalogue.add(record)
-                continue
-            topic = catalogue.topic(record.channel_id)
-            count += 1
-            yield RawMessage(
-                topic.name, topic.type, record.data, record.publish_time, record.log_time
-            )
-    statistics = catalogue.statistics
-    if statistics is not None and statistics.message_count != count:
-        raise DamageError(f"{count} of {statistics.message_count} messages are left")
+            problem = problem or end_of(error)
+        return catalogue, problem
 
 
 def _open(path: Path) -> BinaryIO:
@@ -224,13 +198,19 @@ def _open(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
-def _bag_files(folder: Path) -> tuple[list[Path], str | None]:
-    """The recordings of a bag in their order, and why they may not be all."""
+def bag_files(folder: Path) -> tuple[list[Path], str | None]:
+    """The recordings of a bag in their order, and why they may not be all.
+
+    Raises:
+        ForeignError: the folder holds no recording.
+        RecorderError: they are compressed as a whole.
+        OSError: it cannot be read.
+    """
     try:
         return _listed_files(folder), None
     except FileNotFoundError:
         problem = f"{folder} has no {METADATA_FILE}, so its recording was not finished"
-    except (AttributeError, KeyError, TypeError, ValueError, RecursionError, yaml.YAMLError):
+    except YAML_PROBLEMS:
         problem = f"{folder / METADATA_FILE} is damaged"
     recordings = [path for path in folder.iterdir() if path.suffix in {".mcap", ".db3"}]
     if not recordings:
@@ -238,22 +218,35 @@ def _bag_files(folder: Path) -> tuple[list[Path], str | None]:
     return sorted(recordings, key=_natural), problem
 
 
-def _listed_files(folder: Path) -> list[Path]:
-    with (folder / METADATA_FILE).open("rb") as file:
+def bag_information(folder: Path) -> dict[str, Any]:
+    """What `metadata.yaml` says, unchecked.
+
+    Raises:
+        ForeignError: it is not a file.
+        OSError: it cannot be read.
+        YAML_PROBLEMS: it is damaged.
+    """
+    with _open(folder / METADATA_FILE) as file:
         document = yaml.safe_load(file.read(_METADATA_LIMIT))
-    information = document[BAG_INFORMATION]
+    information: dict[str, Any] = document[BAG_INFORMATION]
+    return information
+
+
+def _listed_files(folder: Path) -> list[Path]:
+    information = bag_information(folder)
     if str(information.get("compression_mode", "")).lower() in {"file", "message"}:
         raise RecorderError(
             f"{folder} is compressed by rosbag2 as a whole; unpack it by `ros2 bag convert`"
         )
     # Early versions put the folder's name before the file's.
     names = [PurePath(name).name for name in information["relative_file_paths"]]
-    if not names or not all(name.isprintable() for name in names):
+    if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):
         raise ValueError
     return [folder / name for name in names]
 
 
-def _refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
+def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
+    """Raise `RecorderError` for a bag of the other kind that rosbag2 has."""
     if any(file.suffix == ".db3" for file in files):
         raise RecorderError(f"{path} is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`")
 

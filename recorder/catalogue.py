@@ -1,0 +1,172 @@
+"""The schemas, channels and metadata records of one file, and the topics that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import yaml
+from mcap.records import Channel, McapRecord, Metadata, Schema, Statistics
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from recorder.bag import Qos, Topic, parse_qos
+from recorder.mcap_stream import DamageError, ForeignError
+
+CATALOGUE_LIMIT = 16 * 1024 * 1024
+"""The most bytes of types, channels and records; those of a run have some 50 KiB."""
+
+TOPIC_LIMIT = 1000
+"""The most channels; a run has some twenty."""
+
+QOS_LIMIT = 256 * 1024
+"""The most bytes of differing QoS texts; a publisher's has about 400, and most are equal."""
+
+YAML_PROBLEMS = (
+    yaml.YAMLError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""What PyYAML raises over bad content, and what using content of another shape raises."""
+
+_SHOWN = 80
+
+
+class Catalogue:
+    """Gathers the records of a file in any order, as many as a bag can have.
+
+    Attributes:
+        records: the metadata records; of several with one name the last.
+        statistics: what the file says of itself, once it was read.
+    """
+
+    def __init__(self, records: Iterable[McapRecord] = ()) -> None:
+        self.records: dict[str, dict[str, str]] = {}
+        self.statistics: Statistics | None = None
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._by_channel: dict[int, Topic] = {}
+        self._fresh: list[int] = []
+        self._qos: dict[str, Qos] = {}
+        self._qos_size = 0
+        self._size = 0
+        for record in records:
+            self.add(record)
+
+    def add(self, record: McapRecord) -> None:
+        """Take a record; of kinds that are not gathered, none.
+
+        Raises:
+            DamageError: there are more of them than any bag has.
+        """
+        match record:
+            case Schema() if record.id not in self._schemas:
+                self._grow(len(record.data) + len(record.name) + len(record.encoding))
+                self._schemas[record.id] = record
+            case Channel() if record.id not in self._channels:
+                self._grow(len(record.topic) + _text_size(record.metadata))
+                if len(self._channels) == TOPIC_LIMIT:
+                    raise DamageError(f"it has more than {TOPIC_LIMIT} channels")
+                self._channels[record.id] = record
+                self._fresh.append(record.id)
+            case Metadata():
+                self._grow(len(record.name) + _text_size(record.metadata))
+                self.records[record.name] = record.metadata
+            case Statistics():
+                self.statistics = record
+
+    @property
+    def whole(self) -> bool:
+        """Whether, taken from a summary, it is all that the file holds."""
+        return (
+            self.statistics is not None
+            and self.statistics.channel_count == len(self._channels)
+            and bool(self.records) == bool(self.statistics.metadata_count)
+            and all(channel.schema_id in self._schemas for channel in self._channels.values())
+        )
+
+    def topics(self) -> list[Topic]:
+        """The topics whose type is there.
+
+        Raises:
+            ForeignError: one does not hold ROS 2 messages.
+        """
+        return self._known(self._channels)
+
+    def fresh_topics(self) -> list[Topic]:
+        """Those of the topics that came since the last call.
+
+        Raises:
+            ForeignError: one does not hold ROS 2 messages.
+        """
+        fresh, self._fresh = self._fresh, []
+        return self._known(fresh)
+
+    def topic(self, channel_id: int) -> Topic:
+        """The topic of a channel.
+
+        Raises:
+            ForeignError: it does not hold ROS 2 messages.
+            DamageError: it is not in the file.
+        """
+        if channel_id not in self._by_channel:
+            self._by_channel[channel_id] = self._make_topic(channel_id)
+        return self._by_channel[channel_id]
+
+    def _known(self, channel_ids: Iterable[int]) -> list[Topic]:
+        topics = []
+        for channel_id in channel_ids:
+            try:
+                topics.append(self.topic(channel_id))
+            except ForeignError:
+                raise
+            except DamageError:  # its messages cannot be read either, and then say so
+                continue
+        return topics
+
+    def _make_topic(self, channel_id: int) -> Topic:
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            raise DamageError(f"a message belongs to the unknown channel {channel_id}")
+        name = _shown(channel.topic)
+        if channel.message_encoding != MessageEncoding.CDR:
+            raise ForeignError(f"{name} holds {channel.message_encoding[:_SHOWN]!r}, not CDR")
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None:
+            raise DamageError(f"the type of {name} is missing")
+        is_text = schema.encoding == SchemaEncoding.ROS2
+        return Topic(
+            channel.topic,
+            schema.name,
+            schema.data.decode(errors="replace") if is_text else "",
+            channel.metadata.get("topic_type_hash", ""),
+            self._parsed_qos(channel.metadata.get("offered_qos_profiles", "")),
+        )
+
+    def _parsed_qos(self, text: str) -> Qos:
+        """The QoS; equal texts, which most are, are parsed once."""
+        if text not in self._qos:
+            self._qos_size += len(text)
+            if self._qos_size > QOS_LIMIT:
+                raise DamageError(f"its topics have more than {QOS_LIMIT} bytes of QoS")
+            try:
+                self._qos[text] = parse_qos(text)
+            except YAML_PROBLEMS:
+                self._qos[text] = Qos()
+        return self._qos[text]
+
+    def _grow(self, size: int) -> None:
+        self._size += size
+        if self._size > CATALOGUE_LIMIT:
+            raise DamageError(f"its types and records have more than {CATALOGUE_LIMIT} bytes")
+
+
+def _text_size(metadata: dict[str, str]) -> int:
+    return sum(len(key) + len(value) for key, value in metadata.items())
+
+
+def _shown(name: str) -> str:
+    """A name from a file, fit for one line of a message."""
+    return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])

@@ -1,0 +1,233 @@
+"""Repair a bag that was cut off or damaged: the same messages in a file that every reader takes.
+
+The new file is written beside the old one, read back, and takes its name in one step; the old one
+stays as `NAME.mcap.torn`. A kill at any moment leaves the old file or the new one under the name,
+and the old one in any case; to repair again is harmless.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.records import Metadata
+
+from recorder.bag import METADATA_FILE, BagInformation, Topic
+from recorder.bag_folder import METADATA_PART, prepare_metadata, put_metadata
+from recorder.catalogue import YAML_PROBLEMS
+from recorder.errors import RecorderError
+from recorder.mcap_file import ROSBAG2_RECORD, McapFile
+from recorder.mcap_stream import DamageError, ForeignError
+from recorder.message import RawMessage
+from recorder.reader import (
+    RECOVERY_RECORD,
+    bag_files,
+    bag_information,
+    not_a_bag,
+    read_items,
+    refuse_sqlite,
+)
+from recorder.survey import Survey
+from recorder.torn_file import TORN, keep, lock, open_file, put_back, remove
+
+_SUFFIX = ".mcap"
+_PART = ".recovering"
+
+_REMEDIES = {
+    errno.ENOSPC: "make room on its disk or copy it to another",
+    errno.EDQUOT: "make room on its disk or copy it to another",
+    errno.EFBIG: "copy it to a disk that takes large files",
+    errno.EACCES: "copy it to a folder that can be read and written",
+    errno.EPERM: "copy it to a folder that can be read and written",
+    errno.EROFS: "copy it to a disk that can be written",
+    errno.ENOENT: "check the path",
+    errno.ENOTDIR: "check the path",
+    errno.ELOOP: "give the path of the file itself and not of a link",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """A bag that is whole now.
+
+    Attributes:
+        file: the recording.
+        messages: how many it holds.
+        torn: where the old file is kept; None if it was whole already.
+        metadata: the `metadata.yaml` that was written; None if it was right, or if the file is
+            one of several in its folder.
+        cut: what was wrong with the old file, in words and in its order; empty if it was whole.
+        tail_bytes: bytes of the old file behind its last whole record. A cut chunk is among
+            them, though its whole messages are kept.
+    """
+
+    file: Path
+    messages: int
+    torn: Path | None
+    metadata: Path | None
+    cut: tuple[str, ...]
+    tail_bytes: int
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was written."""
+        return self.torn is not None or self.metadata is not None
+
+
+def recover(path: Path) -> Recovered:
+    """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
+
+    Kept are every whole chunk and the whole messages of the chunk in which the file ends, with
+    their bytes, order and both times, and types, channels, QoS and metadata records. What no bag
+    recorded here has stays behind in the old file: attachments, and definitions in another
+    language than `ros2msg`.
+
+    Raises:
+        RecorderError: it cannot be repaired; nothing is lost, the message names the remedy.
+    """
+    try:
+        folder, name, in_bag = _find(path)
+        with ExitStack() as stack:
+            folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+            stack.callback(os.close, folder_fd)
+            put_back(folder_fd, name)
+            file = stack.enter_context(open_file(folder_fd, name))
+            lock(folder_fd, name, file)
+            return _repair(folder / name, folder_fd, file, in_bag=in_bag)
+    except ForeignError as error:
+        raise not_a_bag(path, error) from None
+    except OSError as error:
+        raise RecorderError(
+            f"cannot repair {path}: {error.strerror or error}; "
+            f"nothing is lost, {_REMEDIES.get(error.errno or 0, 'check the disk')}"
+        ) from None
+
+
+def _find(path: Path) -> tuple[Path, str, bool]:
+    """Folder and name of the recording, and whether it is all that the bag folder holds."""
+    if path.is_dir():
+        files = _files(path)
+        refuse_sqlite(path, files)
+        if len(files) > 1:
+            raise RecorderError(
+                f"{path} holds {len(files)} recordings; repair each of the files, "
+                f"then make their {METADATA_FILE} by `ros2 bag reindex`"
+            )
+        return path, files[0].name, True
+    path = Path(os.path.realpath(path))
+    refuse_sqlite(path, [path])
+    if path.suffix != _SUFFIX:
+        path.stat()
+        raise ForeignError(f"its name does not end in {_SUFFIX}")
+    try:
+        in_bag = bag_files(path.parent)[0] == [path]
+    except (RecorderError, ForeignError):
+        in_bag = False
+    return path.parent, path.name, in_bag
+
+
+def _files(folder: Path) -> list[Path]:
+    try:
+        return bag_files(folder)[0]
+    except ForeignError:
+        torn = list(folder.glob(f"*{_SUFFIX}{TORN}"))
+        if len(torn) != 1:
+            raise
+        return [torn[0].with_suffix("")]  # an exchange was cut off, see `put_back`
+
+
+def _repair(path: Path, folder_fd: int, file: BinaryIO, *, in_bag: bool) -> Recovered:
+    before = os.fstat(file.fileno())
+    survey = Survey.of(file, path)
+    information = survey.information()
+    part = path.name + _PART
+    torn = metadata = None
+    with ExitStack() as undo:
+        if survey.cut:
+            remove(folder_fd, part)
+            undo.callback(_give_up, folder_fd, part)
+            new = McapFile(folder_fd, part, listed_as=path.name)
+            undo.callback(new.close)  # it is locked up to the end
+            _write(new, file, survey)
+            _compare(folder_fd, part, path, information)
+        if in_bag and (survey.cut or not _described(path.parent, information)):
+            remove(folder_fd, METADATA_PART)
+            undo.callback(_give_up, folder_fd, METADATA_PART)
+            prepare_metadata(folder_fd, information)
+            metadata = path.parent / METADATA_FILE
+        after = os.fstat(file.fileno())
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            raise RecorderError(f"{path} is being written; end its recording, then try again")
+        if survey.cut:
+            torn = path.with_name(keep(folder_fd, path.name))
+            os.fsync(folder_fd)
+            os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+            os.fsync(folder_fd)
+        if metadata is not None:
+            if _is_damaged(metadata):
+                keep(folder_fd, METADATA_FILE)
+            put_metadata(folder_fd)
+    return Recovered(path, survey.messages, torn, metadata, tuple(survey.cut), survey.tail_bytes)
+
+
+def _give_up(folder_fd: int, name: str) -> None:
+    with suppress(OSError):
+        remove(folder_fd, name)
+
+
+def _write(new: McapFile, file: BinaryIO, survey: Survey) -> None:
+    """Put what is left of the old file into the new one; on the disk on return."""
+    new.start((), {})
+    with suppress(DamageError):  # the survey has met it and told it
+        for item in read_items(file):
+            match item:
+                case RawMessage():
+                    new.add_message(item)
+                case Topic():
+                    new.register(item)
+                case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew
+                    new.add_record(item.name, item.metadata)
+    if survey.lost is not None:
+        record = {"problem": survey.lost, "tail_bytes": str(survey.tail_bytes)}
+        new.add_record(RECOVERY_RECORD, record)
+    new.finish()
+
+
+def _compare(folder_fd: int, part: str, path: Path, information: BagInformation) -> None:
+    """Read the new file back before it takes the old one's place."""
+    with open_file(folder_fd, part) as file:
+        again = Survey.of(file, path)
+    if again.cut or again.information() != information:
+        raise RecorderError(
+            f"cannot repair {path}: what was written is not what is read back; "
+            "nothing is lost, copy it to another disk"
+        )
+
+
+def _described(folder: Path, information: BagInformation) -> bool:
+    """Whether `metadata.yaml` tells of this recording, as it is."""
+    try:
+        document = bag_information(folder)
+        topics = document["topics_with_message_count"]
+        told = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
+        counts = dict(information.counts)
+        return (
+            document["message_count"] == sum(counts.values())
+            and {name: number for name, number in told.items() if number} == counts
+        )
+    except (FileNotFoundError, *YAML_PROBLEMS):
+        return False
+
+
+def _is_damaged(metadata: Path) -> bool:
+    try:
+        bag_information(metadata.parent)
+    except FileNotFoundError:
+        return False
+    except YAML_PROBLEMS:
+        return True
+    return False

@@ -1,0 +1,117 @@
+"""Read a whole recording once: what it holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from recorder.bag import BagInformation, Topic
+from recorder.catalogue import Catalogue
+from recorder.errors import RecorderError
+from recorder.mcap_stream import DamageError, ForeignError, Gap, read_summary
+from recorder.message import RawMessage
+from recorder.reader import end_of, left_out, read_items
+
+_GAPS_TOLD = 3
+
+
+@dataclass(slots=True)
+class Survey:
+    """What reading a file showed.
+
+    Attributes:
+        path: the file.
+        topics: its topics, by name and in its order.
+        counts: messages per topic name.
+        start_ns: earliest log time, ns since the epoch; None without messages.
+        end_ns: latest log time, ns since the epoch; None without messages.
+        cut: what is wrong with it, in words and in its order; empty if it is whole.
+        lost: what of that a reader of the bag is told; None if every message is there.
+        tail_bytes: bytes behind the last whole record.
+    """
+
+    path: Path
+    topics: dict[str, Topic] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    start_ns: int | None = None
+    end_ns: int | None = None
+    cut: list[str] = field(default_factory=list)
+    lost: str | None = None
+    tail_bytes: int = 0
+
+    @classmethod
+    def of(cls, file: BinaryIO, path: Path) -> Survey:
+        """Read a file to its end, whole or torn.
+
+        Raises:
+            ForeignError: it is no recording of ROS 2 messages.
+            RecorderError: no bag can hold its topics.
+        """
+        survey = cls(path)
+        gaps = survey._read(file)
+        if gaps > _GAPS_TOLD:
+            survey.cut.append(f"{gaps - _GAPS_TOLD} more chunks are left out")
+        if not survey.cut:
+            survey._check_summary(file)
+        return survey
+
+    @property
+    def messages(self) -> int:
+        """How many there are."""
+        return sum(self.counts.values())
+
+    def information(self) -> BagInformation:
+        """What `metadata.yaml` has to say of it."""
+        topics = list(self.topics.values())
+        return BagInformation(self.path.name, topics, self.counts, self.start_ns, self.end_ns)
+
+    def _read(self, file: BinaryIO) -> int:
+        gaps = 0
+        try:
+            for item in read_items(file):
+                match item:
+                    case RawMessage():
+                        self._count(item)
+                    case Topic():
+                        self._register(item)
+                    case Gap():
+                        gaps += 1
+                        self.lost = self.lost or left_out(item)
+                        self.cut += [left_out(item)] if gaps <= _GAPS_TOLD else []
+        except ForeignError:
+            raise
+        except DamageError as error:
+            self.lost = self.lost or end_of(error)
+            self.cut.append(str(error))
+            if error.offset is not None:
+                self.tail_bytes = file.seek(0, os.SEEK_END) - error.offset
+        return gaps
+
+    def _count(self, message: RawMessage) -> None:
+        time = message.receive_ns
+        self.counts[message.topic] += 1
+        self.start_ns = time if self.start_ns is None else min(time, self.start_ns)
+        self.end_ns = time if self.end_ns is None else max(time, self.end_ns)
+
+    def _register(self, topic: Topic) -> None:
+        if self.topics.setdefault(topic.name, topic).type != topic.type:
+            raise RecorderError(
+                f"{self.path}: {topic.name[:80]!r} has two types, which no bag can hold; "
+                "convert it by the tool that wrote it"
+            )
+
+    def _check_summary(self, file: BinaryIO) -> None:
+        """Readers trust the summary; without checksums it may say something else than the file."""
+        try:
+            summary = Catalogue(read_summary(file))
+            if not summary.whole:
+                self.cut.append("its summary is not complete")
+            elif {topic.name: topic for topic in reversed(summary.topics())} != self.topics:
+                self.cut.append("its summary tells of other topics")
+        except ForeignError:
+            self.cut.append("its summary tells of other topics")
+        except DamageError as error:
+            self.cut.append(str(error))

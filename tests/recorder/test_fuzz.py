@@ -1,0 +1,359 @@
+"""Whatever lies in a bag folder: an answer or a `RecorderError`, soon, and nothing elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+import time
+import tracemalloc
+from collections.abc import Sequence
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
+from mcap.records import (
+    Channel,
+    Chunk,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+)
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from recorder.bag import BagInformation
+from recorder.errors import RecorderError
+from recorder.reader import read_bag
+from recorder.recovery import Recovered, recover
+from tests.recorder.samples import strings, talk
+
+EXAMPLES = 40
+LONGEST = 20.0
+"""Seconds for one input; the usual ones take hundredths."""
+
+MESSAGES = strings([f"number {number} " + "text " * (number % 7) for number in range(40)])
+MAY_BE_THERE = {"bag_0.mcap", "bag_0.mcap.torn", "metadata.yaml", "metadata.yaml.torn"}
+
+SIZES = st.one_of(
+    st.sampled_from([0, 1, 2**16, 2**31 - 1, 2**31, 2**32 - 1, 2**62, 2**63, 2**64 - 1]),
+    st.integers(0, 2**64 - 1),
+)
+PLACES = st.floats(0, 1, exclude_max=True)
+CHANGES = st.one_of(
+    st.tuples(st.just("flip"), PLACES, st.integers(0, 7)),
+    st.tuples(st.just("cut"), PLACES, st.just(0)),
+    st.tuples(st.just("insert"), PLACES, st.binary(min_size=1, max_size=40)),
+    st.tuples(st.just("remove"), PLACES, st.integers(1, 200)),
+    st.tuples(st.just("repeat"), PLACES, st.integers(1, 200)),
+    st.tuples(st.just("zeros"), PLACES, st.integers(1, 2000)),
+    st.tuples(st.just("claim 4"), PLACES, SIZES),
+    st.tuples(st.just("claim 8"), PLACES, SIZES),
+    st.tuples(st.just("length"), PLACES, SIZES),
+)
+METADATA = st.one_of(
+    st.none(),
+    st.just("stale"),
+    st.text(max_size=200),
+    st.sampled_from(
+        [
+            "rosbag2_bagfile_information: {relative_file_paths: [../outside.mcap]}",
+            "rosbag2_bagfile_information: {relative_file_paths: [/etc/passwd, bag_0.mcap]}",
+            "rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap, bag_0.mcap]}",
+            "rosbag2_bagfile_information: {relative_file_paths: [!!int '']}",
+            "rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap], message_count: {}}",
+            "!!timestamp x",
+            "!!python/object/apply:os.system ['touch outside.mcap']",
+            "&a [*a, *a]",
+            "[" * 600,
+        ]
+    ),
+)
+
+
+@cache
+def whole_files() -> tuple[bytes, ...]:
+    """Small recordings of every kind: what a checksum guards is reached in those without."""
+    return (
+        recording(compression=CompressionType.ZSTD),
+        recording(compression=CompressionType.ZSTD, enable_crcs=False),
+        recording(compression=CompressionType.LZ4, enable_crcs=False),
+        recording(compression=CompressionType.NONE, enable_crcs=False),
+        recording(use_chunking=False, enable_crcs=False),
+    )
+
+
+def recording(**options: object) -> bytes:
+    file = BytesIO()
+    writer = Writer(file, chunk_size=800, **options)  # type: ignore[arg-type]
+    writer.start(profile="ros2")
+    schema = writer.register_schema(talk().type, "ros2msg", talk().definition.encode())
+    qos = {"offered_qos_profiles": "- reliability: 2\n", "topic_type_hash": "RIHS01_ab"}
+    channel = writer.register_channel("/talk", "cdr", schema, qos)
+    writer.add_metadata("madrob_run", {"setup": "{}"})
+    for message in MESSAGES:
+        writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+def record_starts(content: bytes) -> list[int]:
+    starts = []
+    place = len(MCAP0_MAGIC)
+    while place + 9 < len(content):
+        starts.append(place)
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    return starts
+
+
+def changed(content: bytes, changes: Sequence[tuple[str, float, object]]) -> bytes:
+    for how, where, what in changes:
+        place = int(where * len(content))
+        if how == "length" and (starts := record_starts(content)):
+            place = starts[int(where * len(starts))] + 1
+        content = content[:place] + put_in(how, what, content[place:])
+    return content
+
+
+def put_in(how: str, what: object, rest: bytes) -> bytes:
+    """What a change makes of everything behind its place."""
+    match how, what:
+        case "flip", int(bit) if rest:
+            return bytes([rest[0] ^ 1 << bit]) + rest[1:]
+        case "insert", bytes(more):
+            return more + rest
+        case "remove", int(count):
+            return rest[count:]
+        case "repeat", int(count):
+            return rest[:count] + rest
+        case "zeros", int(count):
+            return bytes(count) + rest[count:]
+        case "claim 4", int(size):
+            return (size & 0xFFFF_FFFF).to_bytes(4, "little") + rest[4:]
+        case "claim 8" | "length", int(size):
+            return size.to_bytes(8, "little") + rest[8:]
+    return b""  # a cut
+
+
+def check(place: Path, content: bytes, metadata: str | None) -> None:
+    """Read and repair it; the same messages before and after, nothing outside the folder."""
+    folder = place / "bag"
+    shutil.rmtree(place, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (place / "outside.mcap").write_bytes(b"precious")
+    (folder / "bag_0.mcap").write_bytes(content)
+    if metadata is not None:
+        started = BagInformation("bag_0.mcap", [talk()], {}, None, None).metadata_yaml()
+        (folder / "metadata.yaml").write_text(started if metadata == "stale" else metadata)
+    began = time.monotonic()
+    before = messages(folder)
+    recovered = repaired(folder)
+    if recovered is not None:
+        after = messages(folder)
+        assert after is not None
+        assert recovered.messages == len(after)
+        assert after == before or (before is None and recovered.changed)
+        again = repaired(folder)
+        assert again is not None
+        assert not again.changed
+        if recovered.torn is not None:
+            assert recovered.torn.read_bytes() == content
+    else:
+        assert (folder / "bag_0.mcap").read_bytes() == content
+    assert time.monotonic() - began < LONGEST
+    assert {path.name for path in folder.iterdir()} <= MAY_BE_THERE
+    assert sorted(path.name for path in place.iterdir()) == ["bag", "outside.mcap"]
+    assert (place / "outside.mcap").read_bytes() == b"precious"
+
+
+def messages(folder: Path) -> list[object] | None:
+    try:
+        bag = read_bag(folder)
+    except RecorderError as error:
+        told: str | None = str(error)
+        found = None
+    else:
+        found = list[object](bag.messages())
+        told = bag.problem
+    assert told is None or told.isprintable()
+    return found
+
+
+def repaired(folder: Path) -> Recovered | None:
+    recovered = None
+    try:
+        recovered = recover(folder)
+        told = recovered.cut
+    except RecorderError as error:
+        told = (str(error),)
+    assert all(text.isprintable() for text in told)
+    return recovered
+
+
+def fuzz(place: Path, examples: int) -> None:
+    """Half of the examples are real recordings, changed; the other half is anything."""
+    some = settings(max_examples=max(1, examples // 2), suppress_health_check=list(HealthCheck))
+
+    @some
+    @given(st.integers(0, 4), st.lists(CHANGES, min_size=1, max_size=4), METADATA)
+    def change(kind: int, changes: list[tuple[str, float, object]], metadata: str | None) -> None:
+        check(place, changed(whole_files()[kind], changes), metadata)
+
+    @some
+    @given(st.sampled_from([b"", MCAP0_MAGIC]), st.binary(max_size=400), METADATA)
+    def invent(start: bytes, content: bytes, metadata: str | None) -> None:
+        check(place, start + content, metadata)
+
+    change()
+    invent()
+
+
+def test_no_file_can_break_reader_or_repair(tmp_path: Path) -> None:
+    fuzz(tmp_path / "place", EXAMPLES)
+
+
+@pytest.mark.slow
+def test_no_file_of_many_can_break_reader_or_repair(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """With `--runs 1000` ten thousand inputs."""
+    fuzz(tmp_path / "place", 10 * request.config.getoption("--runs"))
+
+
+def encoded(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return content
+
+
+def framed(opcode: int, body: bytes, length: int | None = None) -> bytes:
+    size = len(body) if length is None else length
+    return bytes([opcode]) + size.to_bytes(8, "little") + body
+
+
+SCHEMA = Schema(1, talk().definition.encode(), "ros2msg", talk().type)
+CHANNEL = Channel(1, "/talk", "cdr", {}, 1)
+MESSAGE = Message(1, 5, b"data", 4, 0)
+GOOD = encoded(SCHEMA, CHANNEL, MESSAGE)
+TWO_GB = (2**31 - 1).to_bytes(4, "little")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (framed(0x05, b"x", 2**31), "it is torn at byte"),
+        (framed(0x06, b"x", 2**31), "it is torn at byte"),
+        (framed(0x03, b"\x02\x00" + TWO_GB + b"name"), "the record at byte"),
+        (framed(0x03, b"\x02\x00" + bytes(8) + TWO_GB + b"text"), "the record at byte"),
+        (framed(0x04, b"\x02\x00\x01\x00" + TWO_GB + b"topic"), "the record at byte"),
+        (framed(0x0C, b"\x01\x00\x00\x00a" + TWO_GB + b"text"), "the record at byte"),
+        (framed(0x05, b"short"), "the record at byte"),
+        (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**31)), "a chunk claims 2147483648 bytes"),
+        (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**26)), "a chunk cannot be decompressed"),
+        (encoded(Chunk("gzip" * 2**20, b"", 0, 0, 0, 1)), "a chunk is damaged"),
+        (framed(0x06, bytes(28) + TWO_GB + b"zstd"), "a chunk is damaged"),
+        (framed(0x06, bytes(32) + (2**40).to_bytes(8, "little") + b"x"), "a chunk is cut off"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "file",
+)
+def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes, words: str) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "bag_0.mcap").write_bytes(MCAP0_MAGIC + GOOD + content)
+    tracemalloc.start()
+    bag = read_bag(folder)
+    assert len(list(bag.messages())) == 1
+    recovered = recover(folder)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert recovered.messages == 1
+    assert recovered.cut[0].startswith(words)
+    assert peak < 40_000_000
+
+
+def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> None:
+    path = tmp_path / "large.mcap"
+    path.write_bytes(MCAP0_MAGIC + GOOD + framed(0x05, b"", 2**31))
+    with path.open("r+b") as file:
+        file.truncate(2**31 + 1000)  # takes no room: it is a hole
+    tracemalloc.start()
+    recovered = recover(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert recovered.messages == 1
+    assert "claims 2147483648 bytes" in recovered.cut[0]
+    assert peak < 40_000_000
+
+
+def many_schemas() -> bytes:
+    return encoded(*(Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)))
+
+
+def many_channels() -> bytes:
+    return encoded(SCHEMA, *(Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)))
+
+
+def much_qos() -> bytes:
+    return encoded(
+        SCHEMA,
+        *(
+            Channel(n, f"/t{n}", "cdr", {"offered_qos_profiles": f"# {n}" + "x" * 30_000}, 1)
+            for n in range(1, 12)
+        ),
+        Message(11, 5, b"data", 4, 0),
+    )
+
+
+def much_metadata() -> bytes:
+    return encoded(*(Metadata(f"m{number}", {"a": "x" * 2**20}) for number in range(17)))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (many_schemas(), "its types and records have more than 16777216 bytes"),
+        (many_channels(), "it has more than 1000 channels"),
+        (much_qos(), "its topics have more than 262144 bytes of QoS"),
+        (much_metadata(), "its types and records have more than 16777216 bytes"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "file",
+)
+def test_absurd_counts_end_the_reading_in_words(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "absurd.mcap"
+    path.write_bytes(MCAP0_MAGIC + content)
+    began = time.monotonic()
+    assert list(read_bag(path).messages()) == []
+    assert recover(path).cut == (words,)
+    assert time.monotonic() - began < LONGEST
+
+
+def test_an_index_that_repeats_itself_is_not_followed_for_ever(tmp_path: Path) -> None:
+    metadata = encoded(Metadata("m", {"a": "x" * 2**20}))
+    index = encoded(*(MetadataIndex(len(MCAP0_MAGIC), len(metadata), "m") for _ in range(10_000)))
+    footer = encoded(Footer(len(MCAP0_MAGIC) + len(metadata), 0, 0))
+    path = tmp_path / "again.mcap"
+    path.write_bytes(MCAP0_MAGIC + metadata + index + footer + MCAP0_MAGIC)
+    began = time.monotonic()
+    assert list(read_bag(path).records) == ["m"]
+    assert recover(path).cut == ("its types and records have more than 16777216 bytes",)
+    assert time.monotonic() - began < LONGEST
+
+
+def test_words_from_a_file_cannot_steer_a_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "evil.mcap"
+    evil = "/\x1b]0;owned\x07\n" + "x" * 5000
+    for channel in (Channel(1, evil, "cdr", {}, 7), Channel(1, evil, "json", {}, 1)):
+        path.write_bytes(MCAP0_MAGIC + encoded(SCHEMA, channel, MESSAGE))
+        try:
+            (told,) = recover(path).cut
+        except RecorderError as error:
+            told = str(error)
+        assert "owned" in told
+        assert told.isprintable()
+        assert len(told) < 400
