@@ -69,10 +69,10 @@ def test_a_cut_anywhere_costs_only_what_is_behind_it(bag: TornBag, folder: Path)
 def test_every_cut_costs_only_what_is_behind_it(
     bag: TornBag, folder: Path, part: int, request: pytest.FixtureRequest
 ) -> None:
-    """With `--runs 100` every byte of the last two chunks, and 1,000 anywhere in the file."""
+    """With `--runs 1000` every byte of the last two chunks, and 1,000 anywhere in the file."""
     runs = request.config.getoption("--runs")
-    cuts = list(bag.last_two_chunks())[:: max(1, 100 // runs)]
-    cuts += random.Random(2).choices(range(8, len(bag.data)), k=10 * runs)
+    cuts = list(bag.last_two_chunks())[:: max(1, 1000 // runs)]
+    cuts += random.Random(2).choices(range(8, len(bag.data)), k=runs)
     kept = [check_cut(bag, folder, cut).messages for cut in cuts[part::4]]
     print(f"{len(kept)} cuts, {sum(kept)} messages kept, {len(set(kept))} different counts")
 
