@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from madrob_console.errors import MadrobError
+from madrob_console.report import PictureFormat
 from madrob_console.theme_name import ThemeName
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
@@ -72,6 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_testbed(commands)
     _add_score(commands)
+    _add_report(commands)
     _add_recover(commands)
     _add_doctor(commands)
     _add_settings(commands)
@@ -217,6 +219,26 @@ def _add_score(commands: _Commands) -> None:
         help="the rules; those of the run if not given",
     )
     parser.add_argument("--json", action="store_true", help="JSON for programs")
+
+
+def _add_report(commands: _Commands) -> None:
+    parser = _command(
+        commands,
+        "report",
+        "a page for the team: report.html in the run folder, or the figures alone",
+        "PATH is a run folder, a results folder or a bag; of EUROBENCH folders the figures only.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
+    parser.add_argument(
+        "--figures",
+        type=PictureFormat,
+        choices=list(PictureFormat),
+        default=None,
+        help="figures of this format instead of the page",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=None, help="folder for all pages, <run>_report.html each"
+    )
 
 
 def _add_recover(commands: _Commands) -> None:

@@ -1,0 +1,82 @@
+"""Builds HTML in which everything that is no `Markup` is escaped."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from typing import TypeAlias
+
+from madrob_console.names import terminal_safe
+
+
+class Markup(str):
+    """Finished HTML. Whatever is made of it with str's methods is text again, and escaped."""
+
+    __slots__ = ()
+
+
+Content: TypeAlias = "str | Iterable[Content]"
+
+NOTHING = Markup()
+
+_VOID = frozenset({"br", "meta"})
+_INLINE = frozenset({"b", "bdi", "del", "small", "span", "strong"})
+
+
+def element(tag: str, *content: Content, **attributes: str) -> Markup:
+    """An element with its content; text is escaped.
+
+    Args:
+        tag: its name.
+        content: text, `Markup`, or any nesting of them.
+        attributes: by name; `class_` stands for `class`, and `_` for `-`.
+    """
+    given = "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
+        for name, value in attributes.items()
+    )
+    end = "" if tag in _VOID else f"</{tag}>"
+    line_end = "" if tag in _INLINE else "\n"
+    return Markup(f"<{tag}{given}>{together(content)}{end}{line_end}")
+
+
+def together(content: Content) -> Markup:
+    """Text and markup in one piece."""
+    if isinstance(content, Markup):
+        return content
+    if isinstance(content, str):
+        return escaped(content)
+    return Markup("".join(together(part) for part in content))
+
+
+def escaped(text: str) -> Markup:
+    """Text from anywhere, without control characters and without power."""
+    return Markup(html.escape(terminal_safe(text)))
+
+
+def said(text: str) -> Markup:
+    """Words that somebody typed: whatever their direction of writing, it ends with them."""
+    return element("bdi", text)
+
+
+def table(head: Iterable[Content], rows: Iterable[Iterable[Content]], class_: str) -> Markup:
+    """A table whose first column names the rows; a narrow screen shows a row as a card."""
+    names = [together(name) for name in head]
+    body = []
+    for first, *cells in rows:
+        named = zip(names[1:], cells, strict=True)
+        data = [element("td", cell, data_name=html.unescape(name)) for name, cell in named]
+        body.append(element("tr", element("th", first, scope="row"), data))
+    heads = element("tr", [element("th", name, scope="col") for name in names])
+    return element("table", element("thead", heads), element("tbody", body), class_=class_)
+
+
+def listed(items: Iterable[Content], nothing: str) -> Markup:
+    """A list, or words where it is empty."""
+    entries = [element("li", item) for item in items]
+    return element("ul", entries) if entries else element("p", nothing)
+
+
+def section(title: str, *content: Content) -> Markup:
+    """A part of the page under a heading."""
+    return element("section", element("h2", title), content)

@@ -1,0 +1,105 @@
+"""A run's report as one HTML page without scripts, and without anything from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+
+from madrob_console.engine.results import Scored
+from madrob_console.report import sections
+from madrob_console.report.markup import Content, Markup, element, said
+from madrob_console.report.words import INVALID, OUTCOMES, UNOFFICIAL, date_text, since, task_text
+from madrob_console.runs import RESULT_FILE
+from scoring.procedure import StepRecord
+
+
+def report_html(scored: Scored, software: str = "") -> str:
+    """The report of a run.
+
+    The same run gives the same text.
+
+    Args:
+        scored: the run, its result and its data.
+        software: the version that makes the report; empty = the one that recorded the run.
+    """
+    from madrob_console.report.pictures import figures  # it loads matplotlib
+
+    record, run, result = scored.record, scored.run, scored.result
+    body = [
+        _top(scored),
+        sections.indicators(result),
+        sections.steps(result),
+        figures(scored),
+        sections.decisions(run),
+        sections.team_word(run),
+        sections.set_up(record, result),
+        sections.data_quality(run, result),
+        _foot(scored, software),
+    ]
+    page = element("html", _head(scored), element("body", body), lang="en")
+    return f"<!DOCTYPE html>\n{page}"
+
+
+def _head(scored: Scored) -> Markup:
+    setup = scored.record.setup
+    title = f"MADROB run {setup.run_number} of subject {setup.subject} {setup.team}".rstrip()
+    style = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
+    return element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", f"{title}: {OUTCOMES[scored.result.ending.outcome].lower()}"),
+        element("style", Markup(style)),
+    )
+
+
+def _top(scored: Scored) -> Markup:
+    """Warnings first; then whose run it is and how it ended."""
+    record, result = scored.record, scored.result
+    setup, ending = record.setup, result.ending
+    condition, task = setup.condition, task_text(setup.condition)
+    warnings = (UNOFFICIAL.get(record.source), INVALID.get(ending.outcome))
+    team = (" · ", said(setup.team)) if setup.team else ()
+    reason = (": ", said(ending.reason)) if ending.reason else ()
+    return element(
+        "header",
+        [element("p", words, class_="banner") for words in warnings if words],
+        element("p", "MADROB ", said(record.competition), class_="competition"),
+        element("h1", f"Run {setup.run_number} of subject {setup.subject}", team),
+        element("p", f"Condition {condition.number}, {condition.benchmark_type}: {task}"),
+        element("p", f"Started {date_text(result.start)}"),
+        element("p", element("strong", OUTCOMES[ending.outcome]), reason, class_="outcome"),
+        element("p", _summary(scored)),
+    )
+
+
+def _summary(scored: Scored) -> Iterator[Content]:
+    """How far the robot came, how long it took, and whether that is the last word."""
+    run, result = scored.run, scored.result
+    done, stop = sum(record.done for record in result.steps), result.ending.stop
+    yield f"{done} of {len(result.steps)} steps count. "
+    if stop is not None and stop >= result.start:
+        took = element("span", f"{since(stop, result.start)} s", class_="whole")
+        yield "The run took ", took, ". "
+    if denied := [record.step.text for record in result.steps if _denied(record)]:
+        yield f"The referee denies: {', '.join(denied)}. "
+    issue = f", issue {run.issue}" if run.issue > 1 else ""
+    if run.closure is None:
+        yield f"The result is provisional{issue}."
+    else:
+        yield f"The result is final{issue}; {run.closure.team_word} by the team."
+
+
+def _denied(record: StepRecord) -> bool:
+    return record.ruling is not None and record.ruling.confirmed is False
+
+
+def _foot(scored: Scored, software: str) -> Markup:
+    record, run = scored.record, scored.run
+    recorded, made = record.version or "unknown", software or record.version or "unknown"
+    return element(
+        "footer",
+        f"Issue {run.issue} of the result, ruleset {scored.result.ruleset}. ",
+        f"Recorded with madrob-console {recorded}; this page was made with {made}. ",
+        f"All numbers, and why there is none, are in {RESULT_FILE}.",
+    )

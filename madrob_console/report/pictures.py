@@ -1,0 +1,67 @@
+"""The figures of a run inside a page. Loads matplotlib: import it where a page is made."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from madrob_console.engine.results import Scored
+from madrob_console.report.markup import Markup, element, escaped, section
+from scoring.figures import FigureName, figures_of, missing_figures, svg
+
+_CAPTIONS: Mapping[FigureName, str] = {
+    FigureName.ACCELERATION: (
+        "Door angle, and angular acceleration without its quick trembling. The largest value, in "
+        "either direction, is the unsafety."
+    ),
+    FigureName.JERK: (
+        "Door angle, and how abruptly its acceleration changes while the door is open (jerk). "
+        "Smoothness is 10 divided by the mean."
+    ),
+    FigureName.JERK_OF_THE_OPENING: "The same, from the first opening until wide open.",
+    FigureName.JERK_OF_THE_CLOSING: "The same, from wide open until the last closing.",
+    FigureName.FORCE: (
+        "Force on the handle as recorded. The largest value, in either direction, is the roughness."
+    ),
+}
+_GREY = "In the grey band the door counts as closed."
+
+_REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
+
+
+def figures(scored: Scored) -> Markup:
+    """The figures that the run has, and the reasons for those that it has not."""
+    thresholds = scored.record.thresholds
+    drawn = figures_of(scored.result, scored.rows, thresholds)
+    missing = missing_figures(scored.result, scored.rows, thresholds)
+    if not drawn:
+        return section("Figures", element("p", f"None: {_reasons(missing)}."))
+    pictures = [
+        element("figure", inline(svg(figure), FigureName(name)), _caption(FigureName(name)))
+        for name, figure in drawn.items()
+    ]
+    lacking = [
+        element("p", f"Figure {name.number} is missing: {reason}.")
+        for name, reason in missing.items()
+    ]
+    return section(
+        "Figures", element("p", _GREY), element("div", pictures, class_="figures"), lacking
+    )
+
+
+def inline(document: str, name: FigureName) -> Markup:
+    """An SVG document as a part of a page, whose ids are no other figure's."""
+    picture = document[document.index("<svg") :]
+    picture = re.sub(r' xmlns(:xlink)?="[^"]*"', "", picture)
+    picture = _REFERENCE.sub(rf"\g<1>f{name.number}-", picture)
+    picture = picture.replace("xlink:href=", "href=")
+    alternative = escaped(f"Figure {name.number}: {_CAPTIONS[name]}")
+    return Markup(picture.replace("<svg", f'<svg role="img" aria-label="{alternative}"', 1))
+
+
+def _caption(name: FigureName) -> Markup:
+    return element("figcaption", _CAPTIONS[name])
+
+
+def _reasons(missing: Mapping[FigureName, str]) -> str:
+    return "; ".join(dict.fromkeys(missing.values()))

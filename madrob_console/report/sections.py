@@ -1,0 +1,201 @@
+"""The parts of a report, from set-up to data quality."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from madrob_console.engine.record import RunRecord
+from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
+from madrob_console.report.markup import (
+    NOTHING,
+    Content,
+    Markup,
+    element,
+    listed,
+    said,
+    section,
+    table,
+)
+from madrob_console.report.words import (
+    FROM_THE_START,
+    LOCKED_BY,
+    MANUAL_START,
+    NONE,
+    RULED,
+    SOURCES,
+    TEAM_WORDS,
+    date_text,
+    explanation,
+    plain,
+    since,
+    task_text,
+    unit_text,
+    value_text,
+)
+from scoring.procedure import Ruling, StepRecord
+from scoring.quality import SignalQuality
+from scoring.result import Indicator, Result
+
+_QUALITY = (
+    "signal",
+    "samples",
+    "rate, Hz",
+    "longest gap, ms",
+    "gaps",
+    "jitter, ms",
+    "clock skew, ms",
+    "dropped",
+    "shifted",
+    "no reading",
+)
+
+
+def set_up(record: RunRecord, result: Result) -> Markup:
+    """Everything that was set for the run."""
+    setup, pose = record.setup, record.setup.start_pose
+    condition = setup.condition
+    rows: list[tuple[str, Content]] = [
+        ("competition", said(record.competition) if record.competition else NONE),
+        ("team", (said(setup.team) if setup.team else NONE, f", subject {setup.subject}")),
+        ("run", str(setup.run_number)),
+        ("condition", f"{condition.number}: {condition.benchmark_type}"),
+        ("task", task_text(condition)),
+        ("door opens to", f"side {condition.opening_side.upper()}"),
+        ("started", date_text(result.start)),
+        ("start pose", f"x {pose.x:g} m, y {pose.y:g} m, yaw {pose.yaw:g}°"),
+        ("timeout", f"{setup.timeout:g} s, after a countdown of {setup.countdown:g} s"),
+        ("ruleset", result.ruleset),
+        ("locking judged by", LOCKED_BY[result.lock_detection]),
+        ("handle zero", f"{result.handle_zero:.3f} N"),
+        ("referee", said(setup.referee) if setup.referee else NONE),
+        ("data from", SOURCES[record.source]),
+    ]
+    pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
+    return section("Set-up", element("dl", pairs))
+
+
+def indicators(result: Result) -> Markup:
+    """The eight, with unit and explanation."""
+
+    def row(indicator: Indicator) -> tuple[Content, Content]:
+        star = " *" if indicator.name in FROM_THE_START else ""
+        name = element("b", plain(indicator.name) + star)
+        what = element("small", explanation(indicator.name, result.ruleset))
+        if indicator.value is None:
+            return (name, what), element("span", f"none: {indicator.reason}", class_="none")
+        unit = element("span", f" {unit_text(indicator.unit)}", class_="unit")
+        return (name, what), (element("b", value_text(indicator.value)), unit)
+
+    rows = map(row, result.indicators)
+    return section(
+        "Indicators",
+        table(("indicator", "value"), rows, class_="indicators"),
+        element("p", MANUAL_START),
+    )
+
+
+def steps(result: Result) -> Markup:
+    """What the sensors say, what the referee says, what counts."""
+
+    def row(record: StepRecord) -> tuple[Content, ...]:
+        ruling = record.ruling
+        name: list[Content] = [f"{record.step:d} {record.step.text}"]
+        if record.waiting:
+            name.append(element("small", record.waiting))
+        referee: Content = NONE
+        if ruling is not None:
+            referee = RULED[ruling.confirmed], element("small", said(ruling.reason))
+        final = since(record.final, result.start) if record.done else "not done"
+        return name, since(record.sensors, result.start), referee, element("b", final)
+
+    return section(
+        "The six steps",
+        element("p", "Times in s from the start. What the referee says goes before the sensors."),
+        table(("step", "sensors", "referee", "counts"), map(row, result.steps), class_="steps"),
+    )
+
+
+def decisions(run: Run) -> Markup:
+    """Rulings, waivers, false starts, incidents and notes."""
+    said_so = [*map(_waiver, run.waivers), *((_at(r.time, run), _ruling(r)) for r in run.rulings)]
+    lists = [
+        section("Referee decisions", listed(said_so, "None: what the sensors found counts.")),
+        _marks("False starts", ((_at(f.time, run), _false_start(f)) for f in run.false_starts)),
+        _marks("Incidents", ((_at(i.time, run), _incident(i)) for i in run.incidents)),
+        _marks("Notes", ((_at(n.time, run), said(n.text)) for n in run.notes)),
+    ]
+    return element("div", lists, class_="lists")
+
+
+def team_word(run: Run) -> Markup:
+    """Acknowledgement or protest; or that the result is not final."""
+    closure = run.closure
+    if closure is None:
+        return section(
+            "The team's word", element("p", "The result is PROVISIONAL: it was not finalised yet.")
+        )
+    note = element("p", "“", said(closure.note), "”") if closure.note else NOTHING
+    signed = ("Signed by referee ", said(closure.referee), f", {date_text(closure.time)}.")
+    word = element("p", element("strong", TEAM_WORDS[closure.team_word]))
+    return section("The team's word", word, note, element("p", signed))
+
+
+def data_quality(run: Run, result: Result) -> Markup:
+    """Numbers of each signal, and what to know in words."""
+    quality = result.quality
+    told = set(run.remarks())  # they stand among the decisions
+    remarks = [remark for remark in quality.remarks if remark not in told]
+    rows = map(_signal, quality.signals)
+    return section(
+        "Data quality",
+        listed(remarks, "Nothing to remark."),
+        table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
+    )
+
+
+def _signal(q: SignalQuality) -> Iterator[Content]:
+    yield q.signal.value
+    yield str(q.samples)
+    yield _number(q.rate, 1)
+    yield _number(q.largest_gap, 1000)
+    yield str(q.gaps)
+    yield _number(q.jitter, 1000)
+    yield _number(q.skew, 1000)
+    yield from map(str, (q.dropped, q.shifted, q.no_reading))
+
+
+def _number(value: float | None, scale: float) -> str:
+    return NONE if value is None else f"{value * scale:.1f}"
+
+
+def _marks(title: str, marks: Iterable[Content]) -> Markup:
+    return section(title, listed(marks, "None."))
+
+
+def _waiver(waiver: Waiver) -> Content:
+    by = said(waiver.referee or "the referee")
+    return f"check “{waiver.check}” waived by ", by, ": ", said(waiver.reason)
+
+
+def _ruling(ruling: Ruling) -> Content:
+    words = f"step {ruling.step:d}, {ruling.step.text}: {RULED[ruling.confirmed]} by "
+    return words, said(ruling.referee or "the referee"), ": ", said(ruling.reason)
+
+
+def _false_start(mark: FalseStart) -> Content:
+    if mark.accepted is None:
+        return f"{plain(mark.event)}; not decided"
+    return f"{plain(mark.event)}; accepted: ", said(mark.accepted)
+
+
+def _incident(mark: Incident) -> Content:
+    words = (mark.kind, ": ", said(mark.note)) if mark.note else mark.kind
+    if mark.withdrawn is None:
+        return words
+    return element("del", words), " withdrawn: ", said(mark.withdrawn)
+
+
+def _at(time: float, run: Run) -> Content:
+    if run.start is None:
+        return NOTHING
+    return element("span", f"{time - run.start:+.2f} s", class_="time"), " "

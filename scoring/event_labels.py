@@ -1,0 +1,88 @@
+"""Where the names of events stand above a figure, so that none runs into another one.
+
+Lengths are in points.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+Window = tuple[float, float]
+
+_LETTER = 4.1  # a letter's width on average, and a bit more
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An event that may have happened several times.
+
+    Attributes:
+        name: in a word.
+        times: when, s.
+        last_counts: label its last time rather than its first.
+    """
+
+    name: str
+    times: Sequence[float]
+    last_counts: bool = False
+
+    def inside(self, window: Window) -> list[float]:
+        """The times that lie in a window, in order."""
+        return sorted(time for time in self.times if window[0] <= time <= window[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label above the panels: the place of its line and of its left end, from the axes' left."""
+
+    text: str
+    time: float
+    line: float
+    left: float
+
+    @property
+    def right(self) -> float:
+        """Where the words end."""
+        return self.left + _width(self.text)
+
+
+def labels_of(marks: Sequence[Mark], window: Window, width: float, beyond: float) -> list[Label]:
+    """One label for each kind of event in the window.
+
+    Args:
+        marks: the events.
+        window: the time that is shown, s.
+        width: of the axes.
+        beyond: how far to their right there is room for words.
+    """
+    labels = []
+    for mark in marks:
+        shown = mark.inside(window)
+        if not shown:
+            continue
+        time = shown[-1 if mark.last_counts else 0]
+        text = mark.name
+        if len(mark.times) > 1:
+            text = f"{mark.name} {sorted(mark.times).index(time) + 1} of {len(mark.times)}"
+        line = width * (time - window[0]) / (window[1] - window[0])
+        labels.append(Label(text, time, line, min(line, width + beyond - _width(text) - 2)))
+    return labels
+
+
+def rows_of(labels: Sequence[Label]) -> tuple[int, ...]:
+    """In which row each label stands, so that no label or line runs through another one."""
+
+    def cost(rows: tuple[int, ...]) -> tuple[int, int, int]:
+        pairs = list(itertools.permutations(zip(labels, rows, strict=True), 2))
+        overlaps = sum(r == s and a.left < b.right and b.left < a.right for (a, r), (b, s) in pairs)
+        crossings = sum(r > s and b.left < a.line < b.right for (a, r), (b, s) in pairs)
+        return overlaps, crossings, sum(rows)
+
+    count = len(labels)
+    return min(itertools.product(range(count), repeat=count), key=cost)
+
+
+def _width(text: str) -> float:
+    return _LETTER * len(text)
