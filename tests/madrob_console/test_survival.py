@@ -43,6 +43,7 @@ def test_a_run_survives_the_end_of_its_console_and_is_scored(hall: Hall, how: st
 
 
 def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall) -> None:
+    hall.speed = 1.0  # the run is still there, however busy the machine is
     with hall.console() as terminal:
         start_a_run(terminal)
         folder = hall.wait_for_running()
@@ -56,6 +57,7 @@ def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall
 
 
 def test_spectators_see_the_run_and_their_keys_do_nothing(hall: Hall) -> None:
+    hall.speed = 1.0  # the run is still there, however busy the machine is
     with hall.console() as terminal:
         start_a_run(terminal)
         folder = hall.wait_for_running()
@@ -75,10 +77,11 @@ def test_nobody_watches_where_no_engine_runs(hall: Hall) -> None:
 def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupted(
     hall: Hall,
 ) -> None:
+    hall.speed = 1.0
     with hall.console() as terminal:
         start_a_run(terminal)
         folder = hall.wait_for_running()
-        time.sleep(1.0)
+        time.sleep(4.0)
         hall.kill_engine()
         terminal.wait_for("the engine has ended")
         terminal.send(F10)
@@ -103,6 +106,7 @@ def test_an_engine_started_twice_is_one_engine(hall: Hall) -> None:
 
 
 def test_status_and_stop_are_for_people_and_systemd(hall: Hall) -> None:
+    hall.speed = 1.0  # the run is still there, however busy the machine is
     nothing = hall.madrob("engine", "status")
     assert (nothing.returncode, nothing.stdout) == (1, "no engine runs\n")
     with hall.console() as terminal:

@@ -230,7 +230,7 @@ def test_a_storm_of_sizes_and_keys_breaks_nothing(engine: FakeEngine) -> None:
     async def drive() -> None:
         async with driving(engine) as driver:
             await driver.run()
-            for width, height in ((1, 1), (300, 90), (10, 3), (80, 24), (59, 40), (90, 5)) * 3:
+            for width, height in ((1, 1), (300, 90), (10, 3), (80, 24), (59, 40), (90, 5)):
                 await driver.pilot.resize_terminal(width, height)
                 await driver.pilot.press("h", "f8", "escape", "s", "f3", "g", "question_mark")
             await driver.pilot.resize_terminal(80, 24)
