@@ -19,6 +19,8 @@ from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     "fault", [Fault.FLOODS, Fault.NAN, Fault.RANDOM, Fault.TWO_PUBLISHERS, Fault.ZERO_STAMPS]

@@ -35,6 +35,8 @@ from tests.madrob_console.engine.spoilt import (
 )
 from tests.madrob_console.ros_peer import Peer
 
+pytestmark = pytest.mark.slow
+
 MAPPINGS = tuple(m for m in DEFAULT_MAPPINGS if m.signal in (Signal.DOOR, Signal.HANDLE))
 PATIENCE = 3.0
 LONGEST_STEP = 0.5
