@@ -100,6 +100,10 @@ def score_path(path: Path, rules: RulesetName | None = None) -> tuple[ScoredPath
         return (_score_bag(path, rules),)
     except (RecorderError, ScoringError) as error:
         raise MadrobError(str(error)) from None
+    except OSError as error:
+        raise MadrobError(
+            f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+        ) from None
 
 
 def _holds_bag(folder: Path) -> bool:

@@ -68,7 +68,7 @@ class RunEntry:
     @property
     def finished(self) -> bool:
         """Whether the run has a result; a run that is going on or was cut off has none."""
-        return (self.path / RESULT_FILE).is_file()
+        return os.path.isfile(self.path / RESULT_FILE)  # noqa: PTH113  False where it may not look
 
     def result(self) -> dict[str, object]:
         """The content of `result.json`, read now.

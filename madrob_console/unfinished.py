@@ -63,9 +63,9 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
     found = []
     for name in sorted(run_folder_names(root), key=lambda name: name[-15:]):
         folder = root / name
-        if (folder / RESULT_FILE).exists() or _locked(folder / JOURNAL_FILE):
-            continue
         with suppress(OSError, MadrobError):  # the history says what is wrong with it
+            if (folder / RESULT_FILE).exists() or _locked(folder / JOURNAL_FILE):
+                continue
             entries, _ = read_journal(folder / JOURNAL_FILE)
             if entries:
                 found.append(_known(folder, entries, rebuild(entries)))

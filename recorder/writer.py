@@ -305,14 +305,18 @@ class BagWriter:
     def _fail(self, error: Exception) -> None:
         """Stop recording; everything received and not saved counts as dropped."""
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
+        kept = (
+            "what was written stays readable, check the disk and its free space before the next run"
+        )
         with self._changed:
             if self._state is not RecorderState.RECORDING:
                 return
             self._state = RecorderState.FAILED
-            self._error = (
-                f"recording to {self.folder} failed: {cause}; what was written stays readable, "
-                "check the disk and its free space before the next run"
-            )
+            if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
+                kept = "what was written is lost, find out what deletes it before the next run"
+                self._account.saved.clear()
+                self._span, self._file_bytes = (None, None), 0
+            self._error = f"recording to {self.folder} failed: {cause}; {kept}"
             self._account.drop_rest()
             self._queue.clear()
             self._queued = 0

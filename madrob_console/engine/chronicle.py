@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from madrob_console.clock import Clock
 from madrob_console.engine.log import EventLog
 from madrob_console.engine.recording import Recording
 from madrob_console.errors import MadrobError
-from madrob_console.referee.journal import Entry, Journal
+from madrob_console.referee.journal import Entry, Journal, up_to_date
 from madrob_console.referee.run import Run
 from madrob_console.runs import JOURNAL_FILE
 from madrob_console.testbeds.source import RefereeState, Source
@@ -33,13 +34,21 @@ class Chronicle:
         self._source = source
         self._clock = clock
         self._journal = Journal()
+        self._path: Path | None = None
+        self._entries: list[Entry] = []
         self._recording: Recording | None = None
         self._early: list[RawMessage] = []
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Every line of the run at hand."""
+        return tuple(self._entries)
 
     def begin(self) -> None:
         """A new run is set up; its journal waits for its folder."""
         self.close()
         self._journal = Journal()
+        self._path, self._entries = None, []
         self.log.clear()
         self.problem = None
         self._early = []
@@ -54,8 +63,9 @@ class Chronicle:
         try:
             self._journal.open(path)
         except OSError as error:
+            self._journal.close()
             raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
-        self._recording = recording
+        self._path, self._recording = path, recording
         now_ns = self._clock.now_ns()
         self._record([replace(message, receive_ns=now_ns) for message in self._early])
         self._early = []
@@ -85,7 +95,7 @@ class Chronicle:
                 f"{path}: cannot be written ({error.strerror}); `madrob score` reads such a run"
             ) from None
         self.begin()
-        self._journal = journal
+        self._journal, self._path, self._entries = journal, path, list(entries)
 
     def detach(self) -> None:
         """The bag is about to be closed; the journal goes on."""
@@ -107,8 +117,33 @@ class Chronicle:
             MadrobError: the line cannot be written and need not take effect.
         """
         self.problem = self._journal.append(entry, must_take_effect=must_take_effect)
+        self._entries.append(entry)
+        if self._deleted():
+            self._renew()
         self.log.add(entry, start)
         self._record(self._source.announce_event(entry.to_json()))
+
+    def catch_up(self) -> None:
+        """Try again to write what waits; a journal that was deleted is written anew."""
+        if not self._deleted():
+            self.problem = self._journal.flush()
+        if self._deleted() or self.problem is not None:
+            self._renew()
+
+    def _deleted(self) -> bool:
+        return self._path is not None and not os.path.lexists(self._path)
+
+    def _renew(self) -> None:
+        """Go on in a new file, or in the one that is there when the disk has come back."""
+        assert self._path is not None
+        try:
+            journal = up_to_date(self._path, self._entries)
+        except (OSError, MadrobError) as error:
+            why = error.strerror if isinstance(error, OSError) else error
+            self.problem = self.problem or f"the journal was deleted, a new one is refused ({why})"
+            return
+        self._journal.close()
+        self._journal, self.problem = journal, None
 
     def announce_state(self, run: Run) -> None:
         """Tell robot and testbed where the run stands (`/madrob/referee/state`)."""

@@ -6,12 +6,14 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from madrob_console.clock import Clock, seconds
+from madrob_console.engine.backlog import RETRY_PERIOD, Backlog, Unwritten, not_on_disk
 from madrob_console.engine.chronicle import Chronicle
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.course import Course, Happening
@@ -96,6 +98,9 @@ class Engine:
         self._decided: float | None = None
         self._scored: Scored | None = None
         self._result_problem: str | None = None
+        self._backlog = Backlog()
+        self._tried = -math.inf
+        self._looked: float | None = None
 
     # ------------------------------------------------------------------ for the owner
 
@@ -148,6 +153,7 @@ class Engine:
 
     def step(self, timeout: float) -> None:
         """Take what the testbed sends within `timeout` s of clock time, and decide."""
+        self._looked = self.now()
         for message in self.source.take(timeout):
             self._receive(message)
         self._advance()
@@ -158,6 +164,7 @@ class Engine:
             self._interrupt("the console was closed during the run")
         if self._recording is not None:
             self._finish()
+        self._try_again(self.now())
         self._chronicle.close()
         self.source.close()
 
@@ -194,8 +201,11 @@ class Engine:
         """
         if (refused := self.opening_refusal()) is not None or opened.folder == self._folder:
             return refused
-        recorded = opened.recorded
+        if opened.folder in self._backlog:
+            return "its result waits for the disk"
+        recorded, unwritten = opened.recorded, self._unwritten()
         self._chronicle.reopen(opened.folder, recorded.entries)
+        self._put_off(unwritten)
         if self._opened is None:
             self._kept_zero = self._run.handle_zero
         self._clear()
@@ -235,13 +245,18 @@ class Engine:
 
     def situation(self) -> Situation:
         """What acts are judged against."""
-        now = self.now()
+        now = self._sensors_now
         return Situation(
             run=self._run,
             checks=self._pre_start.checks(self._run, self.source.status(), now),
             handle_mean=self._sensors.handle_mean(now),
             scored=self._scored is not None,
         )
+
+    @property
+    def _sensors_now(self) -> float:
+        """Up to when messages were surely taken: a program held up makes no topic silent."""
+        return self.now() if self._looked is None else self._looked
 
     def perform(self, act: Act) -> str | None:
         """Do an act of the referee, if it is possible.
@@ -280,6 +295,7 @@ class Engine:
         if isinstance(act, SetUp):
             if self._opened is not None:  # its handle zero is of its day
                 situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
+            self._put_off(self._unwritten())
             self._chronicle.begin()
             self._clear()
         run = act.apply(situation, at)
@@ -380,13 +396,37 @@ class Engine:
         if self._recording is not None:
             self._recording.add_topics(self.source.topics())
             for words in self._fault_notes.due(
-                self._sensors.troubles(self.source.status(), now), now
+                self._sensors.troubles(self.source.status(), self._sensors_now), now
             ):
                 self._note(_fault(words, now))
         if self._course is not None and self._run.active:
             self._go_on(*self._course.advance(self._run, now))
         if self._decided is not None and self._recording is not None and self._post_roll_over(now):
             self._finish()
+        if not 0 <= now - self._tried < RETRY_PERIOD:
+            self._try_again(now)
+
+    def _try_again(self, now: float) -> None:
+        """Write what the disk refused before; results wait until no run goes on."""
+        self._tried = now
+        self._chronicle.catch_up()
+        if self._run.active:
+            return
+        if self._result_problem is not None and self._scored is not None:
+            self._write(self._scored)
+        self._backlog.try_again(now)
+
+    def _unwritten(self) -> Unwritten | None:
+        """The run at hand, if its result or its journal is not on disk."""
+        problem = self._result_problem or self._chronicle.problem
+        if problem is None or self._scored is None or self._folder is None:
+            return None
+        return Unwritten(self._folder, self._scored, self._chronicle.entries, problem)
+
+    def _put_off(self, unwritten: Unwritten | None) -> None:
+        """Another run takes the place of one that is not on disk: it waits in the background."""
+        if unwritten is not None:
+            self._backlog.add(unwritten)
 
     def _post_roll_over(self, now: float) -> bool:
         """Whether the post-roll is over; a replay goes on to the end of what was recorded."""
@@ -428,7 +468,7 @@ class Engine:
         self._recorder_view = recording.view()
         self._clock.release()
         self._run = replace(self._run, issue=1)
-        self._score(recording.dropped())
+        self._score(recording.remarks())
 
     @property
     def _assessment(self) -> Assessment | None:
@@ -436,14 +476,13 @@ class Engine:
             return self._opened.assessment
         return None if self._course is None else self._course.assessment
 
-    def _score(self, dropped: dict[str, int] | None = None, *, write: bool = True) -> None:
+    def _score(self, missing: Sequence[str] | None = None, *, write: bool = True) -> None:
         run, record, assessment = self._run, self._record, self._assessment
         assert record is not None
         assert assessment is not None
-        for topic, count in (dropped or {}).items():
-            if count:
-                assessment.report_problem(f"{topic}: {count} messages are not in the recording")
-        if dropped is not None:
+        for remark in missing or ():
+            assessment.report_problem(remark)
+        if missing is not None:
             for topic, count in self._lost().items():
                 if lost := count - self._lost_before.get(topic, 0):
                     assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
@@ -463,7 +502,7 @@ class Engine:
             details = {"issue": scored.run.issue}
             self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
         except MadrobError as error:
-            self._result_problem = f"the result is NOT on disk: {error}"
+            self._result_problem = not_on_disk(error)
 
     def _lost(self) -> dict[str, int]:
         """Messages lost on the way since the source was opened, where that is known."""
@@ -487,15 +526,15 @@ class Engine:
 
     def snapshot(self) -> Snapshot:
         """Everything that a screen shows, now."""
-        now = self.now()
+        now, seen = self.now(), self._sensors_now
         run, sensors = self._run, self._sensors
         assessment = self._assessment
         situation = self.situation()
         recorder = self._recording.view() if self._recording else self._recorder_view
         dropped = self._recording.dropped() if self._recording else {}
-        topics = sensors.topics(self.source.status(), dropped, now)
-        door = sensors.door_view(now)
-        latch = sensors.latch_view(now)
+        topics = sensors.topics(self.source.status(), dropped, seen)
+        door = sensors.door_view(seen)
+        latch = sensors.latch_view(seen)
         largest_force = assessment.largest_force if assessment else None
         procedure = self._procedure
         return Snapshot(
@@ -512,14 +551,18 @@ class Engine:
             steps=procedure.steps if procedure else NO_STEPS,
             ask_referee=question(run, procedure, latch),
             door=door,
-            handle=sensors.handle_view(now, run.handle_zero, largest_force),
+            handle=sensors.handle_view(seen, run.handle_zero, largest_force),
             latch=latch,
-            passage=sensors.passage_view(now),
+            passage=sensors.passage_view(seen),
             topics=topics,
             recorder=recorder,
-            disk_free=self._pre_start.free_disk(now),
+            disk_free=self._pre_start.free_disk(seen),
             faults=faults(
-                topics, recorder, door, run, (self._chronicle.problem, self._result_problem)
+                topics,
+                recorder,
+                door,
+                run,
+                (self._chronicle.problem, self._result_problem, *self._backlog.problems),
             ),
             provisional=assessment.provisional(procedure) if assessment and procedure else {},
             log=self.log.lines,

@@ -111,6 +111,8 @@ def result_document(scored: Scored) -> dict[str, Any]:
 def write_results(folder: Path, scored: Scored) -> None:
     """Write every file of the result; a result that was final before is kept by its number.
 
+    A folder that was deleted is made again: the result is all that is left of the run.
+
     Raises:
         MadrobError: a file cannot be written; the recording is untouched.
     """
@@ -137,6 +139,7 @@ def write_results(folder: Path, scored: Scored) -> None:
     )
     aborted = result.ending.outcome is Outcome.ABORTED
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         write_run_files(
             folder,
             info,
@@ -147,6 +150,10 @@ def write_results(folder: Path, scored: Scored) -> None:
         )
     except ScoringError as error:
         raise MadrobError(str(error)) from None
+    except OSError as error:
+        raise MadrobError(
+            f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
+        ) from None
     _keep_earlier_issue(folder, run.issue)
     text = msgspec.json.format(msgspec.json.encode(result_document(scored)), indent=2)
     atomic_write(folder / RESULT_FILE, text + b"\n")
@@ -155,9 +162,9 @@ def write_results(folder: Path, scored: Scored) -> None:
 def _keep_earlier_issue(folder: Path, issue: int) -> None:
     """Keep the result of the issue before this one under its number, once."""
     current, kept = folder / RESULT_FILE, folder / f"result_issue_{issue - 1}.json"
-    if issue < 2 or kept.exists() or not current.exists():
-        return
     try:
+        if issue < 2 or kept.exists() or not current.exists():
+            return
         atomic_write(kept, current.read_bytes())
     except OSError as error:
         raise MadrobError(f"{current}: cannot be read ({error.strerror})") from None

@@ -9,6 +9,7 @@ import errno
 import fcntl
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -86,6 +87,7 @@ class Journal:
         self._pending: list[Entry] = []
         self._file: int | None = None
         self._torn = False
+        self._written = 0
 
     @property
     def pending(self) -> tuple[Entry, ...]:
@@ -101,6 +103,7 @@ class Journal:
             OSError: the file exists or cannot be written.
         """
         self._file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o644)
+        self._torn, self._written = False, 0
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._write()
 
@@ -141,16 +144,32 @@ class Journal:
         try:
             self._write()
         except OSError as error:
-            problem = f"the journal cannot be written ({error.strerror})"
             if must_take_effect:
-                return f"{problem}: {len(self._pending)} lines wait"
+                return self._waiting(error)
             self._pending.pop()
-            raise MadrobError(f"{problem}: make room, then try again") from None
+            raise MadrobError(f"{_refused(error)}: make room, then try again") from None
         return None
+
+    def flush(self) -> str | None:
+        """Try again to write what waits.
+
+        Returns:
+            Why it is not on disk yet, in words; None when it is (or when no file is open yet).
+        """
+        if self._file is None or not self._pending:
+            return None
+        try:
+            self._write()
+        except OSError as error:
+            return self._waiting(error)
+        return None
+
+    def _waiting(self, error: OSError) -> str:
+        return f"{_refused(error)}: {len(self._pending)} lines wait"
 
     def _write(self) -> None:
         assert self._file is not None
-        for entry in self._pending:
+        for entry in self._pending[self._written :]:
             # A full disk can take a part of a line: end it, and write the line again.
             text = "\n" * self._torn + entry.to_json() + "\n"
             data = text.encode()
@@ -158,6 +177,8 @@ class Journal:
             self._torn = self._torn if written == 0 else written < len(data)
             if written < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self._written += 1  # a line that waits for others is not written twice
+        self._written = 0  # one that cannot be synced is
         os.fsync(self._file)
         self._pending.clear()
 
@@ -166,6 +187,38 @@ class Journal:
         if self._file is not None:
             os.close(self._file)
             self._file = None
+
+
+def _refused(error: OSError) -> str:
+    return f"the journal cannot be written ({error.strerror})"
+
+
+def up_to_date(path: Path, entries: Sequence[Entry]) -> Journal:
+    """The journal of a run, open and with all its lines: those that its file has not are added.
+
+    Args:
+        path: its file; made if there is none.
+        entries: every line, in order.
+
+    Raises:
+        MadrobError: a line cannot be written.
+        OSError: the file cannot be; `BlockingIOError` if another program writes it.
+    """
+    journal = Journal()
+    known: set[str] = set()
+    try:
+        journal.reopen(path)
+        known = {entry.to_json() for entry in read_journal(path)[0]}
+    except FileNotFoundError:
+        journal.open(path)
+    try:
+        for entry in entries:
+            if entry.to_json() not in known:
+                journal.append(entry, must_take_effect=False)
+    except MadrobError:
+        journal.close()
+        raise
+    return journal
 
 
 def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:

@@ -1,0 +1,183 @@
+"""An engine process on the simulated testbed in real time, and a client that acts as the referee.
+
+With `clock` the process sees a wall clock of its own (Debian's faketime); the machine's is not
+touched.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+import pytest
+
+from madrob_console.engine.remote import RemoteEngine
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.wire import Role
+from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import CheckName, Phase, RunSetup
+
+ROOT = Path(__file__).parents[2]
+STARTING = 60.0
+BY_HAND = (CheckName.HANDLE, CheckName.POSE)
+
+# libfaketime 0.9.10 breaks `time.sleep`, which sleeps until a time that it does not know.
+_SERVE = """
+import select, sys, time
+time.sleep = lambda duration: select.select([], [], [], duration) and None
+from madrob_console.cli import main
+sys.exit(main())
+"""
+
+
+class WallClock:
+    """The wall clock of a process, to be stepped while it runs; skips where faketime is missing.
+
+    Monotonic time goes on as it is.
+
+    Args:
+        folder: for the file that the process reads it from.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        found = sorted(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))
+        if not found:
+            pytest.skip("faketime is not installed (apt-get install faketime)")
+        self._file = folder / "wall_clock"
+        self.step(0)
+        self.environment = {
+            "LD_PRELOAD": str(found[0]),
+            "FAKETIME_TIMESTAMP_FILE": str(self._file),
+            "FAKETIME_CACHE_DURATION": "1",  # s; to look each time takes longer than the engine has
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+            "NO_FAKE_STAT": "1",
+        }
+
+    def step(self, offset: int) -> None:
+        """Let it be `offset` s ahead of the machine's."""
+        part = self._file.with_suffix(".part")
+        part.write_text(f"{offset:+d}s\n")
+        part.replace(self._file)
+
+
+class EngineProcess:
+    """One engine, one referee.
+
+    Args:
+        results: the results folder.
+        scenario: of the simulated testbed.
+        clock: the process's wall clock; None = the machine's.
+    """
+
+    def __init__(self, results: Path, scenario: str, clock: WallClock | None = None) -> None:
+        # a socket's path has 107 characters at most: pytest's folders are longer
+        self._runtime = tempfile.TemporaryDirectory(prefix="madrob-")
+        self.results = results
+        self.log = Path(self._runtime.name) / "engine.log"
+        faked = {} if clock is None else clock.environment
+        own = {"XDG_RUNTIME_DIR": self._runtime.name, "PYTHONPATH": str(ROOT)}
+        settings = Path(self._runtime.name) / "settings.toml"
+        settings.write_text("[checks]\ndisk_space = 0\n")
+        testbed = ["--testbed", "simulated", f"--scenario={scenario}", "--speed=1"]
+        where = [f"--results={results}", f"--settings={settings}"]
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", _SERVE, "engine", "serve", *testbed, *where],
+                env={**os.environ, **own, **faked},
+                stdout=log,
+                stderr=log,
+            )
+        try:
+            self.client = self._attach()
+        except BaseException:
+            self._end()
+            raise
+
+    def _attach(self) -> RemoteEngine:
+        end = time.monotonic() + STARTING
+        while time.monotonic() < end:
+            assert self.process.poll() is None, self.log.read_text()
+            with suppress(OSError, StopIteration):
+                return RemoteEngine(self.socket, Role.REFEREE, "a test")
+            time.sleep(0.05)
+        raise AssertionError(f"no engine: {self.log.read_text()}")
+
+    @property
+    def socket(self) -> Path:
+        """Where it listens."""
+        return next(Path(self._runtime.name).glob("madrob/*.sock"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.client.close()
+        self._end()
+
+    def _end(self) -> None:
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(30.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._runtime.cleanup()
+
+    def snapshot(self) -> Snapshot:
+        """What a screen would show now."""
+        return self.client.snapshot()
+
+    def wait_for(self, done: Callable[[Snapshot], bool], timeout: float = STARTING) -> Snapshot:
+        """The first snapshot of which `done` holds."""
+        end = time.monotonic() + timeout
+        while not done(snapshot := self.snapshot()):
+            assert time.monotonic() < end, f"waited in vain: {snapshot.log} {snapshot.faults}"
+            time.sleep(0.02)
+        return snapshot
+
+    def act(self, *acts: Act) -> None:
+        """Acts that are possible."""
+        for act in acts:
+            refused = self.client.act(act)
+            assert refused is None, refused
+
+    def start(self, setup: RunSetup) -> None:
+        """From the set-up to the running phase."""
+        self.act(SetUp(setup))
+        self.wait_for(lambda s: all(c.name in BY_HAND for c in blocking(s.checks)))
+        time.sleep(1.1)  # the handle's zero is the mean of a second
+        self.act(ZeroHandle(), ConfirmPose())
+        self.wait_for(lambda s: not blocking(s.checks))
+        self.act(Start())
+        self.wait_for(lambda s: s.run.phase is Phase.RUNNING)
+
+    def result(self, timeout: float = STARTING) -> dict[str, Any]:
+        """The content of `result.json`, once it is there."""
+        shown = self.wait_for(lambda s: s.result is not None, timeout)
+        assert shown.folder is not None
+        path = Path(shown.folder) / "result.json"
+        document: dict[str, Any] = msgspec.json.decode(path.read_bytes())
+        return document
+
+    @property
+    def folder(self) -> Path:
+        """Of the run at hand."""
+        folder = self.snapshot().folder
+        assert folder is not None
+        return Path(folder)
