@@ -66,9 +66,7 @@ def condition_words(number: int) -> ConditionWords:
         found = Condition.from_number(number)
     except ScoringError:
         return ConditionWords("", "")
-    way = "pull" if found.must_pull else "push"
-    start, end = found.starting_side.upper(), found.destination_side.upper()
-    return ConditionWords(f"{way}, from {start} to {end}", found.benchmark_type.value)
+    return ConditionWords(found.way, found.benchmark_type.value)
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):

@@ -57,35 +57,6 @@ class RunId:
         return f"{series}{self.run:03d}_{local.strftime(_TIME_FORMAT)}"
 
 
-@dataclass(frozen=True, slots=True)
-class RunEntry:
-    """A run folder that was found. `started` is local time."""
-
-    path: Path
-    id: RunId
-    started: datetime
-
-    @property
-    def finished(self) -> bool:
-        """Whether the run has a result; a run that is going on or was cut off has none."""
-        return os.path.isfile(self.path / RESULT_FILE)  # noqa: PTH113  False where it may not look
-
-    def result(self) -> dict[str, object]:
-        """The content of `result.json`, read now.
-
-        Raises:
-            MadrobError: there is none, or it is damaged.
-        """
-        path = self.path / RESULT_FILE
-        remedy = f"make it again with `madrob score {self.path}`"
-        try:
-            return msgspec.json.decode(path.read_bytes(), type=dict[str, object])
-        except OSError as error:
-            raise MadrobError(f"{path}: cannot be read ({error.strerror}); {remedy}") from None
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            raise MadrobError(f"{path}: damaged; {remedy}") from None
-
-
 def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
     """Which run a folder is for, and its local start time; None for any other name."""
     match = _FOLDER.fullmatch(name)
@@ -118,20 +89,6 @@ def run_folder_names(root: Path) -> list[str]:
         return []
     except OSError as error:
         raise _unusable(root, error) from None
-
-
-def list_runs(root: Path) -> tuple[RunEntry, ...]:
-    """The run folders in a results folder, oldest first; whatever else lies there is skipped.
-
-    Raises:
-        MadrobError: the folder exists but cannot be read.
-    """
-    entries = [
-        RunEntry(root / name, *parsed)
-        for name in run_folder_names(root)
-        if (parsed := parse_folder_name(name)) is not None
-    ]
-    return tuple(sorted(entries, key=lambda entry: (entry.started, entry.path.name)))
 
 
 def next_run_number(root: Path, subject: int, condition: int) -> int:

@@ -16,6 +16,7 @@ from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
 from scoring.event_labels import Label, Mark, Window, labels_of, rows_of
+from scoring.result import value_text
 
 Array = NDArray[np.float64]
 
@@ -107,13 +108,6 @@ def draw_sheet(
     return figure
 
 
-def number_text(value: float) -> str:
-    """Counts as they are, other numbers with four decimals, large ones in powers."""
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.4f}" if abs(value) < 1e6 else f"{value:.4e}"
-
-
 def largest_at(value: Array) -> int | None:
     """Where the largest absolute value is; None where no value is finite."""
     finite = np.flatnonzero(np.isfinite(value))
@@ -179,7 +173,7 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Window) -> bool:
     axes.plot([time], [height], "o", color=RED, markersize=4, label="maximum")
     left_half = time < (window[0] + window[1]) / 2
     axes.annotate(
-        f"maximum {number_text(abs(value))} {panel.unit_of_maximum}, at {time:.2f} s",
+        f"maximum {value_text(abs(value))} {panel.unit_of_maximum}, at {time:.2f} s",
         (time, height),
         xytext=(0, 5 if upwards else -5),
         textcoords="offset points",

@@ -18,11 +18,11 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.drawing import BLUE, Panel, draw_sheet, number_text
+from scoring.drawing import BLUE, Panel, draw_sheet
 from scoring.evaluate import Rows
 from scoring.event_labels import Mark, Window
 from scoring.protocol import EventName, Outcome, Thresholds
-from scoring.result import Indicator, IndicatorName, Result
+from scoring.result import Indicator, IndicatorName, Result, value_text
 
 Array = NDArray[np.float64]
 
@@ -206,7 +206,7 @@ def _jerk(run: _Run, name: FigureName, finding: str, window: Window) -> Figure:
     time, jerk = run.rows.jerk_time - run.result.start, np.abs(run.rows.jerk)
     shown = jerk[(time >= window[0]) & (time <= window[1])]
     largest = float(np.max(shown, initial=0.0))
-    clipped = f"clipped at {LARGEST_JERK:g}, largest {number_text(largest)} rad/s³"
+    clipped = f"clipped at {LARGEST_JERK:g}, largest {value_text(largest)} rad/s³"
     signal = Panel(
         "abs jerk, rad/s³",
         BLUE,
@@ -245,7 +245,7 @@ def _finding(indicator: Indicator) -> str:
     if indicator.value is None:
         return f"{words}: none"
     unit = indicator.unit.replace("^2", "²").replace("^3", "³")
-    return f"{words} {number_text(indicator.value)} {unit}"
+    return f"{words} {value_text(indicator.value)} {unit}"
 
 
 def _marks(run: _Run) -> Sequence[Mark]:

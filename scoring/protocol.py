@@ -70,6 +70,12 @@ class Condition:
         """Whether the robot must pull the door (it opens towards the robot), else push."""
         return self.opening_side is self.starting_side
 
+    @property
+    def way(self) -> str:
+        """What it asks of the robot, in words: `pull, from CW to CCW`."""
+        way = "pull" if self.must_pull else "push"
+        return f"{way}, from {self.starting_side.upper()} to {self.destination_side.upper()}"
+
     @classmethod
     def from_number(cls, number: int) -> Condition:
         """The condition with a given number.

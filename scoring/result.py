@@ -125,3 +125,10 @@ class Result:
     def indicator(self, name: IndicatorName) -> Indicator:
         """One of the eight."""
         return next(i for i in self.indicators if i.name is name)
+
+
+def value_text(value: float) -> str:
+    """Counts as they are, numbers with four decimals, very small or large ones in powers."""
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:.4f}" if value == 0 or 1e-2 <= abs(value) < 1e6 else f"{value:.4e}"

@@ -117,11 +117,12 @@ class TopicWatch:
             self._missing = missing
 
     def _follow_stamp(self, now: float, sample: Sample) -> None:
+        if self._skews and now < self._skews[-1][0]:  # the clock was stepped back, stamps follow
+            self._skews.clear()
+            self._stamp = None
         previous, self._stamp = self._stamp, sample.time
         if sample.time == 0 or (previous is not None and sample.time <= previous):
             self._disordered.add(now)
-        if self._skews and now < self._skews[-1][0]:
-            self._skews.clear()  # the clock was stepped back
         self._skews.append((now, sample.time - sample.log_time))
         while self._skews[0][0] < now - self._limits.averaging:
             self._skews.popleft()

@@ -30,11 +30,10 @@ from madrob_console.report.words import (
     since,
     task_text,
     unit_text,
-    value_text,
 )
 from scoring.procedure import Ruling, StepRecord
 from scoring.quality import SignalQuality
-from scoring.result import Indicator, Result
+from scoring.result import Indicator, Result, value_text
 
 _QUALITY = (
     "signal",

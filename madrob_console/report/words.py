@@ -121,13 +121,6 @@ def unit_text(unit: str) -> str:
     return unit.replace("^2", "²").replace("^3", "³")
 
 
-def value_text(value: float) -> str:
-    """Counts as they are, numbers with four decimals, very small or large ones in powers."""
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.4f}" if value == 0 or 1e-2 <= abs(value) < 1e6 else f"{value:.4e}"
-
-
 def since(time: float | None, start: float) -> str:
     """A time from the start, s with three decimals; a dash for none."""
     return NONE if time is None else f"{time - start:.3f}"

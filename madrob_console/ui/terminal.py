@@ -78,20 +78,22 @@ def leaving_on_signals(app: MadrobApp) -> Iterator[None]:
         # a hang-up sends CONT, too, for which textual would set up the lost terminal again
         signal.signal(signal.SIGCONT, _ignore)
         app.exit(return_code=128 + number)
-        if not patience.is_alive():
-            patience.start()
+        if not patience:
+            patience.append(threading.Timer(EXIT_PATIENCE, give_up, [number]))
+            patience[0].daemon = True
+            patience[0].start()
 
-    def give_up() -> None:
+    def give_up(number: int) -> None:
         # a terminal that takes nothing more holds up the loop, and with it the exit
         app.close_link()
-        os._exit(128 + signal.SIGTERM)
+        os._exit(128 + number)
 
-    patience = threading.Timer(EXIT_PATIENCE, give_up)
-    patience.daemon = True
+    patience: list[threading.Timer] = []
     before = {number: signal.signal(number, leave) for number in _SIGNALS}
     try:
         yield
     finally:
-        patience.cancel()
+        for timer in patience:
+            timer.cancel()
         for number, handler in before.items():
             signal.signal(number, handler)

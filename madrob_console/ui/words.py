@@ -9,7 +9,7 @@ from rich.cells import cell_len
 
 from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp, Waive
 from madrob_console.referee.run import Phase
-from scoring.protocol import Condition, Outcome
+from scoring.protocol import Outcome
 
 _LONGEST_REASON = 60
 
@@ -64,12 +64,6 @@ def size_text(size: float) -> str:
             return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
         size /= 1000
     return f"{size:.1f} TB"
-
-
-def condition_text(condition: Condition) -> str:
-    """What a condition asks of the robot, in words."""
-    way = "pull" if condition.must_pull else "push"
-    return f"{way}, from {condition.starting_side.upper()} to {condition.destination_side.upper()}"
 
 
 def done_text(act: Act) -> str:

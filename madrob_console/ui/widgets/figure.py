@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 from madrob_console.engine.curves import Curve, Curves
 from madrob_console.ui.widgets.axes import Window
-from madrob_console.ui.widgets.indicator_table import value_text
 from madrob_console.ui.widgets.lines import Line, Span, Tone, line
 from madrob_console.ui.widgets.plot import BRAILLE, Frame, Ink, Mark, Plot
 from madrob_console.ui.widgets.run_summary import who_text
-from madrob_console.ui.words import condition_text, fitted
+from madrob_console.ui.words import fitted
 from scoring.protocol import Condition, EventName
-from scoring.result import IndicatorName
+from scoring.result import IndicatorName, value_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -156,7 +155,7 @@ class Sheet:
             return who_text(self.snapshot.run)
         return (
             f"{who_text(self.snapshot.run)}, condition {condition.number}: "
-            f"{condition.benchmark_type}, {condition_text(condition)}"
+            f"{condition.benchmark_type}, {condition.way}"
         )
 
     def _finding(self) -> Line:

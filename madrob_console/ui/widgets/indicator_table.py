@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
 from madrob_console.ui.words import fitted, wrapped
+from scoring.result import value_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -34,8 +35,9 @@ class IndicatorTable(View):
         """A header and the indicators."""
         if snapshot.result is None:
             return ()
-        against = "against the mean of earlier" if self.earlier else "no earlier run to compare"
         roomy = width >= _ROOMY
+        count = len(self.earlier)
+        against = f"against mean of {count} earlier" if count else "no earlier run to compare"
         delay = "* with the manual start's delay"
         head = fitted(f"indicators  {delay}", _NAME + 20) if roomy else fitted("indicators", _NAME)
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
@@ -61,23 +63,16 @@ def _rows(indicator: Indicator, mean: tuple[float, int] | None, width: int) -> l
             f"{name:<{_NAME}}",
             Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
             Span(f" {indicator.unit:<8}", Tone.DIM),
-            _compared(indicator.value, mean),
+            _compared(indicator.value, mean, width >= _ROOMY),
         )
     ]
 
 
-def _compared(value: float, mean: tuple[float, int] | None) -> str:
-    """The difference to the mean, the mean, and of how many runs it is."""
+def _compared(value: float, mean: tuple[float, int] | None, roomy: bool) -> str:
+    """The difference to the mean; where there is room the mean, and of how many runs it is."""
     if mean is None:
         return ""
     earlier, count = mean
     difference = value - earlier
     text = f"{difference:+.4f}" if abs(difference) < 1e4 else f"{difference:+.2e}"
-    return f"{text:>11} to {value_text(earlier)} ({count})"
-
-
-def value_text(value: float) -> str:
-    """Counts as they are, numbers with four decimals, very small or large ones in powers."""
-    if isinstance(value, int):
-        return str(value)
-    return f"{value:.4f}" if value == 0 or 1e-2 <= abs(value) < 1e6 else f"{value:.4e}"
+    return f"{text:>10} to {value_text(earlier)} ({count})" if roomy else f"{text:>10}"

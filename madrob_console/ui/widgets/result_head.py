@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from madrob_console.referee.run import Phase
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.widgets.run_summary import TONES, who_text
-from madrob_console.ui.words import OUTCOMES, condition_text, wrapped
+from madrob_console.ui.words import OUTCOMES, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -32,7 +32,7 @@ class ResultHead(View):
         condition = result.condition
         what = (
             f"{who_text(snapshot.run)}, condition {condition.number}:"
-            f" {condition.benchmark_type}, {condition_text(condition)}"
+            f" {condition.benchmark_type}, {condition.way}"
         )
         return [
             *_marked([line(Span(row, tone)) for row in wrapped(outcome, width)], snapshot, width),

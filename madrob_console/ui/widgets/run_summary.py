@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line
-from madrob_console.ui.words import OUTCOMES, PHASES, condition_text, minutes_text
+from madrob_console.ui.words import OUTCOMES, PHASES, minutes_text
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
@@ -65,4 +65,4 @@ def _condition(run: Run) -> str:
     if run.setup is None:
         return ""
     condition = run.setup.condition
-    return f"condition {condition.number}: {condition_text(condition)}, {condition.benchmark_type}"
+    return f"condition {condition.number}: {condition.way}, {condition.benchmark_type}"

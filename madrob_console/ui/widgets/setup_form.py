@@ -18,7 +18,7 @@ from madrob_console.ui.widgets.choice import Choice
 from madrob_console.ui.widgets.field import Field, NumberField
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.top_view import TopView
-from madrob_console.ui.words import condition_text, shortened
+from madrob_console.ui.words import shortened
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 
@@ -111,7 +111,7 @@ class SetupForm(Horizontal):
     def show_derived(self) -> None:
         """What follows from the fields: the condition in words, the preset that they match."""
         condition = self.condition
-        way = condition_text(condition).replace("from ", "")
+        way = condition.way.replace("from ", "")
         self.condition_label.say(f"{condition.number}: {way}")
         pose = self.pose()
         self.top_view.show_setup(condition, pose if isinstance(pose, StartPose) else None)

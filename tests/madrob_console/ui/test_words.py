@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from madrob_console.ui.widgets.indicator_table import value_text
 from madrob_console.ui.words import (
     clock_text,
     fitted,
@@ -14,6 +13,7 @@ from madrob_console.ui.words import (
     size_text,
     wrapped,
 )
+from scoring.result import value_text
 
 TEXTS = st.text(st.characters(categories=["L", "N", "P", "Zs", "So"]), max_size=60)
 
