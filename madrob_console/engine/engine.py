@@ -6,14 +6,12 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from madrob_console.clock import Clock, seconds
-from madrob_console.engine.backlog import RETRY_PERIOD, Backlog, Unwritten, not_on_disk
 from madrob_console.engine.chronicle import Chronicle
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.course import Course, Happening
@@ -22,7 +20,8 @@ from madrob_console.engine.log import EventLog
 from madrob_console.engine.pre_start import PreStart
 from madrob_console.engine.record import RunRecord
 from madrob_console.engine.recording import Recording
-from madrob_console.engine.results import Scored, ending_of, write_results
+from madrob_console.engine.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.results import Scored, ending_of
 from madrob_console.engine.sensors import Sensors
 from madrob_console.engine.snapshot import RecorderView, Snapshot
 from madrob_console.engine.view import (
@@ -97,9 +96,7 @@ class Engine:
         self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
-        self._result_problem: str | None = None
-        self._backlog = Backlog()
-        self._tried = -math.inf
+        self._keeper = ResultKeeper(self._written)
         self._looked: float | None = None
 
     # ------------------------------------------------------------------ for the owner
@@ -122,7 +119,7 @@ class Engine:
     @property
     def result_problem(self) -> str | None:
         """Why the result is not on disk, in words; None when it is."""
-        return self._result_problem
+        return self._keeper.problem
 
     @property
     def folder(self) -> Path | None:
@@ -201,11 +198,11 @@ class Engine:
         """
         if (refused := self.opening_refusal()) is not None or opened.folder == self._folder:
             return refused
-        if opened.folder in self._backlog:
+        if opened.folder in self._keeper:
             return "its result waits for the disk"
         recorded, unwritten = opened.recorded, self._unwritten()
         self._chronicle.reopen(opened.folder, recorded.entries)
-        self._put_off(unwritten)
+        self._keeper.leave(unwritten)
         if self._opened is None:
             self._kept_zero = self._run.handle_zero
         self._clear()
@@ -295,7 +292,7 @@ class Engine:
         if isinstance(act, SetUp):
             if self._opened is not None:  # its handle zero is of its day
                 situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
-            self._put_off(self._unwritten())
+            self._keeper.leave(self._unwritten())
             self._chronicle.begin()
             self._clear()
         run = act.apply(situation, at)
@@ -349,7 +346,6 @@ class Engine:
         self._opened = None
         self._procedure = None
         self._scored = None
-        self._result_problem = None
         self._decided = None
         self._fault_notes.clear()
         self._recorder_view = RecorderView("closed")
@@ -403,30 +399,20 @@ class Engine:
             self._go_on(*self._course.advance(self._run, now))
         if self._decided is not None and self._recording is not None and self._post_roll_over(now):
             self._finish()
-        if not 0 <= now - self._tried < RETRY_PERIOD:
+        if self._keeper.due(now):
             self._try_again(now)
 
     def _try_again(self, now: float) -> None:
-        """Write what the disk refused before; results wait until no run goes on."""
-        self._tried = now
+        """Write what the disk refused before."""
         self._chronicle.catch_up()
-        if self._run.active:
-            return
-        if self._result_problem is not None and self._scored is not None:
-            self._write(self._scored)
-        self._backlog.try_again(now)
+        self._keeper.try_again(now, busy=self._run.active)
 
     def _unwritten(self) -> Unwritten | None:
         """The run at hand, if its result or its journal is not on disk."""
-        problem = self._result_problem or self._chronicle.problem
+        problem = self._keeper.problem or self._chronicle.problem
         if problem is None or self._scored is None or self._folder is None:
             return None
         return Unwritten(self._folder, self._scored, self._chronicle.entries, problem)
-
-    def _put_off(self, unwritten: Unwritten | None) -> None:
-        """Another run takes the place of one that is not on disk: it waits in the background."""
-        if unwritten is not None:
-            self._backlog.add(unwritten)
 
     def _post_roll_over(self, now: float) -> bool:
         """Whether the post-roll is over; a replay goes on to the end of what was recorded."""
@@ -491,18 +477,13 @@ class Engine:
         scored = Scored(record, run, with_remarks(result, run.remarks()), rows)
         self._procedure = assessment.procedure(run.rulings, run.stop)
         if write:
-            self._write(scored)
+            assert self._folder is not None
+            self._keeper.write(self._folder, scored)
         self._scored = scored
 
-    def _write(self, scored: Scored) -> None:
-        try:
-            assert self._folder is not None
-            write_results(self._folder, scored)
-            self._result_problem = None
-            details = {"issue": scored.run.issue}
-            self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
-        except MadrobError as error:
-            self._result_problem = not_on_disk(error)
+    def _written(self, _folder: Path, scored: Scored) -> None:
+        details = {"issue": scored.run.issue}
+        self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
 
     def _lost(self) -> dict[str, int]:
         """Messages lost on the way since the source was opened, where that is known."""
@@ -562,7 +543,7 @@ class Engine:
                 recorder,
                 door,
                 run,
-                (self._chronicle.problem, self._result_problem, *self._backlog.problems),
+                (self._chronicle.problem, self._keeper.problem, *self._keeper.problems),
             ),
             provisional=assessment.provisional(procedure) if assessment and procedure else {},
             log=self.log.lines,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.backlog import RETRY_PERIOD
+from madrob_console.engine.result_keeper import RETRY_PERIOD
 from madrob_console.rescore import score_path
 from recorder.errors import RecorderError
 from recorder.message import RawMessage

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import pytest
 
-from madrob_console.engine.backlog import RETRY_PERIOD
+from madrob_console.engine.result_keeper import RETRY_PERIOD
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import AddNote, Start
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
