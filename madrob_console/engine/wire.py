@@ -138,6 +138,7 @@ class Answer(msgspec.Struct, frozen=True, tag=True):
 
 ToScreen = Welcome | Rejected | State | Answer
 
+_MALFORMED = (msgspec.MsgspecError, ValueError, RecursionError)
 _encoder = msgspec.msgpack.Encoder()
 _requests: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
 _hellos = msgspec.msgpack.Decoder(Hello)
@@ -158,7 +159,7 @@ def hello_of(data: bytes) -> Hello:
     """
     try:
         return _hellos.decode(data)
-    except msgspec.MsgspecError as error:
+    except _MALFORMED as error:
         raise MadrobError(f"not a greeting of a console: {error}") from None
 
 
@@ -170,7 +171,7 @@ def request_of(data: bytes) -> Request:
     """
     try:
         return _requests.decode(data)
-    except msgspec.MsgspecError as error:
+    except _MALFORMED as error:
         raise MadrobError(f"not a request of a console: {error}") from None
 
 
@@ -182,5 +183,5 @@ def message_of(data: bytes) -> ToScreen:
     """
     try:
         return _states.decode(data)
-    except (msgspec.MsgspecError, ValueError) as error:
+    except _MALFORMED as error:
         raise MadrobError(f"not a message of an engine: {error}") from None
