@@ -259,7 +259,8 @@ class ConsoleScreen(Screen[None]):
             return
         active, written = now.run.active, now.result is not None
         attached = before is None
-        if active and not self._was_active:
+        ending = now.run.phase is Phase.STOPPED and not written
+        if (active and not self._was_active) or (attached and ending):
             self.show_pane("live")
         elif written and not self._was_written and (attached or self.pane == "live"):
             self.show_pane("results")

@@ -23,8 +23,9 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
+from madrob_console.referee.transitions import stop
 from madrob_console.ui.keys import KEYS
-from scoring.protocol import Step
+from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.setups import a_setup
@@ -289,5 +290,11 @@ def test_a_console_that_comes_back_to_a_run_shows_it(engine: FakeEngine) -> None
         async with driving(engine) as driver:
             assert driver.console.pane == "live"
             assert "RUNNING" in driver.text
+        engine.run = stop(engine.run, Outcome.COMPLETED, engine.now, "step 6 is done")
+        async with driving(engine) as driver:
+            assert driver.console.pane == "live"
+            engine.score()
+            await driver.settle()
+            assert driver.console.pane == "results"
 
     asyncio.run(drive())
