@@ -14,6 +14,7 @@ import pytest
 
 from madrob_console.cli import SCENARIOS, main
 from madrob_console.testbeds.simulation import Scenario
+from tests.slowly import slow_but_for
 
 RUN = ["run", "--testbed", "simulated", "--speed", "0", "--subject", "3", "--countdown", "1"]
 
@@ -237,7 +238,9 @@ def test_help_is_there(command: str, capsys: pytest.CaptureFixture[str]) -> None
     assert "usage: madrob" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", slow_but_for([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], signal.SIGTERM)
+)
 def test_a_signal_aborts_the_run_and_keeps_it_on_record(
     number: signal.Signals, tmp_path: Path
 ) -> None:

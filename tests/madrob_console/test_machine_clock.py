@@ -32,6 +32,7 @@ from scoring.protocol import Signal
 from scoring.result import Result
 from tests.madrob_console.engine.drive import EPOCH_NS, Drive, make_setup
 from tests.madrob_console.engine_process import EngineProcess, WallClock
+from tests.slowly import slow_but_for
 
 HOUR = 3600
 SAMPLE = 0.025
@@ -119,8 +120,10 @@ def stopped(drive: Drive) -> bool:
     return drive.engine.run.phase is Phase.STOPPED
 
 
-@pytest.mark.parametrize("jump", [HOUR, -HOUR])
-@pytest.mark.parametrize("moment", [in_countdown, touched, settling, stopped])
+@pytest.mark.parametrize("jump", slow_but_for([HOUR, -HOUR], -HOUR))
+@pytest.mark.parametrize(
+    "moment", slow_but_for([in_countdown, touched, settling, stopped], touched)
+)
 def test_a_clock_stepped_during_a_run_changes_no_digit(
     moment: Callable[[Drive], bool],
     jump: float,
@@ -168,7 +171,7 @@ def durations(result: Result) -> dict[str, float]:
     return found | {i.name: i.value for i in result.indicators if i.unit == "s" and i.value}
 
 
-@pytest.mark.parametrize("jump", [HOUR, -HOUR])
+@pytest.mark.parametrize("jump", slow_but_for([HOUR, -HOUR], HOUR))
 def test_a_clock_stepped_before_the_start_delays_nothing(
     jump: float, machine: Machine, undisturbed: Result, tmp_path: Path
 ) -> None:
@@ -185,7 +188,7 @@ def test_a_clock_stepped_before_the_start_delays_nothing(
     assert score_path(folder_of(drive))[0].result == result
 
 
-@pytest.mark.parametrize("jump", [HOUR, -HOUR])
+@pytest.mark.parametrize("jump", slow_but_for([HOUR, -HOUR], HOUR))
 def test_a_timeout_is_steady_time(jump: float, machine: Machine, tmp_path: Path) -> None:
     drive = SteppedDrive(tmp_path, Scenario.TOUCH_ONLY)
     drive.start(make_setup(timeout=8.0))
@@ -199,7 +202,7 @@ def test_a_timeout_is_steady_time(jump: float, machine: Machine, tmp_path: Path)
     assert (machine.monotonic_ns() - began) / NS == pytest.approx(5.0 + 1.1, abs=0.1)
 
 
-@pytest.mark.parametrize("jump", [HOUR, -HOUR])
+@pytest.mark.parametrize("jump", slow_but_for([HOUR, -HOUR], -HOUR))
 def test_stamps_that_follow_the_stepped_clock_are_shifted_back_and_flagged(
     jump: int, machine: Machine, undisturbed: Result, tmp_path: Path
 ) -> None:

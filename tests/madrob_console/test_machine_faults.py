@@ -29,6 +29,7 @@ from tests.madrob_console.failing_disk import (
     spoiled,
     undisturbed,
 )
+from tests.slowly import slow_but_for
 
 FAULT_AT = 5.0
 
@@ -130,14 +131,16 @@ def check_next_run(machine: Machine, stop: Stop) -> None:
     assert read_bag(machine.folder).complete
 
 
-@pytest.mark.parametrize("fault", list(Fault))
+@pytest.mark.parametrize("fault", slow_but_for(Fault, Fault.FULL, Fault.RUN_DELETED))
 def test_a_failing_disk_is_named_and_ends_no_run(fault: Fault, tmp_path: Path) -> None:
     with spoiled(fault, tmp_path / "disk", Stop.COMPLETED) as machine:
         go_through(machine, Stop.COMPLETED, FAULT_AT)
 
 
-@pytest.mark.parametrize("stop", [Stop.ELAPSED, Stop.DECLARED, Stop.ABORTED])
-@pytest.mark.parametrize("fault", [Fault.FULL, Fault.READ_ONLY])
+@pytest.mark.parametrize(
+    "stop", slow_but_for([Stop.ELAPSED, Stop.DECLARED, Stop.ABORTED], Stop.ABORTED)
+)
+@pytest.mark.parametrize("fault", slow_but_for([Fault.FULL, Fault.READ_ONLY], Fault.FULL))
 def test_timeout_and_abort_need_no_disk(fault: Fault, stop: Stop, tmp_path: Path) -> None:
     with spoiled(fault, tmp_path / "disk", stop) as machine:
         go_through(machine, stop, FAULT_AT)

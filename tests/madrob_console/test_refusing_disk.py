@@ -26,6 +26,7 @@ from tests.madrob_console.failing_disk import Fault, Stop, check_on_disk, setup_
 from tests.madrob_console.small_disk import disk_image, lock_folder, memory_disk
 
 
+@pytest.mark.slow
 def test_a_result_that_waits_is_written_while_later_runs_are_made(tmp_path: Path) -> None:
     with spoiled(Fault.RUN_LOCKED, tmp_path / "disk", Stop.ELAPSED) as machine:
         drive = machine.drive

@@ -41,6 +41,7 @@ from scoring.protocol import Condition, LockDetection, Outcome, Step
 from scoring.result import IndicatorName, Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.slowly import slow_but_for
 
 
 def values(path: Path) -> dict[str, object]:
@@ -88,7 +89,10 @@ def test_the_recording_has_a_second_before_the_start_and_after_the_stop(tmp_path
 
 
 @pytest.mark.parametrize("ruleset", list(RulesetName))
-@pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.BOUNCES, Scenario.OPEN_ONLY])
+@pytest.mark.parametrize(
+    "scenario",
+    slow_but_for([Scenario.NOMINAL, Scenario.BOUNCES, Scenario.OPEN_ONLY], Scenario.BOUNCES),
+)
 def test_bag_replay_and_live_run_give_the_same_digits(
     scenario: Scenario, ruleset: RulesetName, tmp_path: Path
 ) -> None:
@@ -454,6 +458,7 @@ def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(tmp_path:
     assert drive.engine.perform(Start()) is not None
 
 
+@pytest.mark.slow
 def test_the_condition_decides_which_side_is_the_destination(tmp_path: Path) -> None:
     for number in (1, 6, 11, 16):
         condition = Condition.from_number(number)

@@ -79,10 +79,13 @@ def name_of(value: object) -> str:
     return value.fault.name if isinstance(value, Case) else str(value).rpartition("/")[2]
 
 
-def slow_but_for_one(topic: str, case: Case) -> object:
-    """A whole run takes its time: one topic a fault is enough in a hurry."""
-    marks = () if topic == case.topics[0] else pytest.mark.slow
-    return pytest.param(topic, case, marks=marks)
+QUICK = (Fault.DIES, Fault.STEPS_BACK_FAR, Fault.BEHIND, Fault.NAN, Fault.TWO_PUBLISHERS)
+
+
+def slow_but_for_some(topic: str, case: Case) -> object:
+    """A whole run takes its time."""
+    quick = topic == DOOR and case.fault in QUICK
+    return pytest.param(topic, case, marks=() if quick else pytest.mark.slow)
 
 
 @pytest.mark.parametrize(("topic", "case"), TABLE, ids=name_of)
@@ -100,7 +103,7 @@ def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
     assert topic in refusal
 
 
-@pytest.mark.parametrize(("topic", "case"), [slow_but_for_one(*row) for row in TABLE], ids=name_of)
+@pytest.mark.parametrize(("topic", "case"), [slow_but_for_some(*row) for row in TABLE], ids=name_of)
 def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop(
     topic: str, case: Case, tmp_path: Path
 ) -> None:

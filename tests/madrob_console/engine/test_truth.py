@@ -18,6 +18,7 @@ from recorder.reader import read_bag
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
 from scoring.result import IndicatorName, Result
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.slowly import slow_but_for
 
 TIMEOUT = 60.0
 SIGNALS = {
@@ -103,7 +104,13 @@ CONDITIONS = [
 ]
 
 
-@pytest.mark.parametrize("scenario", [s for s in Scenario if s is not Scenario.RANDOM])
+@pytest.mark.parametrize(
+    "scenario",
+    slow_but_for(
+        [s for s in Scenario if s is not Scenario.RANDOM],
+        *(Scenario.NOMINAL, Scenario.CLOSES_UNDER_SENSORS, Scenario.BOUNCES, Scenario.SLAM),
+    ),
+)
 def test_every_scenario_is_found_as_it_truly_is(scenario: Scenario, tmp_path: Path) -> None:
     condition = CONDITIONS[list(Scenario).index(scenario) % 4]
     found = compare(*play(tmp_path, scenario, 1, condition))

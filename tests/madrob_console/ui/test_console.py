@@ -22,6 +22,7 @@ from madrob_console.unfinished import Unfinished
 from scoring.protocol import Outcome
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.slowly import slow_but_for
 
 PHASES = {
     Phase.IDLE: (),
@@ -47,7 +48,7 @@ async def bring(driver: Driver, phase: Phase) -> None:
     assert driver.engine.run.phase is phase
 
 
-@pytest.mark.parametrize("phase", list(Phase))
+@pytest.mark.parametrize("phase", slow_but_for(Phase, Phase.RUNNING, Phase.STOPPED))
 def test_from_every_state_every_key_acts_asks_or_says_why_not(
     engine: FakeEngine, phase: Phase
 ) -> None:
@@ -226,6 +227,7 @@ def test_the_keys_that_start_and_end_a_run_are_named_in_every_size(
     asyncio.run(drive())
 
 
+@pytest.mark.slow
 def test_a_storm_of_sizes_and_keys_breaks_nothing(engine: FakeEngine) -> None:
     async def drive() -> None:
         async with driving(engine) as driver:

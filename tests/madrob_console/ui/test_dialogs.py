@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
+
 from madrob_console.referee.acts import Abort, AddNote, Rule, Start
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome, Step
@@ -35,6 +37,7 @@ SLIPS = [
 ]
 
 
+@pytest.mark.slow
 def test_no_slip_ends_a_run(engine: FakeEngine) -> None:
     async def drive() -> None:
         async with driving(engine) as driver:

@@ -105,6 +105,7 @@ def test_the_large_clock_has_digits_of_ascii_in_the_same_cells() -> None:
     assert len(set(seen)) == len(seen)
 
 
+@pytest.mark.slow
 def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
     names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
 

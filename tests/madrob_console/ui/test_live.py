@@ -269,6 +269,7 @@ def test_the_log_shows_its_newest_lines(engine: FakeEngine) -> None:
     asyncio.run(drive())
 
 
+@pytest.mark.slow
 def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
     engine.faults = ("a fault with some words in it",)
 
