@@ -1,7 +1,7 @@
 """Walk the records of an MCAP file in storage order, whole or torn.
 
-The records are parsed by the mcap library; only their framing (opcode and length) and the chunks
-are taken apart here. The library's own stream reader believes every length in a damaged file,
+The records are parsed by the mcap library; only their framing (opcode and length), the chunks and
+the messages in them are taken apart here. The library's own stream reader believes every length in a damaged file,
 decompresses a chunk to whatever size its content claims, takes a text that ends too early for
 whole, and walks a tail of zeros, as a power cut leaves it, nine bytes at a time.
 """
@@ -44,7 +44,9 @@ _PARSERS = {
     Opcode.STATISTICS: Statistics.read,
 }
 _WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK})
-_IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+_IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
+_MESSAGE = int(Opcode.MESSAGE)
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
 
 class DamageError(Exception):
@@ -195,13 +197,36 @@ def _chunk(frame: _Frame) -> Iterator[StreamItem]:
     content = unpack(frame.body)
     problem = content.problem
     try:
-        for inner in _frames(io.BytesIO(content.records), 0, len(content.records)):
-            if inner.opcode in _IN_CHUNKS:
-                yield _parse(inner)
+        yield from _records_in(content.records)
     except DamageError:
         problem = problem or "has a damaged record"
     if problem is not None and frame.whole:
         yield Gap(f"a chunk {problem} (byte {frame.offset})")
+
+
+def _records_in(records: bytes) -> Iterator[McapRecord]:
+    """The records of a chunk; messages, of which there are many, are parsed on the spot.
+
+    Raises:
+        DamageError: one is damaged or not whole, or there are only zeros.
+    """
+    end, size = 0, len(records)
+    while end < size:
+        start = end + _FRAME.size
+        if start > size:
+            raise DamageError("it is torn")
+        opcode, length = _FRAME.unpack_from(records, end)
+        end = start + length
+        if opcode == 0 or end > size:
+            raise DamageError("it is torn")
+        if opcode == _MESSAGE:
+            if length < _MESSAGE_HEAD.size:
+                raise DamageError("a message is damaged")
+            channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, start)
+            data = records[start + _MESSAGE_HEAD.size : end]
+            yield Message(channel, log_time, data, publish_time, sequence)
+        elif opcode in _IN_CHUNKS:
+            yield _parse(_Frame(opcode, start, records[start:end], whole=True))
 
 
 class _Fields(ReadDataStream):

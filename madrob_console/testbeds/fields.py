@@ -21,9 +21,11 @@ _PATH = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*", re.ASCII)
 _STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
 
 Getter: TypeAlias = Callable[[Message], Any]
+Steps: TypeAlias = tuple[str | int, ...]
+"""Names and indices that lead to a field."""
 
 
-def parse_path(path: str) -> tuple[str | int, ...]:
+def parse_path(path: str) -> Steps:
     """A path as names and indices.
 
     Raises:
@@ -45,17 +47,10 @@ class Field:
         base: the primitive type of the number or numbers.
     """
 
-    steps: tuple[str | int, ...]
+    steps: Steps
     numbers: bool
     owner: str
     base: str
-
-    def getter(self) -> Getter:
-        """A function from a message to the field's value.
-
-        It raises IndexError where the message is shorter than an index.
-        """
-        return _getter(self.steps)
 
     def sibling(self, name: str, types: MessageTypes) -> Field | None:
         """The number `name` beside this field; None if there is none."""
@@ -129,7 +124,11 @@ def _listed(fields: dict[str, FieldDesc]) -> str:
     return ", ".join(fields) or "nothing"
 
 
-def _getter(steps: tuple[str | int, ...]) -> Getter:
+def getter(steps: Steps) -> Getter:
+    """A function from a message to what stands at `steps`.
+
+    It raises IndexError where the message is shorter than an index.
+    """
     parts: list[Getter] = []
     names: list[str] = []
     for step in steps:

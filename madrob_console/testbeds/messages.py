@@ -7,12 +7,15 @@ knows about fields.
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from madrob_console.clock import NS, seconds
 from madrob_console.errors import MadrobError
-from madrob_console.testbeds.fields import Field, Getter, find_field, find_stamp, parse_path
+from madrob_console.testbeds.fields import Field, find_field, find_stamp, parse_path
+from madrob_console.testbeds.layout import Layout, Numbers, Wanted
 from madrob_console.testbeds.message_types import Message, MessageError, MessageTypes
 from recorder.bag import Durability, Qos, Topic
 from recorder.message import RawMessage
@@ -46,6 +49,9 @@ _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
 _SENSORS_PER_STRIP = 4
+_STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
+_MOST_MISSES = 20
+"""So many messages in a row that are laid out unlike the one before: the next will be, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +106,8 @@ DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
 )
 """The topics of protocol section 3."""
 
-_Build = Callable[[Message, float, float], Sample]
-"""(message, time, log time) -> sample."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """How to read one topic, worked out once."""
-
-    stamp: Getter | None
-    build: _Build
+_Build = Callable[[float, float, Sequence[Numbers]], Sample]
+"""(time, log time, the value's numbers and those of its limits) -> sample."""
 
 
 class Decoder:
@@ -132,7 +130,7 @@ class Decoder:
             if any(m.signal is mapping.signal for m in self._mappings.values()):
                 raise MadrobError(f"{mapping.signal.value} is mapped twice: keep one topic")
             self._mappings[mapping.topic] = mapping
-        self._plans: dict[str, _Plan] = {}
+        self._readers: dict[str, _Reader] = {}
 
     def decode(self, message: RawMessage) -> Sample | None:
         """The sample in a message; None if no mapping names its topic.
@@ -153,40 +151,92 @@ class Decoder:
     def _sample(self, message: RawMessage, mapping: TopicMapping) -> Sample:
         if message.type != mapping.type:
             raise MessageError(f"it sends {message.type}, not {mapping.type}; correct the settings")
-        plan = self._plans.get(message.topic) or self._plan(mapping)
-        content = self._types.decode(message.type, message.data)
-        log_time = seconds(message.receive_ns)
-        time = log_time if plan.stamp is None else _stamp_seconds(plan.stamp(content))
-        return plan.build(content, time, log_time)
+        reader = self._readers.get(message.topic) or self._reader(mapping)
+        return reader.sample(message)
 
-    def _plan(self, mapping: TopicMapping) -> _Plan:
-        stamp = find_stamp(self._types, mapping.type)
-        field = find_field(self._types, mapping.type, mapping.field)
+    def _reader(self, mapping: TopicMapping) -> _Reader:
+        reader = self._readers[mapping.topic] = _Reader(mapping, self._types)
+        return reader
+
+
+class _Reader:
+    """Reads the messages of one topic.
+
+    Raises:
+        MessageError: its type or field is unknown, or of the wrong kind.
+    """
+
+    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
+        field = find_field(types, mapping.type, mapping.field)
         if field.numbers != (mapping.signal in _STRIPS):
             wanted = "an array" if mapping.signal in _STRIPS else "one number"
             raise MessageError(
                 f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
             )
-        plan = _Plan(stamp, _builder(mapping, field, self._types))
-        self._plans[mapping.topic] = plan
-        return plan
+        self._types = types
+        self._type = mapping.type
+        self._stamped = find_stamp(types, mapping.type) is not None
+        self._wanted = (
+            *(_STAMP if self._stamped else ()),
+            Wanted(field.steps, _SENSORS_PER_STRIP),
+            *_limits(mapping, field, types),
+        )
+        self._getters = tuple(one.getter() for one in self._wanted)
+        self._build = _builder(mapping)
+        self._layout: Layout | None = None
+        self._misses = 0
+
+    def sample(self, message: RawMessage) -> Sample:
+        """What a message says.
+
+        Raises:
+            MessageError: the bytes are no message of the type.
+        """
+        numbers = None if self._layout is None else self._layout.read(message.data)
+        if numbers is None:
+            numbers = self._read_whole(message.data)
+        else:
+            self._misses = 0
+        log_time = seconds(message.receive_ns)
+        if not self._stamped:
+            return self._build(log_time, log_time, numbers)
+        time = seconds(int(numbers[0][0]) * NS + int(numbers[1][0]))
+        return self._build(time, log_time, numbers[2:])
+
+    def _read_whole(self, data: bytes) -> tuple[Numbers, ...]:
+        message = self._types.decode(self._type, data)
+        if self._misses < _MOST_MISSES:  # else no message is laid out like the one before
+            self._misses += 1
+            with suppress(ValueError, struct.error):
+                self._layout = Layout(self._types, self._type, data, self._wanted)
+        return tuple(get(message) for get in self._getters)
 
 
-def _stamp_seconds(stamp: Message) -> float:
-    return seconds(stamp.sec * NS + stamp.nanosec)
+def _limits(mapping: TopicMapping, field: Field, types: MessageTypes) -> tuple[Wanted, ...]:
+    """The smallest and the largest range that are readings, where the type tells both."""
+    if mapping.signal not in _STRIPS:
+        return ()
+    found = [field.sibling(name, types) for name in ("range_min", "range_max")]
+    limits = [Wanted(one.steps) for one in found if one is not None]
+    return tuple(limits) if len(limits) == len(found) else ()
 
 
-def _builder(mapping: TopicMapping, field: Field, types: MessageTypes) -> _Build:
+def _builder(mapping: TopicMapping) -> _Build:
     if mapping.signal in _STRIPS:
-        return _passage_builder(mapping, field, types)
-    number = _number(mapping, field.getter())
-    if mapping.signal is Signal.DOOR:
-        return lambda message, time, log: DoorSample(time, log, number(message))
-    if mapping.signal is Signal.HANDLE:
-        return lambda message, time, log: HandleSample(time, log, number(message))
+        return _passage_builder(mapping)
+    scale, offset = mapping.scale, mapping.offset
 
-    def latch(message: Message, time: float, log_time: float) -> Sample:
-        state = number(message)
+    def number(numbers: Sequence[Numbers]) -> float:
+        (value,) = numbers
+        return float(value[0]) * scale + offset if value else math.nan  # an empty array says none
+
+    if mapping.signal is Signal.DOOR:
+        return lambda time, log, numbers: DoorSample(time, log, number(numbers))
+    if mapping.signal is Signal.HANDLE:
+        return lambda time, log, numbers: HandleSample(time, log, number(numbers))
+
+    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+        state = number(numbers)
         if math.isnan(state):
             raise MessageError(f"{mapping.field} says nothing about the latch")
         return LatchSample(time, log_time, state >= 0.5)
@@ -194,37 +244,15 @@ def _builder(mapping: TopicMapping, field: Field, types: MessageTypes) -> _Build
     return latch
 
 
-def _number(mapping: TopicMapping, get: Getter) -> Callable[[Message], float]:
-    scale, offset = mapping.scale, mapping.offset
-
-    def number(message: Message) -> float:
-        try:
-            return float(get(message)) * scale + offset
-        except IndexError:
-            return math.nan  # an empty array is no reading
-
-    return number
-
-
-def _passage_builder(mapping: TopicMapping, field: Field, types: MessageTypes) -> _Build:
+def _passage_builder(mapping: TopicMapping) -> _Build:
     strip = _STRIPS[mapping.signal]
     scale, offset = mapping.scale, mapping.offset
     as_is = scale == 1.0 and offset == 0.0
-    get = field.getter()
-    smallest = field.sibling("range_min", types)
-    largest = field.sibling("range_max", types)
-    limited = smallest is not None and largest is not None
-    get_min = smallest.getter() if smallest else None
-    get_max = largest.getter() if largest else None
 
-    def passage(message: Message, time: float, log_time: float) -> Sample:
-        try:
-            ranges = tuple(get(message)[:_SENSORS_PER_STRIP].tolist())
-        except IndexError:
-            ranges = ()
-        low, high = 0.0, math.inf
-        if limited and get_min and get_max:
-            low, high = get_min(message), get_max(message)
+    def passage(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+        ranges, low, high = numbers[0], 0.0, math.inf
+        if limited := len(numbers) > 1:
+            low, high = numbers[1][0], numbers[2][0]
         if not as_is:
             ranges = tuple(r * scale + offset for r in ranges)
             if limited:
