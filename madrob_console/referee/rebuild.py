@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import (
     ACTS,
     Act,
@@ -69,7 +70,7 @@ def act_named(name: str, details: Mapping[str, Any]) -> Act:
     try:
         act: Act = msgspec.convert(details, kind)
     except msgspec.ValidationError as error:
-        raise MadrobError(f"'{name}': {error}") from None
+        raise MadrobError(f"'{name}': {terminal_safe(str(error))}") from None
     return act
 
 
@@ -85,11 +86,21 @@ def rebuild(entries: Iterable[Entry], handle_zero: float = 0.0) -> Run:
     """
     run = Run()
     for entry in entries:
-        run = _after(run, entry, handle_zero)
+        run = after(run, entry, handle_zero)
     return replace(run, handle_zero=handle_zero)
 
 
-def _after(run: Run, entry: Entry, handle_zero: float) -> Run:
+def after(run: Run, entry: Entry, handle_zero: float) -> Run:
+    """The run after one more entry.
+
+    Args:
+        run: before it.
+        entry: the next of its journal.
+        handle_zero: the one stored with the run, N.
+
+    Raises:
+        MadrobError: the line is damaged.
+    """
     act = act_of(entry)
     if act is not None:
         if run.setup is None and not isinstance(act, SetUp):
@@ -116,4 +127,5 @@ def _after(run: Run, entry: Entry, handle_zero: float) -> Run:
             case _:
                 return run
     except (KeyError, ValueError, TypeError) as error:
-        raise MadrobError(f"journal line '{entry.what}' is damaged: {error}") from None
+        what = terminal_safe(f"'{entry.what}' is damaged: {error}")
+        raise MadrobError(f"journal line {what}") from None
