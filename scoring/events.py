@@ -37,14 +37,19 @@ class Level:
     """A two-valued signal whose edges count from the start of the run.
 
     Before the start only its state is kept. If it is up at the start it rises at the start.
+
+    Attributes:
+        state: what it is now; None = not known yet.
+        edges: since the start.
+        begun: whether the run has started.
     """
 
-    __slots__ = ("_begun", "edges", "state")
+    __slots__ = ("begun", "edges", "state")
 
     def __init__(self) -> None:
         self.state: bool | None = None
         self.edges: list[Edge] = []
-        self._begun = False
+        self.begun = False
 
     def update(self, time: float, value: bool, start: float) -> None:
         """The signal is `value` at `time`; `start` is the start of the run."""
@@ -56,8 +61,8 @@ class Level:
 
     def begin(self, start: float) -> None:
         """The run has started: a signal that was up rises now. Later calls do nothing."""
-        if not self._begun:
-            self._begun = True
+        if not self.begun:
+            self.begun = True
             if self.state:
                 self.edges.append(Edge(start, value=True))
 
@@ -128,7 +133,8 @@ class EventDetector:
         self._touch = Level()
         self._sensors = {sensor: Level() for sensor in PASSAGE_SENSORS}
         self._of_strip = {
-            strip: tuple(s for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip
+            strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
+            for strip in Strip
         }
         self._falls: list[tuple[float, Side]] = []
         self._crossed_since: float | None = None
@@ -179,7 +185,7 @@ class EventDetector:
         self._door.update(sample.time, is_open, self._start)
 
     def _feed_passage(self, sample: PassageSample) -> None:
-        for sensor in self._of_strip[sample.strip]:
+        for sensor, level in self._of_strip[sample.strip]:
             masked = self._angle is not None and self._thresholds.masked(
                 sensor.side, sensor.index, self._angle
             )
@@ -192,10 +198,12 @@ class EventDetector:
                 present = height > self._present_height
             else:
                 continue
-            self._update_sensor(sensor, sample.time, present)
+            if present is not level.state or not level.begun:
+                self._update_sensor(sensor, level, sample.time, present)
 
-    def _update_sensor(self, sensor: PassageSensor, time: float, present: bool) -> None:
-        level = self._sensors[sensor]
+    def _update_sensor(
+        self, sensor: PassageSensor, level: Level, time: float, present: bool
+    ) -> None:
         known = len(level.edges)
         unchanged = level.state is present
         level.update(time, present, self._start)

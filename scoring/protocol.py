@@ -199,7 +199,10 @@ class Signal(Enum):
     @classmethod
     def of_strip(cls, strip: Strip) -> Signal:
         """The signal that a strip delivers."""
-        return cls[strip.name]
+        return _SIGNAL_OF_STRIP[strip]
+
+
+_SIGNAL_OF_STRIP = {strip: Signal[strip.name] for strip in Strip}
 
 
 @dataclass(frozen=True, slots=True)

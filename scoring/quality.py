@@ -181,12 +181,12 @@ def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
         used: the elements of `ranges` that count, for a passage sample.
     """
     match sample:
+        case PassageSample():
+            return sum([not is_reading(sample, element) for element in used])
         case DoorSample():
             return not math.isfinite(sample.angle)
         case HandleSample():
             return not math.isfinite(sample.force)
-        case PassageSample():
-            return sum(not is_reading(sample, element) for element in used)
         case _:
             return 0
 
