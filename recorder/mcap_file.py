@@ -57,7 +57,6 @@ class McapFile:
         self._topics: dict[str, tuple[Topic, int]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._count: Counter[str] = Counter()
-        self._unsaved: Counter[str] = Counter()
         self._unsaved_times: list[int] = []
 
     @property
@@ -95,18 +94,14 @@ class McapFile:
 
     def add_message(self, message: RawMessage) -> None:
         """Append a message of a registered topic; full chunks go to the file by themselves."""
-        self._count[message.topic] += 1
-        self._unsaved[message.topic] += 1
-        self._unsaved_times.append(message.receive_ns)
-        size = self.size
+        topic, time = message.topic, message.receive_ns
+        self._count[topic] = number = self._count[topic] + 1
+        self._unsaved_times.append(time)
+        size = self._disk.size
         self._writer.add_message(
-            self._topics[message.topic][1],
-            log_time=message.receive_ns,
-            data=message.data,
-            publish_time=message.publish_ns,
-            sequence=self._count[message.topic] & 0xFFFF_FFFF,
+            self._topics[topic][1], time, message.data, message.publish_ns, number & 0xFFFF_FFFF
         )
-        if self.size != size:
+        if self._disk.size != size:
             self._saved()
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
@@ -156,8 +151,7 @@ class McapFile:
         first, last = min(self._unsaved_times), max(self._unsaved_times)
         self.start_ns = first if self.start_ns is None else min(first, self.start_ns)
         self.end_ns = last if self.end_ns is None else max(last, self.end_ns)
-        self.saved.update(self._unsaved)
-        self._unsaved.clear()
+        self.saved = self._count.copy()
         self._unsaved_times.clear()
 
 

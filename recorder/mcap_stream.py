@@ -1,9 +1,9 @@
 """Walk the records of an MCAP file in storage order, whole or torn.
 
 The records are parsed by the mcap library; only their framing (opcode and length), the chunks and
-the messages in them are taken apart here. The library's own stream reader believes every length in a damaged file,
-decompresses a chunk to whatever size its content claims, takes a text that ends too early for
-whole, and walks a tail of zeros, as a power cut leaves it, nine bytes at a time.
+the messages in them are taken apart here. The library's own stream reader believes every length in
+a damaged file, decompresses a chunk to whatever size its content claims, takes a text that ends too
+early for whole, and walks a tail of zeros, as a power cut leaves it, nine bytes at a time.
 """
 
 from __future__ import annotations

@@ -69,7 +69,8 @@ class BagWriter:
         self._batch_bytes = min(CHUNK_BYTES, queue_bytes // 2)
         self._block = block_when_full
         self._clock = clock
-        self._changed = threading.Condition()  # guards everything below
+        self._lock = threading.Lock()  # guards everything below
+        self._changed = threading.Condition(self._lock)
         self._state = RecorderState.CLOSED
         self._closing = False
         self._blocked = 0
@@ -118,7 +119,7 @@ class BagWriter:
         With `block_when_full` it waits for room.
         """
         cost = len(message.data) + _OVERHEAD_BYTES
-        with self._changed:
+        with self._lock:
             self._account.received[message.topic] += 1
             reason = self._refusal(message, cost)
             while reason is DropReason.QUEUE_FULL and self._block:
@@ -200,17 +201,9 @@ class BagWriter:
         return self._state is RecorderState.RECORDING and not self._closing
 
     def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
-        if self._state is RecorderState.FAILED:
-            return DropReason.FAILED
-        if not self._accepting:
-            return DropReason.NOT_RECORDING
-        if (misfit := self._misfit(message)) is not None:
-            return misfit
-        if cost > self._queue_bytes:
-            return DropReason.TOO_LARGE
-        return DropReason.QUEUE_FULL if self._queued + cost > self._queue_bytes else None
-
-    def _misfit(self, message: RawMessage) -> DropReason | None:
+        if self._state is not RecorderState.RECORDING or self._closing:
+            failed = self._state is RecorderState.FAILED
+            return DropReason.FAILED if failed else DropReason.NOT_RECORDING
         topic = self._topics.get(message.topic)
         if topic is None:
             return DropReason.UNKNOWN_TOPIC
@@ -218,7 +211,9 @@ class BagWriter:
             return DropReason.OTHER_TYPE
         if not (0 <= message.receive_ns < MAX_NS and 0 <= message.publish_ns < MAX_NS):
             return DropReason.BAD_TIME
-        return None
+        if cost > self._queue_bytes:
+            return DropReason.TOO_LARGE
+        return DropReason.QUEUE_FULL if self._queued + cost > self._queue_bytes else None
 
     def _enqueue(self, item: _Item, cost: int) -> None:
         self._queue.append(item)
