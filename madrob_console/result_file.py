@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 from typing import Annotated
@@ -11,6 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from madrob_console.errors import MadrobError
+from madrob_console.plain_file import open_plain, refusal
 from madrob_console.runs import LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
 from scoring.protocol import Outcome
 
@@ -30,7 +30,6 @@ Stamp = tuple[int, int]
 
 _AGAIN = "make it again with `madrob score`"
 _FIRST_LINE = 65_536
-_READ = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
@@ -61,6 +60,7 @@ class ResultPart(msgspec.Struct, frozen=True):
     source: Name | None = None
     competition: Name = ""
     closure: ClosurePart | None = None
+    outcome_reason: str = ""
 
 
 class SetupPart(msgspec.Struct, frozen=True):
@@ -107,11 +107,9 @@ def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
     Raises:
         OSError: it cannot be read, or it is a link or no file.
     """
-    number = os.open(path, _READ)
+    number = open_plain(path)
     try:
         found = os.fstat(number)
-        if not stat.S_ISREG(found.st_mode):
-            raise OSError(errno.EINVAL, "no plain file")
         with os.fdopen(number, "rb", closefd=False) as file:
             return file.read(limit), (found.st_mtime_ns, found.st_size)
     finally:
@@ -130,9 +128,8 @@ def read_result(folder: str) -> tuple[ResultPart, Stamp]:
     except FileNotFoundError:
         raise
     except OSError as error:
-        why = "it is a link" if error.errno == errno.ELOOP else error.strerror
         raise UnusableResultError(
-            f"{RESULT_FILE} cannot be read ({why}): put a readable file in its place"
+            f"{RESULT_FILE} cannot be read ({refusal(error)}): put a readable file in its place"
         ) from None
     if stamp[1] > LARGEST_RESULT:
         size = f"{stamp[1] / 1e6:.0f} MB"

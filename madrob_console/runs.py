@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 import msgspec
 
@@ -136,9 +137,20 @@ def reserve_run_folder(root: Path, run: RunId, start_time: float) -> Path:
 
 
 def atomic_write(path: Path, data: bytes) -> None:
-    """Write a file so that, whatever happens, it is either the old one or the whole new one.
+    """Write a file as `whole_file` does.
 
-    The data are on disk on return. A link at `path` is replaced, not followed.
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    with whole_file(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to be written that, whatever happens, is either the old one or the whole new one.
+
+    The data are on disk at the end. A link at `path` is replaced, not followed.
 
     Raises:
         MadrobError: the disk refuses.
@@ -146,17 +158,18 @@ def atomic_write(path: Path, data: bytes) -> None:
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         with part.open("xb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise MadrobError(
             f"{path}: not written ({error.strerror}); make room or choose another folder"
         ) from None
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def free_space(path: Path) -> int | None:

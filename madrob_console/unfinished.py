@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.errors import MadrobError
+from madrob_console.plain_file import open_plain
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.run import Phase, Run
@@ -64,7 +65,7 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
     for name in sorted(run_folder_names(root), key=lambda name: name[-15:]):
         folder = root / name
         with suppress(OSError, MadrobError):  # the history says what is wrong with it
-            if (folder / RESULT_FILE).exists() or _locked(folder / JOURNAL_FILE):
+            if (folder / RESULT_FILE).exists() or is_held(folder / JOURNAL_FILE):
                 continue
             entries, _ = read_journal(folder / JOURNAL_FILE)
             if entries:
@@ -72,15 +73,18 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
     return tuple(found)
 
 
-def _locked(journal: Path) -> bool:
+def is_held(journal: Path) -> bool:
+    """Whether an engine works on the run of this journal."""
     try:
-        file = os.open(journal, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        file = open_plain(journal)
     except OSError:
         return False
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return True
+    except OSError:
+        return False  # a network disk without locks, on which no engine records
     finally:
         os.close(file)
     return False

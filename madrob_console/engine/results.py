@@ -8,9 +8,11 @@ from typing import Any
 
 import msgspec
 
+from madrob_console.engine.digests import digests_of
 from madrob_console.engine.record import RunRecord
 from madrob_console.errors import MadrobError
 from madrob_console.referee.run import Run
+from madrob_console.result_document import ResultDocument
 from madrob_console.runs import RESULT_FILE, RESULT_FORMAT, atomic_write
 from scoring.errors import ScoringError
 from scoring.eurobench import Wrench, write_run_files
@@ -79,10 +81,11 @@ def scores(result: Result) -> dict[str, Any]:
     }
 
 
-def result_document(scored: Scored) -> dict[str, Any]:
-    """The content of `result.json`."""
+def result_document(scored: Scored, folder: Path) -> ResultDocument:
+    """The content of `result.json`; `folder` holds the recording and the data files."""
     record, run = scored.record, scored.run
     setup = record.setup
+    files, left_out = digests_of(folder)
     document = {
         "format": RESULT_FORMAT,
         "software": f"madrob-console {record.version}",
@@ -103,9 +106,10 @@ def result_document(scored: Scored) -> dict[str, Any]:
         "notes": run.notes,
         "closure": run.closure,
         "remark": MANUAL_START,
+        "files": files,
+        "files_left_out": left_out,
     }
-    plain: dict[str, Any] = msgspec.to_builtins(document)
-    return plain
+    return msgspec.convert(msgspec.to_builtins(document), ResultDocument)
 
 
 def write_results(folder: Path, scored: Scored) -> None:
@@ -155,7 +159,7 @@ def write_results(folder: Path, scored: Scored) -> None:
             f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
         ) from None
     _keep_earlier_issue(folder, run.issue)
-    text = msgspec.json.format(msgspec.json.encode(result_document(scored)), indent=2)
+    text = msgspec.json.format(msgspec.json.encode(result_document(scored, folder)), indent=2)
     atomic_write(folder / RESULT_FILE, text + b"\n")
 
 

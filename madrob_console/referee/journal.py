@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from madrob_console.errors import MadrobError
+from madrob_console.plain_file import open_plain
 
 
 class Origin(StrEnum):
@@ -225,11 +226,12 @@ def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
     """All entries of a journal file, and the lines that could not be read, as remarks.
 
     Raises:
-        OSError: the file cannot be read.
+        OSError: the file cannot be read, or it is a link or none.
     """
     entries: list[Entry] = []
     remarks: list[str] = []
-    lines = path.read_bytes().decode(errors="replace").split("\n")
+    with os.fdopen(open_plain(path), "rb") as file:
+        lines = file.read().decode(errors="replace").split("\n")
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue

@@ -143,7 +143,7 @@ def test_a_run_folder_that_may_not_be_entered_keeps_no_engine_from_starting() ->
             folder.chmod(0o000)
             with as_nobody():
                 found = find_unfinished(results)
-                with pytest.raises(MadrobError, match=r"cannot be read \(Permission denied\)"):
+                with pytest.raises(MadrobError, match="Permission denied"):
                     score_path(folder)
             folder.chmod(0o700)
         assert [run.folder[-15:] for run in found] == ["20231114_000000"]

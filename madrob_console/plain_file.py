@@ -1,0 +1,32 @@
+"""Opens files that others may have put there: plain ones only, no links, and never waiting."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+_READ = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
+
+
+def open_plain(path: str | Path, *, folder: int | None = None) -> int:
+    """A file descriptor for reading; the caller closes it.
+
+    Args:
+        path: of the file.
+        folder: descriptor of the folder where `path` begins; None = where it always does.
+
+    Raises:
+        OSError: it cannot be read, or it is a link or no file.
+    """
+    number = os.open(path, _READ, dir_fd=folder)
+    if stat.S_ISREG(os.fstat(number).st_mode):
+        return number
+    os.close(number)
+    raise OSError(errno.EINVAL, "no plain file")
+
+
+def refusal(error: OSError) -> str:
+    """Why a file cannot be read, in words."""
+    return "it is a link" if error.errno == errno.ELOOP else error.strerror or "no reason given"

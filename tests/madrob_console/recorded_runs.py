@@ -1,0 +1,47 @@
+"""Whole run folders, recorded once for all tests of a process; tests copy what they change."""
+
+from __future__ import annotations
+
+import shutil
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from madrob_console.referee.acts import Finalise, Reissue, Rule
+from madrob_console.referee.run import TeamWord
+from madrob_console.testbeds.simulation import Scenario
+from scoring.protocol import Step
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+_kept: list[TemporaryDirectory[str]] = []
+
+
+@cache
+def recorded(scenario: Scenario) -> Path:
+    """The folder of a finished run of a scenario; it is never to be changed."""
+    _kept.append(TemporaryDirectory())
+    drive = Drive(Path(_kept[-1].name), scenario)
+    drive.whole_run(make_setup(timeout=20.0 if scenario is Scenario.NOMINAL else 4.0))
+    if scenario is Scenario.NOMINAL:  # with everything that a referee can decide
+        drive.act(Rule(Step.CROSS, confirmed=False, reason="one foot stayed"))
+        drive.act(Finalise(TeamWord.PROTESTED, "Ada"), Reissue("video"))
+        drive.act(Rule(Step.CROSS, confirmed=True, reason="video"))
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+def copy_run(root: Path, run_number: int, scenario: Scenario = Scenario.TOUCH_ONLY) -> Path:
+    """A copy of a run in a results folder, with another run number in its folder's name."""
+    source = recorded(scenario)
+    copy = root / source.name.replace("_run_001_", f"_run_{run_number:03d}_")
+    shutil.copytree(source, copy)
+    return copy
+
+
+def publish(run: Path, folder: Path) -> None:
+    """Put the published files of a run into a folder."""
+    folder.mkdir(exist_ok=True)
+    for pattern in ("*.csv", "run_info*.yaml", "condition*.yaml"):
+        for path in run.glob(pattern):
+            shutil.copy(path, folder)
