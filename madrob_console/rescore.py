@@ -5,30 +5,33 @@ A bag gives the result that the console showed: same decoder, same assessment, s
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
+from madrob_console.bag_types import standard_types, types_of
 from madrob_console.engine.record import RECORD_NAME, RunRecord
-from madrob_console.engine.results import ending_of
+from madrob_console.engine.results import Scored, ending_of
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
+from madrob_console.run_paths import RunPath, runs_at
 from madrob_console.runs import JOURNAL_FILE, RESULT_FILE
 from madrob_console.testbeds.messages import (
     REFEREE_EVENT_TOPIC,
     Decoder,
     MessageError,
-    MessageTypes,
     decode_text,
 )
+from madrob_console.unfinished import is_held
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
-from scoring.eurobench import read_eurobench
+from scoring.eurobench import read_run
 from scoring.evaluate import Assessment, Rows, with_remarks
 from scoring.published import evaluate_published
 from scoring.result import Result
@@ -73,7 +76,13 @@ class _Stored(msgspec.Struct):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredPath:
-    """The result of one run on disk, and the data behind it."""
+    """The result of one run on disk, and the data behind it.
+
+    Attributes:
+        path: the bag or folder; of a published run, the folder and how its files begin.
+        result: by the ruleset that was asked for.
+        rows: cut to the run.
+    """
 
     path: Path
     result: Result
@@ -81,33 +90,65 @@ class ScoredPath:
 
 
 def score_path(path: Path, rules: RulesetName | None = None) -> tuple[ScoredPath, ...]:
-    """Score a bag, a run folder or a folder of EUROBENCH files (which may hold several runs).
+    """Score a bag, or every run of a folder.
 
     Args:
         path: what to score.
         rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files.
 
     Raises:
+        MadrobError: one cannot be scored; the message names path and remedy.
+    """
+    return tuple(score_run(run, (rules,))[0] for run in runs_at(path))
+
+
+def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:
+    """Score one run by each of some rulesets; it is read only once.
+
+    Args:
+        run: what to score.
+        rules: the rulesets; None = that of the run, `protocol` for EUROBENCH files.
+
+    Raises:
         MadrobError: it cannot be scored; the message names path and remedy.
     """
+    with _naming(run.path):
+        if run.prefix:
+            published = read_run(run.path, run.prefix)
+            chosen = [ruleset(name) if name else PROTOCOL for name in rules]
+            pairs = [evaluate_published(published, one) for one in chosen]
+        else:
+            pairs = [(scored.result, scored.rows) for scored in rescore(run.path, rules)]
+    return tuple(ScoredPath(Path(run.name), result, rows) for result, rows in pairs)
+
+
+def rescore(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:
+    """Score a bag or a run folder by each of some rulesets (None = the run's).
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    with _naming(path):
+        recorded = read_recorded_run(path)
+        run, scored = recorded.run, []
+        for assessment in _assess(recorded, rules):
+            result, rows = assessment.result(ending_of(run), run.rulings)
+            scored.append(Scored(recorded.record, run, with_remarks(result, run.remarks()), rows))
+        return scored
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Turn what reading a run raises into a `MadrobError` that names its path."""
     try:
-        if path.is_dir() and not _holds_bag(path) and any(path.glob("*_event.csv")):
-            chosen = ruleset(rules) if rules else PROTOCOL
-            return tuple(
-                ScoredPath(path / run.prefix, *evaluate_published(run, chosen))
-                for run in read_eurobench(path)
-            )
-        return (_score_bag(path, rules),)
-    except (RecorderError, ScoringError) as error:
-        raise MadrobError(str(error)) from None
+        yield
+    except (MadrobError, RecorderError, ScoringError) as error:
+        words = str(error)
+        raise MadrobError(words if str(path) in words else f"{path}: {words}") from None
     except OSError as error:
         raise MadrobError(
             f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
         ) from None
-
-
-def _holds_bag(folder: Path) -> bool:
-    return (folder / "metadata.yaml").exists() or any(folder.glob("*.mcap"))
 
 
 def read_recorded_run(path: Path) -> RecordedRun:
@@ -117,14 +158,18 @@ def read_recorded_run(path: Path) -> RecordedRun:
     recording; without it the journal in the bag is used.
 
     Raises:
-        MadrobError: no run is recorded there, or it is damaged.
+        MadrobError: no run is recorded there, it is damaged, or it goes on.
         RecorderError: there is no bag.
     """
+    _refuse_unfinished(path)
     bag = read_bag(path)
     metadata = bag.records.get(RECORD_NAME)
     if metadata is None:
         raise MadrobError(f"{path}: a bag without a MADROB run; only madrob's bags can be scored")
-    record = RunRecord.from_metadata(dict(metadata))
+    try:
+        record = RunRecord.from_metadata(dict(metadata))
+    except MadrobError as error:
+        raise MadrobError(f"{path}: {error}: use the madrob-console that recorded it") from None
     entries, remarks = _journal_file(path)
     if not entries:
         entries = tuple(_journal_in(bag))
@@ -145,37 +190,46 @@ def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
 
 
 def _journal_in(bag: Bag) -> Iterable[Entry]:
-    types = MessageTypes()
+    types = standard_types()
     for message in bag.messages():
         if message.topic == REFEREE_EVENT_TOPIC:
             yield Entry.from_json(decode_text(types, message.data))
 
 
-def assess(recorded: RecordedRun, rules: RulesetName | None = None) -> Assessment:
-    """Follow a recorded run once more, to the end of its bag.
+def _refuse_unfinished(path: Path) -> None:
+    """Refuse a run that an engine records: it would be taken for one that was cut off."""
+    with suppress(OSError):  # reading the bag says what is wrong
+        folder = path if path.is_dir() else path.parent
+        if not (folder / RESULT_FILE).exists() and is_held(folder / JOURNAL_FILE):
+            raise MadrobError(
+                f"{path}: the run goes on, another console works on this run: wait for its result"
+            )
+
+
+def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[Assessment]:
+    """Follow a recorded run once more, to the end of its bag, by each of some rulesets.
 
     Raises:
         RecorderError: the bag cannot be read.
     """
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
-    assessment = record.assessment(run.start, rules)
-    types = MessageTypes()
-    for topic in bag.topics():
-        if not types.knows(topic.type):
-            types.register(topic.type, topic.definition)
-    decoder = Decoder(record.mappings, types)
+    assessments = [record.assessment(run.start, name) for name in rules]
+    decoder = Decoder(record.mappings, types_of(bag))
     for message in bag.messages():
         try:
             sample = decoder.decode(message)
         except MessageError as error:
-            assessment.report_problem(str(error))
+            for assessment in assessments:
+                assessment.report_problem(str(error))
             continue
         if sample is not None:
-            assessment.feed(sample)
+            for assessment in assessments:
+                assessment.feed(sample)
     for remark in (*recorded.remarks, *([bag.problem] if bag.problem else [])):
-        assessment.report_problem(remark)
-    return assessment
+        for assessment in assessments:
+            assessment.report_problem(remark)
+    return assessments
 
 
 def open_run(folder: Path) -> OpenedRun:
@@ -187,28 +241,20 @@ def open_run(folder: Path) -> OpenedRun:
     Raises:
         MadrobError: it cannot be read; the message names path and remedy.
     """
-    try:
+    with _naming(folder):
         recorded = read_recorded_run(folder)
-        assessment = assess(recorded)
-    except (RecorderError, ScoringError) as error:
-        raise MadrobError(str(error)) from None
+        (assessment,) = _assess(recorded, (None,))
     known = {*assessment.quality().remarks, *recorded.run.remarks()}
-    for remark in _stored_remarks(folder):
+    for remark in stored_remarks(folder):
         if remark not in known:
             assessment.report_problem(remark)
     return OpenedRun(folder, recorded, assessment)
 
 
-def _stored_remarks(folder: Path) -> list[str]:
+def stored_remarks(folder: Path) -> list[str]:
+    """What a run's stored result says of its data; nothing where there is none."""
     try:
         stored = msgspec.json.decode((folder / RESULT_FILE).read_bytes(), type=_Stored)
     except (OSError, msgspec.DecodeError, UnicodeDecodeError):
         return []  # none was written, or it is damaged: it is made again
     return stored.quality.remarks
-
-
-def _score_bag(path: Path, rules: RulesetName | None) -> ScoredPath:
-    recorded = read_recorded_run(path)
-    run = recorded.run
-    result, rows = assess(recorded, rules).result(ending_of(run), run.rulings)
-    return ScoredPath(path, with_remarks(result, run.remarks()), rows)

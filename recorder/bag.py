@@ -16,6 +16,17 @@ BAG_INFORMATION = "rosbag2_bagfile_information"
 MAX_NS = 2**63 - 1
 """The latest time rosbag2 can store; it also stands for the start of an empty bag."""
 
+YAML_PROBLEMS = (
+    yaml.YAMLError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""What PyYAML raises over bad content, and what using content of another shape raises."""
+
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 
@@ -95,7 +106,7 @@ def parse_qos(text: str) -> Qos:
     """
     try:
         profiles = yaml.safe_load(text[:_QOS_LIMIT])
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except YAML_PROBLEMS:
         return Qos()
     if not isinstance(profiles, list):
         return Qos()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import yaml
 from mcap.records import Channel, McapRecord, Metadata, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
@@ -19,17 +18,6 @@ TOPIC_LIMIT = 1000
 
 QOS_LIMIT = 256 * 1024
 """The most bytes of differing QoS texts; a publisher's has about 400, and most are equal."""
-
-YAML_PROBLEMS = (
-    yaml.YAMLError,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
-"""What PyYAML raises over bad content, and what using content of another shape raises."""
 
 _SHOWN = 80
 
@@ -151,10 +139,7 @@ class Catalogue:
             self._qos_size += len(text)
             if self._qos_size > QOS_LIMIT:
                 raise DamageError(f"its topics have more than {QOS_LIMIT} bytes of QoS")
-            try:
-                self._qos[text] = parse_qos(text)
-            except YAML_PROBLEMS:
-                self._qos[text] = Qos()
+            self._qos[text] = parse_qos(text)
         return self._qos[text]
 
     def _grow(self, size: int) -> None:

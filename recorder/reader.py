@@ -11,8 +11,8 @@ from typing import Any, BinaryIO, TypeAlias
 import yaml
 from mcap.records import Channel, Message, Metadata
 
-from recorder.bag import BAG_INFORMATION, METADATA_FILE, Topic
-from recorder.catalogue import YAML_PROBLEMS, Catalogue
+from recorder.bag import BAG_INFORMATION, METADATA_FILE, YAML_PROBLEMS, Topic
+from recorder.catalogue import Catalogue
 from recorder.errors import RecorderError
 from recorder.mcap_stream import DamageError, ForeignError, Gap, read_records, read_summary
 from recorder.message import RawMessage

@@ -16,9 +16,8 @@ from typing import BinaryIO
 
 from mcap.records import Metadata
 
-from recorder.bag import METADATA_FILE, BagInformation, Topic
+from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Topic
 from recorder.bag_folder import METADATA_PART, prepare_metadata, put_metadata
-from recorder.catalogue import YAML_PROBLEMS
 from recorder.errors import RecorderError
 from recorder.mcap_file import ROSBAG2_RECORD, McapFile
 from recorder.mcap_stream import DamageError, ForeignError

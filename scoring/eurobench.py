@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from scoring.protocol import Condition, Event, EventName
 from scoring.result import Indicator
 from scoring.rulesets import ruleset
 from scoring.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
+from scoring.run_names import numbers_of
 from scoring.tables import Table, parse_table
 
 LARGEST_TABLE = 16 * 1024 * 1024
@@ -30,10 +30,6 @@ LARGEST_TABLE = 16 * 1024 * 1024
 
 LARGEST_YAML = 1024 * 1024
 """Larger YAML files are refused, bytes: braking tables take 2 kB."""
-
-_RUN_FILE = re.compile(
-    r"(subject_([0-9]{1,9})_cond_([0-9]{1,9})_run_([0-9]{1,9}))_(event|jointState|wrench)\.csv"
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,25 +74,6 @@ class EurobenchRun:
     run_info: Mapping[str, object]
 
 
-def read_eurobench(folder: Path) -> tuple[EurobenchRun, ...]:
-    """All runs of a folder, by the names of their files.
-
-    Raises:
-        ScoringError: there is none, or one cannot be read; the message names file, line and
-            column.
-    """
-    try:
-        names = sorted(path.name for path in folder.iterdir())
-    except OSError as error:
-        raise ScoringError(f"{folder}: cannot be read ({error.strerror}): name a folder") from None
-    prefixes = {match[1] for name in names if (match := _RUN_FILE.fullmatch(name))}
-    if not prefixes:
-        raise ScoringError(
-            f"{folder}: holds no run: name a folder with subject_SSS_cond_CCC_run_RRR_event.csv"
-        )
-    return tuple(read_run(folder, prefix) for prefix in sorted(prefixes))
-
-
 def read_run(folder: Path, prefix: str) -> EurobenchRun:
     """One run of a folder.
 
@@ -107,10 +84,10 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     Raises:
         ScoringError: it cannot be read; the message names file, line and column.
     """
-    match = _RUN_FILE.fullmatch(f"{prefix}_event.csv")
-    if match is None:
+    numbers = numbers_of(prefix)
+    if numbers is None:
         raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
-    subject, condition_number, run_number = (int(match[group]) for group in (2, 3, 4))
+    subject, condition_number, run_number = numbers
     info_path = folder / f"run_info_{prefix}.yaml"
     info = _read_mapping(info_path) if _exists(info_path) else {}
     events = _events(folder / f"{prefix}_event.csv")

@@ -6,7 +6,9 @@ Events and acceleration are taken from the files as they are.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from scoring.eurobench import EurobenchRun, door_stays_closed, recorded_until
 from scoring.evaluate import Rows, completed_by_settling, compute_indicators, cut_rows, process_rows
@@ -16,6 +18,8 @@ from scoring.protocol import Event, EventName, LockDetection, Outcome, Threshold
 from scoring.quality import Quality
 from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
+
+_AS_PUBLISHED = "scored from published files: events as they stand there"
 
 
 def evaluate_published(
@@ -63,9 +67,27 @@ def evaluate_published(
         lock_detection=procedure.lock_detection,
         events=events,
         handle_zero=0.0,
-        quality=Quality(remarks=("scored from published files: events as they stand there",)),
+        quality=Quality(remarks=(_AS_PUBLISHED, *_missing_rows(run, ending.stop, thresholds))),
     )
     return result, rows
+
+
+def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> Iterator[str]:
+    """Where the files have no rows, in words: files can be cut off, and rows get lost."""
+    limit = thresholds.largest_gap
+    end = run.events[-1].time if stop is None else stop
+    for name, times in (("jointState", run.joint_state.time), ("wrench", run.wrench.time)):
+        if not times.size:
+            yield f"{name}: no rows"
+            continue
+        intervals = np.diff(times)
+        gaps = intervals[intervals > limit]
+        if (late := float(times[0]) - run.start_time) > limit:
+            yield f"{name}: no rows in the first {late:.1f} s of the run"
+        if gaps.size:
+            yield f"{name}: {gaps.size} gaps, the longest {gaps.max():.3f} s"
+        if (early := end - float(times[-1])) > limit:
+            yield f"{name}: no rows in the last {early:.1f} s of the run"
 
 
 def _ending(procedure: Procedure, stop: float | None) -> Ending:

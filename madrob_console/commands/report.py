@@ -7,14 +7,16 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from madrob_console.cli import BAD_INPUT, software_version
+from madrob_console.arguments.common import BAD_INPUT
+from madrob_console.cli import software_version
 from madrob_console.engine.results import Scored, ending_of
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.report import REPORT_FILE, PictureFormat
 from madrob_console.report.page import report_html
 from madrob_console.rescore import open_run, score_path
-from madrob_console.runs import atomic_write, run_folder_names
+from madrob_console.run_paths import runs_at
+from madrob_console.runs import atomic_write
 from scoring.evaluate import Rows, with_remarks
 from scoring.protocol import Thresholds
 from scoring.result import Result
@@ -28,7 +30,7 @@ def main(arguments: argparse.Namespace) -> int:
     written: set[Path] = set()
     bad = 0
     for path in arguments.paths:
-        for run in _runs(path):
+        for run in dict.fromkeys(run.path for run in runs_at(path)):
             try:
                 _make(run, arguments.figures, arguments.output, written)
             except MadrobError as error:
@@ -47,15 +49,6 @@ def scored_run(path: Path) -> Scored:
     record, run = opened.recorded.record, opened.recorded.run
     result, rows = opened.assessment.result(ending_of(run), run.rulings)
     return Scored(record, run, with_remarks(result, run.remarks()), rows)
-
-
-def _runs(path: Path) -> list[Path]:
-    """The runs in a results folder, in order; else the path itself."""
-    try:
-        names = run_folder_names(path) if path.is_dir() else []
-    except MadrobError:  # reading the run says what is wrong with it
-        names = []
-    return [path / name for name in sorted(names)] or [path]
 
 
 def _make(

@@ -194,6 +194,8 @@ def test_qos_survives_its_text(qos: Qos) -> None:
         ("a: b", Qos()),
         ("[1, 2]", Qos()),
         ("[" * 600, Qos()),
+        ('!!int ""', Qos()),
+        ("!!timestamp x", Qos()),
     ],
 )
 def test_qos_of_older_recordings_and_of_several_publishers(text: str, qos: Qos) -> None:

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from scoring import eurobench
 from scoring.errors import ScoringError
 from scoring.eurobench import (
+    EurobenchRun,
     Wrench,
     door_stays_closed,
-    read_eurobench,
     read_run,
     write_run_files,
 )
@@ -25,6 +25,7 @@ from scoring.protocol import Condition, Event, EventName, StartPose
 from scoring.result import Indicator, IndicatorName
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName
 from scoring.run_info import RunInfo
+from scoring.run_names import run_prefixes
 
 START = 1580487388.2376215
 PREFIX = "subject_001_cond_001_run_001"
@@ -69,6 +70,11 @@ def folder(tmp_path: Path) -> Path:
     )
     (tmp_path / f"run_info_{PREFIX}.yaml").write_text("robot_name: '1'\nrun_number: 1\n")
     return tmp_path
+
+
+def read_eurobench(folder: Path) -> tuple[EurobenchRun, ...]:
+    names = (path.name for path in folder.iterdir())
+    return tuple(read_run(folder, prefix) for prefix in run_prefixes(names))
 
 
 def refusal(folder: Path) -> str:
@@ -215,9 +221,8 @@ def test_a_file_larger_than_any_run_is_refused(
     assert "event.csv: is larger than" in refusal(folder)
 
 
-def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
-    assert "holds no run" in refusal(tmp_path)
-    assert "cannot be read" in refusal(tmp_path / "nowhere")
+def test_a_name_that_is_none_of_a_run_is_refused(tmp_path: Path) -> None:
+    assert read_eurobench(tmp_path) == ()
     with pytest.raises(ScoringError, match="names no run"):
         read_run(tmp_path, "../subject_1")
 
