@@ -43,7 +43,9 @@ INDEX_FILE = ".history.json"
 OFFICIAL = "ros"
 """The source whose runs count; the others are practice."""
 
-_INDEX_VERSION = (1, RESULT_FORMAT)
+_INDEX_VERSION = (2, RESULT_FORMAT)
+_LONGEST_REASON = 500  # characters
+_VALID = (Outcome.COMPLETED, Outcome.TIMEOUT)
 _WORDS = {
     Outcome.COMPLETED: "completed",
     Outcome.TIMEOUT: "timeout",
@@ -78,6 +80,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         started: s since the epoch; before there is a result, as the folder's name has it.
         team: the team's name; empty where unknown.
         outcome: None = no result yet: the run goes on, or it was cut off.
+        reason: why it does not count, in the referee's words; empty for a valid run. Long ones
+            are cut.
         values: indicator file name -> value, those with a value only.
         issue: of the result; 0 = none yet.
         final: whether the result is finalised.
@@ -95,6 +99,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     started: Start
     team: Name = ""
     outcome: Outcome | None = None
+    reason: str = ""
     values: dict[str, int | float] = {}
     issue: int = 0
     final: bool = False
@@ -107,7 +112,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     @property
     def valid(self) -> bool:
         """Whether its indicators count: completed or timeout (protocol section 2)."""
-        return self.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT) and self.problem is None
+        return self.outcome in _VALID and self.problem is None
 
     @property
     def official(self) -> bool:
@@ -269,6 +274,7 @@ def _of_result(unread: RunSummary, result: ResultPart) -> RunSummary:
         started=result.start,
         team=result.team,
         outcome=result.outcome,
+        reason="" if result.outcome in _VALID else result.outcome_reason[:_LONGEST_REASON],
         values={name: value for name, value in values.items() if value is not None},
         issue=result.issue,
         final=closure is not None,

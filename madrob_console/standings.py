@@ -1,4 +1,4 @@
-"""Standings: the indicators of each team in each condition, over its valid runs.
+"""Standings: the indicators of each team, in each condition and in all, over its valid runs.
 
 Only completed and timed-out runs enter, and the execution time only of completed ones.
 """
@@ -10,7 +10,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from madrob_console.history import RunSummary
 from scoring.protocol import Outcome
@@ -45,7 +45,7 @@ class Aggregate:
             return None
         try:
             mean = statistics.fmean(values)
-            deviation = statistics.stdev(values) if len(values) > 1 else None
+            deviation = _deviation(values, mean) if len(values) > 1 else None
             median = float(statistics.median(values))
         except OverflowError:
             return None
@@ -54,29 +54,49 @@ class Aggregate:
         return cls(mean, median, deviation, min(values), max(values), len(values))
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """One team in one condition.
+def _deviation(values: Sequence[float], mean: float) -> float:
+    """As `statistics.stdev`, which computes with fractions and takes ten times as long."""
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """The runs of one team, counted and aggregated.
 
     Runs under different rulesets stand apart: their numbers do not compare (section 9).
 
     Attributes:
-        subject, team, condition, ruleset: whose runs; the condition's number.
+        subject, team, ruleset: whose runs.
         completed, timeout: valid runs.
         aborted: invalid runs.
         interrupted: runs cut off by a failure, and runs without a result yet.
+        counted: how many runs the aggregates are of.
         aggregates: by indicator; missing = no run has a value.
     """
 
     subject: int
     team: str
-    condition: int
     ruleset: str
     completed: int = 0
     timeout: int = 0
     aborted: int = 0
     interrupted: int = 0
+    counted: int = 0
     aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing(Tally):
+    """One team in one condition, by its number."""
+
+    condition: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overall(Tally):
+    """One team in all its conditions together, by their numbers; every run weighs the same."""
+
+    conditions: tuple[int, ...]
 
 
 class _Key(NamedTuple):
@@ -84,6 +104,9 @@ class _Key(NamedTuple):
     condition: int
     team: str
     ruleset: str
+
+
+_Groups = Mapping[_Key, Sequence[RunSummary]]
 
 
 def standings(
@@ -101,6 +124,37 @@ def standings(
             completed before timed out, then with the least execution time. 0 = all. The counts
             are of all runs.
     """
+    groups = _grouped(runs, official=official)
+    return tuple(
+        Standing(condition=key.condition, **_tally(key, [groups[key]], best))
+        for key in sorted(groups)
+    )
+
+
+def overall(
+    runs: Iterable[RunSummary], *, official: bool = True, best: int = 0
+) -> tuple[Overall, ...]:
+    """The standings by subject, over all conditions.
+
+    Args:
+        runs: from a history.
+        official: as for `standings`.
+        best: how many valid runs of each condition enter; 0 = all.
+    """
+    groups = _grouped(runs, official=official)
+    of_team: dict[tuple[int, str, str], list[_Key]] = defaultdict(list)
+    for key in sorted(groups):
+        of_team[key.subject, key.team, key.ruleset].append(key)
+    return tuple(
+        Overall(
+            conditions=tuple(key.condition for key in keys),
+            **_tally(keys[0], [groups[key] for key in keys], best),
+        )
+        for keys in of_team.values()
+    )
+
+
+def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
     groups: dict[_Key, list[RunSummary]] = defaultdict(list)
     unfinished: list[RunSummary] = []
     for run in runs:
@@ -113,29 +167,33 @@ def standings(
     for run in unfinished:
         if _key(run) in groups:
             groups[_key(run)].append(run)
-    return tuple(_standing(key, groups[key], best) for key in sorted(groups))
+    return groups
 
 
 def _key(run: RunSummary) -> _Key:
     return _Key(run.subject, run.condition, run.team, run.ruleset)
 
 
-def _standing(key: _Key, runs: Sequence[RunSummary], best: int) -> Standing:
-    outcomes = [run.outcome for run in runs]
-    valid = sorted((run for run in runs if run.valid), key=_rank)
-    counted = valid[:best] if best else valid
+def _tally(key: _Key, groups: Iterable[Sequence[RunSummary]], best: int) -> dict[str, Any]:
+    """The fields of a tally over groups of runs; the best are taken of each group."""
+    outcomes: list[Outcome | None] = []
+    counted: list[RunSummary] = []
+    for runs in groups:
+        outcomes += [run.outcome for run in runs]
+        valid = sorted((run for run in runs if run.valid), key=_rank)
+        counted += valid[:best] if best else valid
     found = {name: Aggregate.of(_values(counted, name)) for name in IndicatorName}
-    return Standing(
-        subject=key.subject,
-        team=key.team,
-        condition=key.condition,
-        ruleset=key.ruleset,
-        completed=outcomes.count(Outcome.COMPLETED),
-        timeout=outcomes.count(Outcome.TIMEOUT),
-        aborted=outcomes.count(Outcome.ABORTED),
-        interrupted=outcomes.count(Outcome.INTERRUPTED) + outcomes.count(None),
-        aggregates={name: aggregate for name, aggregate in found.items() if aggregate},
-    )
+    return {
+        "subject": key.subject,
+        "team": key.team,
+        "ruleset": key.ruleset,
+        "completed": outcomes.count(Outcome.COMPLETED),
+        "timeout": outcomes.count(Outcome.TIMEOUT),
+        "aborted": outcomes.count(Outcome.ABORTED),
+        "interrupted": outcomes.count(Outcome.INTERRUPTED) + outcomes.count(None),
+        "counted": len(counted),
+        "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
+    }
 
 
 def _rank(run: RunSummary) -> tuple[float, bool, float, float]:

@@ -40,6 +40,7 @@ def document(run: RunSummary) -> dict[str, Any]:
         "setup": {"team": "of the set-up"},
         "ruleset": run.ruleset,
         "outcome": run.outcome,
+        "outcome_reason": "all six steps done" if run.valid else run.reason,
         "start": run.started,
         "indicators": {
             name: {

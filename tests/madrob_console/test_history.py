@@ -99,6 +99,20 @@ def test_a_summary_says_what_its_result_says(run: RunSummary) -> None:
         assert History(Path(root)).refresh() == (run,)
 
 
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_a_run_that_does_not_count_says_why(tmp_path: Path, outcome: Outcome) -> None:
+    content = document(summary(outcome=outcome)) | {"outcome_reason": "a visitor " + "x" * 9999}
+    path = write(tmp_path, summary(outcome=outcome))
+    path.write_text(json.dumps(content))
+    read, again = History(tmp_path).refresh()[0], History(tmp_path).refresh()[0]
+    assert read == again
+    if read.valid:
+        assert read.reason == ""
+    else:
+        assert read.reason.startswith("a visitor xxx")
+        assert len(read.reason) == 500
+
+
 def test_runs_come_oldest_first_and_strangers_are_skipped(tmp_path: Path) -> None:
     later, earlier = summary(run_number=1, hour=2.0), summary(run_number=2, hour=1.0)
     write(tmp_path, later)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.history import RunSummary
-from madrob_console.standings import Aggregate, standings
+from madrob_console.standings import Aggregate, overall, standings
 from scoring.protocol import Outcome
 from scoring.result import IndicatorName
 from tests.madrob_console.run_folders import VALUES, summary
@@ -150,6 +150,26 @@ def test_of_equal_runs_the_earlier_is_the_better() -> None:
     assert standing.aggregates[HANDLE].mean == 7.0
 
 
+def test_all_conditions_of_a_team_together_weigh_every_run_the_same() -> None:
+    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0}), summary(4, 8)]
+    first, second = overall(runs)
+    assert (first.subject, first.conditions, first.completed, first.counted) == (3, (7, 8), 3, 3)
+    assert first.aggregates[TIME].mean == pytest.approx(30.0)
+    assert (second.subject, second.conditions) == (4, (8,))
+
+
+def test_the_best_of_all_conditions_are_the_best_of_each() -> None:
+    runs = [timed(10.0), timed(20.0), summary(3, 8, values={TIME: 60.0, LEVEL: 1})]
+    (team,) = overall(runs, best=1)
+    assert (team.completed, team.counted) == (3, 2)
+    assert team.aggregates[TIME].mean == pytest.approx(35.0)
+
+
+def test_all_conditions_together_keep_rulesets_apart() -> None:
+    runs = [summary(), summary(ruleset="eurobench-2020"), summary(source="simulated")]
+    assert [team.ruleset for team in overall(runs)] == ["eurobench-2020", "protocol"]
+
+
 @given(st.lists(FINITE, min_size=1, max_size=8))
 def test_an_aggregate_lies_within_its_values(values: list[float]) -> None:
     aggregate = Aggregate.of(values)
@@ -183,3 +203,5 @@ def test_every_official_run_is_counted_once(runs: list[RunSummary]) -> None:
     ended = (Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.ABORTED)
     whole = [run for run in runs if run.official and run.problem is None and run.outcome in ended]
     assert sum(counts) == len(whole)
+    together = [team.completed + team.timeout + team.aborted for team in overall(runs)]
+    assert sum(together) == len(whole)

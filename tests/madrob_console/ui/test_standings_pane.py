@@ -176,7 +176,7 @@ def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
 
 @pytest.mark.parametrize("shown", list(Shown))
 def test_where_there_is_no_value_there_is_no_number(shown: Shown) -> None:
-    standing = Standing(1, "Delft", 7, "protocol", aborted=1)
+    standing = Standing(subject=1, team="Delft", condition=7, ruleset="protocol", aborted=1)
     assert number_of(standing, IndicatorName.EXECUTION_TIME, shown) is None
 
 
