@@ -56,7 +56,7 @@ def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
         if isinstance(value, msgspec.Struct):
             inner.append((f"{name}.{field.encode_name}".lstrip("."), value))
         elif not isinstance(plain(field.type), inspect.VarTupleType):
-            shown = "..." if value is None else _toml(value)
+            shown = "..." if value is None else toml_value(value)
             described.append(f"#{field.encode_name} = {shown}  # {description(field.type)}")
     if described:
         yield from (f"[{name}]", *described, "")
@@ -64,7 +64,8 @@ def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
         yield from _tables(inner_name, inner_table)
 
 
-def _toml(value: object) -> str:
+def toml_value(value: object) -> str:
+    """A text, a number, a choice or a list of them, as TOML."""
     if isinstance(value, Enum):
         value = value.value
     return json.dumps(value, ensure_ascii=False)
