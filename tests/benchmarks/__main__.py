@@ -20,7 +20,16 @@ from pathlib import Path
 
 from tests.benchmarks.report import Figure, Report, this_machine
 
-NAMES = ("terminal",)
+NAMES = (
+    "archive",
+    "commands",
+    "live",
+    "recording",
+    "reports",
+    "scoring",
+    "terminal",
+    "truth",
+)
 REPEATS = 5
 
 Benchmark = Callable[[int], Sequence[Figure]]

@@ -1,0 +1,123 @@
+"""Records a flood of ten topics from another process, and says what it took.
+
+python -m tests.benchmarks.receiver ours|rclpy <folder> <messages>
+
+`ours` is the program's recorder. `rclpy` is what one writes first: callbacks of a
+SingleThreadedExecutor that hand serialised messages to `mcap.Writer`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from madrob_console.testbeds.messages import TopicMapping
+from madrob_console.testbeds.ros.inbox import qos_profile
+from madrob_console.testbeds.ros.loading import (
+    domain_id,
+    load_message_class,
+    load_module,
+    load_rclpy,
+)
+from recorder.bag import Qos
+from recorder.writer import BagWriter
+from scoring.protocol import Signal
+from tests.madrob_console.ros_peer import FLOOD, TYPES, Taker, source
+
+TOPICS = 10
+HEADER = "std_msgs/msg/Header"
+NAMES = [f"{FLOOD}_{number}" for number in range(TOPICS)]
+DEPTH = 1000
+PATIENCE = 4.0
+"""So long without a message the flood is over, s."""
+
+
+def ours(folder: Path, wanted: int) -> tuple[int, float]:
+    """The messages recorded, and the CPU time of all threads, s."""
+    mappings = [TopicMapping(Signal.DOOR, name, HEADER, "stamp.sec") for name in NAMES]
+    with Taker(source(*mappings)) as taker:
+        while sum(status.publishers for status in taker.source.status()) < TOPICS:
+            taker.source.take(0.05)
+        with BagWriter(folder / "bag", taker.source.topics(), {}) as writer:
+
+            def take() -> int:
+                messages = taker.source.take(0.02)
+                for message in messages:
+                    writer.put(message)
+                return len(messages)
+
+            began = time.process_time()
+            _until_over(take, wanted)
+        return sum(writer.close().counts.values()), time.process_time() - began
+
+
+def rclpy_executor(folder: Path, wanted: int) -> tuple[int, float]:
+    """The same with rclpy's executor and a bare writer."""
+    rclpy = load_rclpy()
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain_id(None, os.environ))
+    node = rclpy.create_node("recorder", context=context)
+    executor = load_module("rclpy.executors").SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    kind = load_message_class(HEADER)
+    count = 0
+    with (folder / "baseline.mcap").open("wb") as file:
+        writer = Writer(file, chunk_size=768 * 1024)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(HEADER, "ros2msg", TYPES.definition(HEADER).encode())
+
+        def subscribe(name: str) -> None:
+            channel = writer.register_channel(name, "cdr", schema)
+
+            def record(data: bytes) -> None:
+                nonlocal count
+                now = time.time_ns()
+                writer.add_message(channel, now, data, now)
+                count += 1
+
+            node.create_subscription(kind, name, record, qos_profile(Qos(), DEPTH), raw=True)
+
+        for name in NAMES:
+            subscribe(name)
+        while any(node.count_publishers(name) == 0 for name in NAMES):
+            executor.spin_once(0.05)
+        began = time.process_time()
+
+        def take() -> int:
+            before = count
+            executor.spin_once(0.02)
+            return count - before
+
+        _until_over(take, wanted)
+        writer.finish()  # type: ignore[no-untyped-call]
+        used = time.process_time() - began
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    return count, used
+
+
+def _until_over(take: Callable[[], int], wanted: int) -> None:
+    """Take until all is there, or nothing comes any more."""
+    got, newest = 0, time.monotonic() + 30.0
+    while got < wanted and time.monotonic() < newest + PATIENCE:
+        if taken := take():
+            got += taken
+            newest = time.monotonic()
+
+
+def main() -> None:
+    """Record, and print how many messages were received and the CPU time a message, us."""
+    which, folder, wanted = sys.argv[1:]
+    record = {"ours": ours, "rclpy": rclpy_executor}[which]
+    received, used = record(Path(folder), int(wanted))
+    print(received, 1e6 * used / max(1, received))
+
+
+if __name__ == "__main__":
+    main()
