@@ -9,10 +9,11 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from madrob_console.config import Settings
-from madrob_console.engine.place import Place, place_of
+from madrob_console.engine.place import Place, known_places, place_of
 from madrob_console.engine.remote import RemoteEngine
 from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
@@ -54,10 +55,10 @@ def engine_place(arguments: argparse.Namespace, settings: Settings) -> Place:
     if kind == SourceKind.ROS:
         domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
         return place_of(kind, os.environ.get("ROS_DOMAIN_ID", "0") if domain is None else domain)
+    if kind == SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
+        return place_of(kind, *(Path(path).expanduser().absolute() for path in named[1:]))
     results = results_folder(arguments, settings)
-    replayed = [Path(path).expanduser().absolute() for path in named[1:]]
-    what = (results, arguments.scenario, arguments.seed, arguments.speed, *replayed)
-    return place_of(kind, *what)
+    return place_of(kind, results, arguments.scenario, arguments.seed, arguments.speed)
 
 
 def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> RemoteEngine:
@@ -72,6 +73,8 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
         return _checked(RemoteEngine(place.socket, role, who), arguments, settings)
     except OSError:
         if role is Role.WATCH:
+            if arguments.testbed is None and (only := _only_engine(role, who)) is not None:
+                return only
             raise MadrobError(
                 "no engine runs here to be watched: `madrob console` starts one, `madrob engine "
                 "status` lists them"
@@ -87,6 +90,19 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
                 raise MadrobError(_last_words(place)) from None
         time.sleep(_PERIOD)
     raise MadrobError(f"the engine did not start within {STARTING_TIME:g} s: see {place.log}")
+
+
+def _only_engine(role: Role, who: str) -> RemoteEngine | None:
+    """The engine that runs; None where there is none, or more than one."""
+    found: list[RemoteEngine] = []
+    for place in known_places():
+        with suppress(OSError, MadrobError):  # it was killed, or is just ending
+            found.append(RemoteEngine(place.socket, role, who))
+    if len(found) == 1:
+        return found[0]
+    for engine in found:
+        engine.close()
+    return None
 
 
 def _checked(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import socket
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 from madrob_console.commands.attaching import attach, results_folder
 from madrob_console.config import Settings, load_settings
 from madrob_console.config.tables import DEFAULT_START_POSES
+from madrob_console.engine.playback import JumpTo, SetSpeed
 from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
 from madrob_console.runs import parse_folder_name
@@ -24,22 +26,32 @@ if TYPE_CHECKING:
 
 _KEYS = "F1 lists the keys, ^P finds every command."
 _PRACTICE = "Practice: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts."
+_REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 lists the keys."
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; the engine is a process behind them, started where none runs."""
-    return show(arguments, Role.REFEREE)
+    begin_at: float | None = arguments.begin_at
+    replays = arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
+    if begin_at is not None and not (replays and math.isfinite(begin_at)):
+        raise MadrobError(
+            f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
+        )
+    return show(arguments, Role.REFEREE, begin_at)
 
 
-def show(arguments: argparse.Namespace, role: Role) -> int:
-    """Show the screens for a referee or for a spectator."""
+def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = None) -> int:
+    """Show the screens for a referee or for a spectator; a replay begins at a time of its run."""
     check_terminal(os.environ)
     settings = load_settings(arguments.settings)
     results = results_folder(arguments, settings)
 
     def open_client() -> EngineClient:
-        return attach(arguments, settings, role)
+        client = attach(arguments, settings, role)
+        if role is Role.REFEREE:
+            _move(client, arguments.speed, begin_at)
+        return client
 
     look = Look(
         theme=arguments.theme or settings.console.theme,
@@ -50,13 +62,33 @@ def show(arguments: argparse.Namespace, role: Role) -> int:
     return run_console(open_client, _defaults(arguments, settings, results), look)
 
 
+def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
+    """Let a replay, which may be going on already, go as the command line says.
+
+    Raises:
+        MadrobError: it cannot begin there.
+    """
+    playback = client.snapshot().playback
+    if playback is None:
+        return
+    if playback.speed != speed:
+        client.control(SetSpeed(speed))  # refused where another console has the right to act
+    if begin_at is not None and (refused := client.control(JumpTo(begin_at))) is not None:
+        client.close()
+        raise MadrobError(f"--from {begin_at:g}: {refused}")
+
+
 def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) -> ConsoleDefaults:
     run, competition = settings.run, settings.competition
     poses = settings.start_poses or DEFAULT_START_POSES
     teams = _teams(arguments.teams, settings)
     first_time = not _any_run(results)
-    practice = arguments.testbed is not None and arguments.testbed[0] == SourceKind.SIMULATED
-    hint = _KEYS if not first_time else _PRACTICE if practice else _FIRST_TIME
+    kind = None if arguments.testbed is None else arguments.testbed[0]
+    hint = _FIRST_TIME if first_time else _KEYS
+    if kind == SourceKind.REPLAY:
+        hint = _REPLAY
+    elif kind == SourceKind.SIMULATED and first_time:
+        hint = _PRACTICE
     return ConsoleDefaults(
         competition=competition.name,
         results=results,

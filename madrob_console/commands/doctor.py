@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli import BAD_INPUT
+from madrob_console.arguments.common import BAD_INPUT
 from madrob_console.config import load_settings
 from madrob_console.doctor import doctor, report, usable
 

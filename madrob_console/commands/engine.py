@@ -10,7 +10,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from madrob_console.commands.attaching import TAKEN, engine_place, who_am_i
+from madrob_console.commands.attaching import TAKEN, engine_place, results_folder, who_am_i
 from madrob_console.config import load_settings
 from madrob_console.engine.place import Place, known_places
 from madrob_console.engine.remote import RemoteEngine
@@ -46,10 +46,15 @@ def serve(arguments: argparse.Namespace) -> int:
             return TAKEN
         from madrob_console.commands.session import open_engine
         from madrob_console.engine.local import LocalEngine
+        from madrob_console.engine.reporting import Papers
         from madrob_console.engine.server import EngineServer
 
         engine = open_engine(arguments, settings)
-        local = LocalEngine(engine)
+        where = [f"--results={results_folder(arguments, settings)}"]
+        if arguments.settings is not None:
+            where.append(f"--settings={arguments.settings}")
+        papers = Papers(lambda: engine.busy, where)
+        local = LocalEngine(engine, papers)
         try:
             idle_time = arguments.idle_time or settings.engine.idle_time
             if arguments.idle_time is None and engine.source.kind is not SourceKind.ROS:
@@ -58,6 +63,7 @@ def serve(arguments: argparse.Namespace) -> int:
             asyncio.run(_serve(server, place.socket))
         finally:
             local.close()
+    papers.close()  # another engine may begin meanwhile
     return 0
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from madrob_console.cli import BAD_INPUT
+from madrob_console.arguments.common import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.rescore import read_recorded_run

@@ -9,11 +9,14 @@ from contextlib import contextmanager, nullcontext
 from types import FrameType
 
 from madrob_console.commands.attaching import engine_place
+from madrob_console.commands.log_printer import LogPrinter
+from madrob_console.commands.replaying import replay
 from madrob_console.commands.session import open_engine, settings_of
 from madrob_console.commands.table import result_lines
 from madrob_console.config import Settings
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.replaying import ReplayingEngine
+from madrob_console.engine.reporting import Papers
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
@@ -40,8 +43,11 @@ def main(arguments: argparse.Namespace) -> int:
     """One run from the set-up to its result."""
     settings = settings_of(arguments)
     engine = open_engine(arguments, settings)
+    if isinstance(engine, ReplayingEngine):
+        return EXIT_CODES[replay(engine)]
     live = engine.source.kind is SourceKind.ROS
-    runner = _Runner(engine)
+    papers = None if arguments.no_report else Papers(lambda: engine.busy)
+    runner = _Runner(engine, papers)
     alone = engine_place(arguments, settings).taken() if live else nullcontext()
     with alone, runner.stopping_on_signals():
         return runner.go(arguments, settings)
@@ -50,9 +56,12 @@ def main(arguments: argparse.Namespace) -> int:
 class _Runner:
     """Drives an engine as a referee would, and prints what happens."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, papers: Papers | None) -> None:
         self._engine = engine
-        self._printed = 0
+        self._papers = papers
+        if papers is not None:
+            engine.on_result = papers.report
+        self._log = LogPrinter(engine.log)
         self._signal: int | None = None
 
     def go(self, arguments: argparse.Namespace, settings: Settings) -> int:
@@ -60,16 +69,13 @@ class _Runner:
         engine.open()
         try:
             print(f"testbed: {engine.source.label}", flush=True)
-            if not isinstance(engine, ReplayingEngine):
-                self._prepare(arguments, settings)
+            self._prepare(arguments, settings)
             while engine.scored is None:
                 self._step()
                 self._heed_signal()
-                if engine.source.ended and not engine.run.active and engine.scored is None:
-                    raise MadrobError(f"{engine.source.label} ended before a run was over")
         finally:
             engine.close()
-            self._print_log()
+            self._log.print_new()
         return self._report()
 
     def _prepare(self, arguments: argparse.Namespace, settings: Settings) -> None:
@@ -103,21 +109,13 @@ class _Runner:
 
     def _do(self, act: Act) -> None:
         refused = self._engine.perform(act)
-        self._print_log()
+        self._log.print_new()
         if refused is not None:
             raise MadrobError(f"{act.name} refused: {refused}")
 
     def _step(self) -> None:
         self._engine.step(STEP)
-        self._print_log()
-
-    def _print_log(self) -> None:
-        for line in self._engine.log.lines:
-            if line.number < self._printed:
-                continue
-            self._printed = line.number + 1
-            clock = "" if line.relative is None else f"{line.relative:+.3f} s"
-            print(f"{clock:>12}  {line.origin:<8}  {line.text}", flush=True)
+        self._log.print_new()
 
     def _heed_signal(self) -> None:
         if self._signal is None:
@@ -151,8 +149,18 @@ class _Runner:
             print(line)
         if self._engine.result_problem:
             print(self._engine.result_problem)
+        if self._papers is not None:
+            self._wait_for_report(self._papers)
         print(f"run folder: {self._engine.folder}", flush=True)
         return EXIT_CODES[scored.result.ending.outcome]
+
+    def _wait_for_report(self, papers: Papers) -> None:
+        """Wait until the report is made; a signal ends the waiting, and it gets ready alone."""
+        self._signal = None
+        while not papers.wait(_LOOK_PERIOD) and self._signal is None:
+            pass
+        if papers.problem is not None:
+            print(papers.problem)
 
 
 def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) -> RunSetup:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,16 +12,12 @@ from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings, load_settings
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
-from madrob_console.engine.replaying import ReplayingEngine
+from madrob_console.engine.replaying import AnyEngine, ReplayingEngine
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.messages import MessageTypes
-from madrob_console.testbeds.replay import ReplaySource
 from madrob_console.testbeds.simulated import SimulatedSource
 from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
 from madrob_console.testbeds.source import Source, SourceKind
-
-REPLAYS_FOLDER = "replays"
-"""In the results folder: runs of a replay, which count for nothing."""
 
 _SEARCH_TIME = 3.0
 
@@ -36,7 +31,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     return load_settings(arguments.settings)
 
 
-def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
+def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:
     """The engine that the command line asks for; not opened yet.
 
     Raises:
@@ -59,8 +54,7 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
         raise MadrobError(f"--speed {arguments.speed:g}: use 0 to 1000")
     if kind is SourceKind.REPLAY:
         assert replayed is not None
-        source = ReplaySource(replayed, types, arguments.speed)
-        return ReplayingEngine(source, _beside(config), types)
+        return ReplayingEngine(replayed, config, types, arguments.speed)
     if kind is SourceKind.SIMULATED:
         clock: Clock = VirtualClock(time.time_ns())
         if arguments.speed > 0:
@@ -83,10 +77,6 @@ def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> Simu
         settings.simulated.sensors.settings(),
         settings.simulated.robot.settings(),
     )
-
-
-def _beside(config: EngineConfig) -> EngineConfig:
-    return replace(config, results=config.results / REPLAYS_FOLDER)
 
 
 def _ros_source(
@@ -113,7 +103,7 @@ def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceK
     if len(rest) != wanted:
         need = "needs the path of one bag" if wanted else "takes nothing more"
         raise MadrobError(f"--testbed {kind} {need}")
-    return kind, Path(rest[0]) if rest else None
+    return kind, Path(rest[0]).expanduser() if rest else None
 
 
 def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKind:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from madrob_console.engine.curves import Curves
+from madrob_console.engine.playback import AnyCommand
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act
 
@@ -39,8 +40,20 @@ class EngineClient(Protocol):
         """
         ...
 
+    def export_team(self, subject: int) -> str | None:
+        """Pack a team's runs into a zip, in the background; `Snapshot.export` tells the rest.
+
+        Returns:
+            Why that is not possible, in words; None when it is on its way.
+        """
+        ...
+
     def curves(self) -> Curves | None:
         """What the figures show of the run with a result; None without one."""
+        ...
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step or move a replay; returns why not, None when it is done or on its way."""
         ...
 
     def take_over(self) -> str | None:

@@ -6,7 +6,7 @@ It decides everything and waits for nobody. It is single-threaded: whoever owns 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +51,7 @@ from madrob_console.referee.transitions import stop
 from madrob_console.rescore import OpenedRun
 from madrob_console.runs import next_run_number
 from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes
-from madrob_console.testbeds.source import Source, SourceKind
+from madrob_console.testbeds.source import Source
 from madrob_console.unfinished import Unfinished, find_unfinished
 from recorder.message import RawMessage
 from scoring.evaluate import Assessment, with_remarks
@@ -60,6 +60,9 @@ from scoring.protocol import Outcome
 
 POST_ROLL = 1.0
 """Recording goes on this long after the stop is decided, s (protocol section 3)."""
+
+WATCH_PERIOD = 0.1
+"""Between two looks at the topics in a run, s."""
 
 
 class Engine:
@@ -70,6 +73,9 @@ class Engine:
         clock: steady time.
         config: what it needs to know.
         types: the message types, shared with the source.
+
+    Attributes:
+        on_result: called with the run's folder for each result that is on disk; must not wait.
     """
 
     def __init__(
@@ -96,8 +102,10 @@ class Engine:
         self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
-        self._keeper = ResultKeeper(self._written)
+        self.on_result: Callable[[Path], None] | None = None
+        self._keeper = ResultKeeper(self._written, self._tell)
         self._looked: float | None = None
+        self._watched = 0.0
 
     # ------------------------------------------------------------------ for the owner
 
@@ -275,19 +283,6 @@ class Engine:
             return str(error)
         return None
 
-    def repeat(self, act: Act, at: float, handle_zero: float) -> None:
-        """Do an act that a recording tells of: it was possible then.
-
-        Args:
-            act: what was done.
-            at: when, s since the epoch.
-            handle_zero: the one stored with the run, N.
-
-        Raises:
-            MadrobError: the disk refuses.
-        """
-        self._take_effect(act, Situation(self._run, handle_mean=handle_zero), at)
-
     def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
         if isinstance(act, SetUp):
             if self._opened is not None:  # its handle zero is of its day
@@ -390,17 +385,24 @@ class Engine:
     def _advance(self) -> None:
         now = self.now()
         if self._recording is not None:
-            self._recording.add_topics(self.source.topics())
-            for words in self._fault_notes.due(
-                self._sensors.troubles(self.source.status(), self._sensors_now), now
-            ):
-                self._note(_fault(words, now))
+            self._watch(now)
         if self._course is not None and self._run.active:
             self._go_on(*self._course.advance(self._run, now))
-        if self._decided is not None and self._recording is not None and self._post_roll_over(now):
+        if self._decided is not None and now >= self._decided + POST_ROLL and self._recording:
             self._finish()
         if self._keeper.due(now):
             self._try_again(now)
+
+    def _watch(self, now: float) -> None:
+        """Look at the topics, ten times a second."""
+        if 0 <= now - self._watched < WATCH_PERIOD:
+            return
+        self._watched = now
+        assert self._recording is not None
+        self._recording.add_topics(self.source.topics())
+        troubles = self._sensors.troubles(self.source.status(), self._sensors_now)
+        for words in self._fault_notes.due(troubles, now):
+            self._note(_fault(words, now))
 
     def _try_again(self, now: float) -> None:
         """Write what the disk refused before."""
@@ -413,13 +415,6 @@ class Engine:
         if problem is None or self._scored is None or self._folder is None:
             return None
         return Unwritten(self._folder, self._scored, self._chronicle.entries, problem)
-
-    def _post_roll_over(self, now: float) -> bool:
-        """Whether the post-roll is over; a replay goes on to the end of what was recorded."""
-        assert self._decided is not None
-        if self.source.kind is SourceKind.REPLAY:
-            return self.source.ended
-        return now >= self._decided + POST_ROLL
 
     def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
         before, self._run = self._run, run
@@ -484,6 +479,10 @@ class Engine:
     def _written(self, _folder: Path, scored: Scored) -> None:
         details = {"issue": scored.run.issue}
         self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
+
+    def _tell(self, folder: Path) -> None:
+        if self.on_result is not None:
+            self.on_result(folder)
 
     def _lost(self) -> dict[str, int]:
         """Messages lost on the way since the source was opened, where that is known."""

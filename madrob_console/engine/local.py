@@ -6,12 +6,16 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 from madrob_console.engine.curves import Curves, curves_of
 from madrob_console.engine.engine import Engine
+from madrob_console.engine.playback import NO_REPLAY, AnyCommand
+from madrob_console.engine.replaying import AnyEngine, ReplayingEngine
+from madrob_console.engine.reporting import Papers
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.engine.wire import ALONE
 from madrob_console.errors import MadrobError
@@ -40,13 +44,17 @@ class LocalEngine:
 
     Args:
         engine: not opened yet.
+        papers: what makes reports and exports, closed by the caller; None = nobody does.
 
     Raises:
         MadrobError: the testbed cannot be reached.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: AnyEngine, papers: Papers | None = None) -> None:
         self._engine = engine
+        self._papers = papers
+        if papers is not None and isinstance(engine, Engine):
+            engine.on_result = papers.report
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -108,7 +116,11 @@ class LocalEngine:
         """
         if self._failure is not None:
             raise MadrobError(f"the engine has failed: {self._failure}")
-        return self._snapshot
+        snapshot, papers = self._snapshot, self._papers
+        if papers is None or (papers.problem, papers.exported) == (None, None):
+            return snapshot
+        problems = [] if papers.problem is None else [papers.problem]
+        return replace(snapshot, faults=(*snapshot.faults, *problems), export=papers.exported)
 
     def act(self, act: Act) -> str | None:
         """Hand in an act; returns the refusal in words, None when it took effect.
@@ -140,6 +152,13 @@ class LocalEngine:
         opened = open_run(self._engine.config.results / folder)
         return self._ask(lambda: self._engine.open_run(opened, invalid=invalid))
 
+    def export_team(self, subject: int) -> str | None:
+        """Pack a team's runs in the background; returns why not, None when it is on its way."""
+        if self._papers is None:
+            return "nobody packs runs here: use `madrob export`"
+        self._papers.export(subject)
+        return None
+
     @property
     def results(self) -> Path:
         """Where the runs are kept."""
@@ -149,6 +168,17 @@ class LocalEngine:
     def busy(self) -> bool:
         """Whether a run goes on or its result is being written."""
         return self._failure is None and self._engine.busy
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step or move a replay; returns why not, None when it is done or on its way.
+
+        Raises:
+            MadrobError: the engine has ended or does not answer.
+        """
+        engine = self._engine
+        if not isinstance(engine, ReplayingEngine):
+            return NO_REPLAY
+        return self._ask(lambda: engine.control(command))
 
     def take_over(self) -> str | None:
         """Nobody else is there to take the right to act from."""

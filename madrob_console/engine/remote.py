@@ -14,6 +14,7 @@ import msgspec
 
 from madrob_console.engine import wire
 from madrob_console.engine.curves import Curves
+from madrob_console.engine.playback import CONTROL, AnyCommand
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import ACTS, Act
@@ -26,6 +27,9 @@ OPENING_TIMEOUT = 120.0
 
 TAKE_OVER = "take over"
 """Its refusal stands among those of the acts."""
+
+EXPORT = "export the team's runs"
+"""The same."""
 
 _GREETING_TIME = 10.0
 _WATCHING = "this screen only watches: `madrob console` can act"
@@ -88,7 +92,7 @@ class RemoteEngine:
         if refusal is None:
             own = {**state.snapshot.refusals, TAKE_OVER: wire.ALONE}
             return replace(state.snapshot, refusals=own)
-        refusals = {act.name: refusal for act in ACTS}
+        refusals = dict.fromkeys((*(act.name for act in ACTS), CONTROL, EXPORT), refusal)
         if self._role is wire.Role.WATCH:
             return replace(state.snapshot, refusals={**refusals, TAKE_OVER: refusal})
         faults = (refusal, *state.snapshot.faults)
@@ -136,6 +140,14 @@ class RemoteEngine:
         request = wire.OpenRun(next(self._numbers), folder, invalid)
         return self._ask(request, OPENING_TIMEOUT).refused
 
+    def export_team(self, subject: int) -> str | None:
+        """Pack a team's runs; returns why not, None when it is on its way.
+
+        Raises:
+            MadrobError: the engine has ended or does not answer.
+        """
+        return self._ask(wire.ExportTeam(next(self._numbers), subject)).refused
+
     def curves(self) -> Curves | None:
         """What the figures show of the run with a result; None without one.
 
@@ -143,6 +155,14 @@ class RemoteEngine:
             MadrobError: the engine has ended or does not answer.
         """
         return self._ask(wire.GiveCurves(next(self._numbers))).curves
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step or move a replay; returns why not.
+
+        Raises:
+            MadrobError: the engine has ended or does not answer.
+        """
+        return self._ask(wire.Control(next(self._numbers), command)).refused
 
     def take_over(self) -> str | None:
         """Take the right to act from another screen; returns why not.

@@ -59,14 +59,18 @@ class ResultKeeper:
 
     Args:
         written: told of each result of the run at hand that is on disk.
+        tell: told of the folder of each result that is on disk.
 
     Attributes:
         problem: why the result of the run at hand is not on disk, in words; None when it is.
     """
 
-    def __init__(self, written: Callable[[Path, Scored], None]) -> None:
+    def __init__(
+        self, written: Callable[[Path, Scored], None], tell: Callable[[Path], None]
+    ) -> None:
         self.problem: str | None = None
         self._written = written
+        self._tell = tell
         self._refused: tuple[Path, Scored] | None = None
         self._waiting: dict[Path, Unwritten] = {}
         self._tried = -math.inf
@@ -92,6 +96,7 @@ class ResultKeeper:
         else:
             self.problem = self._refused = None
             self._written(folder, scored)
+            self._tell(folder)
 
     def leave(self, unwritten: Unwritten | None) -> None:
         """Another run takes the place of the one at hand, which waits if it is not on disk."""
@@ -121,6 +126,8 @@ class ResultKeeper:
                 run.write(now)
             except MadrobError as error:
                 self._waiting[run.folder] = replace(run, problem=_not_on_disk(error))
+            else:
+                self._tell(run.folder)
 
 
 def _not_on_disk(error: MadrobError) -> str:

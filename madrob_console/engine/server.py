@@ -209,6 +209,10 @@ class EngineServer:
             case wire.OpenRun(_, folder, invalid):
                 open_run = partial(self._engine.open_run, folder, invalid=invalid)
                 return await asyncio.to_thread(open_run)
+            case wire.ExportTeam(_, subject):
+                return self._engine.export_team(subject)
+            case wire.Control(_, command):
+                return await asyncio.to_thread(self._engine.control, command)
             case wire.StopEngine(_, force):
                 if self._engine.busy and not force:
                     return "a run is going on"

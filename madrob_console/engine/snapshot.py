@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from madrob_console.engine.playback import PlaybackView
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
@@ -128,6 +129,21 @@ class LogLine:
 
 
 @dataclass(frozen=True, slots=True)
+class ExportView:
+    """The last export of a team's runs; with neither path nor problem it is being made.
+
+    Attributes:
+        subject: the team's number.
+        path: of the zip.
+        problem: why there is none, or what is missing in it, in words.
+    """
+
+    subject: int
+    path: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """Everything a screen shows, at one instant.
 
@@ -156,6 +172,8 @@ class Snapshot:
         unfinished: runs that were cut off and wait for a decision, oldest first.
         opened: whether it is an earlier run, opened again.
         folder: the run folder as text, once it exists.
+        playback: where a replay stands; None for anything else.
+        export: the last export of a team's runs; None before the first.
     """
 
     time: float
@@ -185,3 +203,5 @@ class Snapshot:
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False
     folder: str | None = None
+    playback: PlaybackView | None = None
+    export: ExportView | None = None

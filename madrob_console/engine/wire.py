@@ -15,10 +15,12 @@ from typing import Any
 import msgspec
 
 from madrob_console.engine.curves import Curves
+from madrob_console.engine.playback import AnyCommand
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
 
-VERSION = 1
+VERSION = 2
 """Of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
@@ -73,6 +75,13 @@ class OpenRun(msgspec.Struct, frozen=True, tag=True):
     invalid: bool = False
 
 
+class ExportTeam(msgspec.Struct, frozen=True, tag=True):
+    """Pack the runs of a team into a zip."""
+
+    number: int
+    subject: int
+
+
 class GiveCurves(msgspec.Struct, frozen=True, tag=True):
     """What do the figures show?"""
 
@@ -85,6 +94,13 @@ class TakeOver(msgspec.Struct, frozen=True, tag=True):
     number: int
 
 
+class Control(msgspec.Struct, frozen=True, tag=True):
+    """Pause, step or move a replay."""
+
+    number: int
+    command: AnyCommand
+
+
 class StopEngine(msgspec.Struct, frozen=True, tag=True):
     """End the engine; `force` also while a run goes on."""
 
@@ -92,7 +108,9 @@ class StopEngine(msgspec.Struct, frozen=True, tag=True):
     force: bool = False
 
 
-Request = ActRequest | NextRunNumber | OpenRun | GiveCurves | TakeOver | StopEngine
+Request = (
+    ActRequest | NextRunNumber | OpenRun | ExportTeam | GiveCurves | TakeOver | Control | StopEngine
+)
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
@@ -160,7 +178,7 @@ def hello_of(data: bytes) -> Hello:
     try:
         return _hellos.decode(data)
     except _MALFORMED as error:
-        raise MadrobError(f"not a greeting of a console: {error}") from None
+        raise MadrobError(f"not a greeting of a console: {terminal_safe(str(error))}") from None
 
 
 def request_of(data: bytes) -> Request:
@@ -172,7 +190,7 @@ def request_of(data: bytes) -> Request:
     try:
         return _requests.decode(data)
     except _MALFORMED as error:
-        raise MadrobError(f"not a request of a console: {error}") from None
+        raise MadrobError(f"not a request of a console: {terminal_safe(str(error))}") from None
 
 
 def message_of(data: bytes) -> ToScreen:
@@ -184,4 +202,4 @@ def message_of(data: bytes) -> ToScreen:
     try:
         return _states.decode(data)
     except _MALFORMED as error:
-        raise MadrobError(f"not a message of an engine: {error}") from None
+        raise MadrobError(f"not a message of an engine: {terminal_safe(str(error))}") from None

@@ -15,13 +15,14 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
 
+from madrob_console.engine.playback import CONTROL, AnyCommand, Command
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act, Finalise
 from madrob_console.theme_name import ThemeName
 from madrob_console.ui.asks import ask_next_run, ask_waiver
 from madrob_console.ui.defaults import ConsoleDefaults, Look
 from madrob_console.ui.glyphs import ASCII, uses_ascii
-from madrob_console.ui.keys import KEYS, LETTER_KEYS, Answer, Key, bindings
+from madrob_console.ui.keys import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Answer, Key, bindings
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.questions import Ask, Leave, Open
 from madrob_console.ui.screens.console import ConsoleScreen
@@ -145,6 +146,28 @@ class MadrobApp(App[None], inherit_bindings=False):
         snapshot = self._link.snapshot()
         return NOT_YET if snapshot is None else key.refusal(snapshot)
 
+    def has_key(self, key: Key) -> bool:
+        """Whether there is such a key now: those of a replay are there on a replay only."""
+        snapshot = self._link.snapshot()
+        replays = snapshot is not None and snapshot.playback is not None
+        return replays or key not in PLAYBACK_KEYS
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave the keys of a replay to the panes wherever they move none."""
+        key = KEYS.get(str(parameters[0])) if action == "press" and parameters else None
+        if key in PLAYBACK_KEYS:
+            return self._console.pane in key.where and self.has_key(key)
+        return super().check_action(action, parameters)
+
+    async def control(self, command: AnyCommand) -> None:
+        """Move a replay; its bar shows what became of it."""
+        refused = await asyncio.to_thread(self._link.control, command)
+        self._console.poll()
+        if refused is None:
+            self._console.say("")
+        else:
+            self._refuse(CONTROL, refused)
+
     async def act(self, act: Act) -> bool:
         """Hand in an act and say what became of it; returns whether it took effect.
 
@@ -187,6 +210,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._next_run()
         elif key.name == "take" and self.key_refusal(key) is None:
             await self._take_over()
+        elif key.name == "export" and self.key_refusal(key) is None:
+            await self._export(key)
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse(key.act, refused)
         elif key.answer is not None and (snapshot := self._link.snapshot()) is not None:
@@ -212,6 +237,17 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.poll()
         self._console.say("This console has the right to act now.", Tone.GOOD)
 
+    async def _export(self, key: Key) -> None:
+        """Ask for the team's zip; the console says when it is there."""
+        team = self._console.team
+        if isinstance(team, int):
+            refused = await asyncio.to_thread(self._link.export_team, team)
+            self._console.poll()
+        else:
+            refused = team
+        if refused is not None:
+            self._refuse(key.act, refused)
+
     def _over_dialogs(self, key: Key) -> bool:
         """Whether a key may come before the question that is open."""
         if key.over and all(dialog.name != key.name for dialog in self._console.dialogs):
@@ -228,6 +264,8 @@ class MadrobApp(App[None], inherit_bindings=False):
                 self.exit()
             case Act():
                 await self.act(answer)
+            case Command():
+                await self.control(answer)
             case str():
                 self._refuse(key.act, answer)
 
@@ -259,6 +297,10 @@ class MadrobApp(App[None], inherit_bindings=False):
             self.exit()
         elif isinstance(deed, Open):
             await self._open_run(deed)
+        elif isinstance(deed, Command):
+            await self.control(deed)
+        elif isinstance(deed, str):
+            self._refuse(event.dialog.name or "", deed)
         elif await self.act(deed) and event.dialog.name == "next":
             self._console.show_pane("setup")
 

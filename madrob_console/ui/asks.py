@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from madrob_console.engine.playback import JumpTo
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -32,7 +33,7 @@ from madrob_console.ui.questions import (
     Write,
     reasons,
 )
-from madrob_console.ui.words import RULED, relative_text
+from madrob_console.ui.words import RULED, relative_text, seconds_of
 from scoring.protocol import Outcome, Step
 
 if TYPE_CHECKING:
@@ -125,6 +126,19 @@ REISSUE = Ask(
     Reissue,
 )
 """Why, and then `y`."""
+
+
+def _jump(text: str) -> JumpTo | str:
+    at = seconds_of(text)
+    return f"{text!r} is no time: 12.5, -3 or 1:05 is one" if at is None else JumpTo(at)
+
+
+JUMP = Ask(
+    "Jump to a time of the run",
+    (Write("Seconds from its start (12.5, -3, 1:05):", missing="a time is needed"),),
+    _jump,
+)
+"""Where to; what is shown there is worked out anew."""
 
 
 def ask_unfinished(run: Unfinished) -> Ask:
@@ -232,6 +246,8 @@ def ask_next_run(snapshot: Snapshot, setup: RunSetup) -> Act | Ask:
 def ask_leave(snapshot: Snapshot) -> Ask | Leave:
     """At once; asked first while a run goes on and while a result is not final."""
     run = snapshot.run
+    if snapshot.playback is not None:
+        return Leave()
     if run.phase is Phase.STOPPED and run.outcome is not Outcome.ABORTED:
         return Ask(
             "Leave the console",

@@ -2,6 +2,7 @@
 
 Function keys work while a text is typed, letters when none is. Start and Abort never move. The
 footer's second row shows the letters that matter for the pane; all of them work everywhere.
+On a replay the keys that move it take their place: no act is possible there.
 """
 
 from __future__ import annotations
@@ -12,6 +13,16 @@ from typing import TYPE_CHECKING
 
 from textual.binding import Binding
 
+from madrob_console.engine.playback import (
+    CONTROL,
+    LONG_STEP,
+    SAMPLE_STEP,
+    AnyCommand,
+    Faster,
+    PlayOrPause,
+    Skip,
+    Slower,
+)
 from madrob_console.referee import acts
 from madrob_console.ui import asks
 from madrob_console.ui.questions import Ask, Leave
@@ -20,8 +31,8 @@ from scoring.protocol import Step
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
 
-Answer = acts.Act | Ask | Leave | str
-"""What a key gives: an act, a dialog, the way out, or a refusal in words."""
+Answer = acts.Act | AnyCommand | Ask | Leave | str
+"""What a key gives: an act, a move of a replay, a dialog, the way out, or a refusal in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,13 +158,49 @@ LETTER_KEYS = (
     Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
     Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
     Key(
-        "take", "t", "t", " Take over", "take the right to act from another console",
+        "export", "e", "e", " Export",
+        "pack all runs of the team, or of the marked one, into a zip",
+        "export the team's runs", where=frozenset({"history"}),
+    ),
+    Key(
+        "take", "t", "t", " Take", "take the right to act from another console",
         "take over", where=_NOWHERE,
     ),
     Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
 )  # fmt: skip
 
-KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS)}
+_PLAYED = _LIVE | _RESULTS
+
+PLAYBACK_KEYS = (
+    Key(
+        "play", "space", "Spc", " Pause", "pause the replay, go on",
+        CONTROL, lambda _s, _k: PlayOrPause(), where=_PLAYED,
+    ),
+    Key(
+        "sample", "full_stop,comma", ",.", " 20ms", "one door sample back, or on; pauses",
+        CONTROL, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
+    ),
+    Key(
+        "second", "greater_than_sign,less_than_sign", "<>", " 1s", "a second back, or on; pauses",
+        CONTROL, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
+    ),
+    Key(
+        "speed", "plus,equals_sign,minus", "+-", " Speed", "from half to ten times as fast",
+        CONTROL, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
+    ),
+    Key(
+        "jump", "j", "j", " Jump", "to a time of the run",
+        CONTROL, lambda _s, _k: asks.JUMP, where=_PLAYED,
+    ),
+)  # fmt: skip
+"""Keys of a replay; anywhere else they are not there, and left to the panes."""
+
+
+def _skip(pressed: str, duration: float) -> Skip:
+    return Skip(-duration if pressed in ("comma", "less_than_sign") else duration)
+
+
+KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS)}
 
 
 def bindings() -> list[Binding]:

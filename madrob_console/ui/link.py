@@ -11,6 +11,7 @@ from madrob_console.referee.acts import Act
 if TYPE_CHECKING:
     from madrob_console.engine.client import EngineClient
     from madrob_console.engine.curves import Curves
+    from madrob_console.engine.playback import AnyCommand
     from madrob_console.engine.snapshot import Snapshot
 
 LONGEST_SILENCE = 2.0
@@ -73,7 +74,7 @@ class EngineLink:
             self._failure = str(error)
             return self._latest
         self._failure = None
-        if self._latest is None or snapshot.time != self._latest.time:
+        if self._latest is None or snapshot.time != self._latest.time or _stands(snapshot):
             self._moved = self._monotonic()
         self._latest = snapshot
         return snapshot
@@ -105,6 +106,24 @@ class EngineLink:
         except MadrobError as error:
             return str(error)
 
+    def export_team(self, subject: int) -> str | None:
+        """Pack a team's runs; returns why not, None when it is on its way."""
+        if self._client is None:
+            return NOT_YET
+        try:
+            return self._client.export_team(subject)
+        except MadrobError as error:
+            return str(error)
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step or move a replay; returns why not."""
+        if self._client is None:
+            return NOT_YET
+        try:
+            return self._client.control(command)
+        except MadrobError as error:
+            return str(error)
+
     def take_over(self) -> str | None:
         """Take the right to act; returns why not."""
         if self._client is None:
@@ -126,3 +145,9 @@ class EngineLink:
         """Let the engine go."""
         if self._client is not None:
             self._client.close()
+
+
+def _stands(snapshot: Snapshot) -> bool:
+    """Whether its time is meant to stand still."""
+    playback = snapshot.playback
+    return playback is not None and (playback.paused or playback.ended)

@@ -43,7 +43,7 @@ class ConsoleCommands(Provider):
 def _commands(app: MadrobApp) -> Iterator[tuple[str, Callable[[], object], str]]:
     """Name, what it does, and what that means, with the reason where it is not possible now."""
     for key in KEYS.values():
-        if key.name == "menu":
+        if key.name == "menu" or not app.has_key(key):
             continue
         refused = app.key_refusal(key)
         help_text = key.help if refused is None else f"not now: {refused}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from madrob_console.engine.playback import AnyCommand
 from madrob_console.referee.acts import Act
 
 
@@ -65,8 +66,8 @@ class Open:
     invalid: bool = False
 
 
-Deed = Act | Leave | Open
-"""What the answers bring about."""
+Deed = Act | AnyCommand | Leave | Open | str
+"""What the answers bring about; a text says why nothing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import PurePath
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
 from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp, Waive
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import ExportView
 
 _LONGEST_REASON = 60
 
@@ -57,6 +62,17 @@ def relative_text(at: float | None, start: float | None) -> str:
     return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
 
 
+def seconds_of(text: str) -> float | None:
+    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
+    minutes, colon, rest = text.strip().rpartition(":")
+    sign = -1.0 if minutes.startswith("-") else 1.0
+    try:
+        whole = abs(int(minutes)) if colon else 0
+        return sign * (60.0 * whole + float(rest))
+    except ValueError:
+        return None
+
+
 def size_text(size: float) -> str:
     """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
     for unit in ("B", "kB", "MB", "GB"):
@@ -83,6 +99,20 @@ def done_text(act: Act) -> str:
             what = act.name
     reason = act.reason_given
     return f"Done: {what}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
+
+
+def export_text(export: ExportView, results: PurePath) -> str:
+    """What has become of an export; a zip below the results folder is named from there."""
+    if not export.path:
+        if not export.problem:
+            return f"Packing the runs of team {export.subject} in the background ..."
+        return f"No zip of team {export.subject}: {export.problem}"
+    path = PurePath(export.path)
+    where = str(path)
+    if path.is_relative_to(results):
+        where = f"{path.relative_to(results)} in the results folder"
+    missing = f"; not all: {export.problem}" if export.problem else ""
+    return f"Packed: {where}{missing}"
 
 
 def fitted(text: str, width: int) -> str:

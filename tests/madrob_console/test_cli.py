@@ -12,11 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli import SCENARIOS, main
+from madrob_console.arguments.common import SCENARIOS
+from madrob_console.cli import main
 from madrob_console.testbeds.simulation import Scenario
 from tests.slowly import slow_but_for
 
-RUN = ["run", "--testbed", "simulated", "--speed", "0", "--subject", "3", "--countdown", "1"]
+PRACTICE = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report"]
+RUN = [*PRACTICE, "--speed", "0", "--subject", "3"]
 
 
 @pytest.fixture(autouse=True)
@@ -244,9 +246,8 @@ def test_help_is_there(command: str, capsys: pytest.CaptureFixture[str]) -> None
 def test_a_signal_aborts_the_run_and_keeps_it_on_record(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    flags = ["run", "--testbed", "simulated", "--countdown", "1", "--results", str(tmp_path)]
     with subprocess.Popen(
-        [sys.executable, "-m", "madrob_console.cli", *flags],
+        [sys.executable, "-m", "madrob_console.cli", *PRACTICE, "--results", str(tmp_path)],
         stdout=subprocess.PIPE, text=True, env=os.environ,
     ) as process:  # fmt: skip
         assert process.stdout is not None

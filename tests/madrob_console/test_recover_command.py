@@ -28,7 +28,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(root / "config"))
-        flags = ["--subject", "3", "--countdown", "1", "--results", str(root)]
+        flags = ["--subject", "3", "--countdown", "1", "--no-report", "--results", str(root)]
         assert madrob(["run", "--testbed", "simulated", "--speed", "0", *flags]) == 0
     (folder,) = root.glob("subject_*")
     return folder

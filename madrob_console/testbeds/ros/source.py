@@ -29,8 +29,8 @@ from scoring.protocol import Condition, StartPose
 
 _T = TypeVar("_T")
 
-_PERIOD = 0.005
-"""Seconds between two takes."""
+_PERIOD = 0.01
+"""Seconds between two takes; DDS notes itself when a message came."""
 
 _DISCOVERY = 0.25
 """Seconds between two looks at the publishers."""
@@ -66,6 +66,7 @@ class RosSource:
     ) -> None:
         self._configured = _topic_types(mappings)
         self._types = types
+        self._own_topics = referee_topics(types)
         self._clock = clock
         self._domain = domain_id(domain, environment)
         self._direct = direct
@@ -146,7 +147,7 @@ class RosSource:
     def topics(self) -> Sequence[Topic]:
         """Topics whose types can be used here, and the console's own."""
         found = [i.topic for i in self._intakes if i.topic is not None]
-        return (*found, *referee_topics(self._types))
+        return (*found, *self._own_topics)
 
     def status(self) -> Sequence[TopicStatus]:
         """The state of every configured topic."""

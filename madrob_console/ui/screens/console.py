@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -19,9 +19,11 @@ from madrob_console.ui.widgets.fault_line import FaultLine
 from madrob_console.ui.widgets.key_line import KeyLine
 from madrob_console.ui.widgets.label import Label
 from madrob_console.ui.widgets.lines import TONE_CLASSES, Tone, View
+from madrob_console.ui.widgets.playback_bar import PlaybackBar
 from madrob_console.ui.widgets.run_summary import who_text
 from madrob_console.ui.widgets.tiny_clock import TinyClock
 from madrob_console.ui.widgets.top_line import TopLine
+from madrob_console.ui.words import export_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
@@ -40,6 +42,16 @@ TOP_LINE_EVERY = 4
 """Every fourth snapshot of a run reaches the top line: its counters change with every one."""
 
 _MAIN = ("setup", "live", "results")
+
+_WRITTEN = "The result is written: f finalises it, x the next run, PgDn shows more."
+_AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn shows more."
+
+
+class _OfTeam(Protocol):
+    """What tells a team by its number."""
+
+    @property
+    def subject(self) -> int: ...
 
 
 class ConsoleScreen(Screen[None]):
@@ -73,6 +85,7 @@ class ConsoleScreen(Screen[None]):
         where = " @".join(name for name in (defaults.competition, defaults.host) if name)
         self._top = TopLine(where)
         self._faults = FaultLine(where)
+        self._playback = PlaybackBar()
         self._panes: Panes | None = None
         self._switcher = ContentSwitcher()
         self._tiny = TinyClock()
@@ -91,6 +104,7 @@ class ConsoleScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         """Top to bottom."""
         yield self._top
+        yield self._playback
         yield self._faults
         yield Container(self._switcher, self._tiny, id="body")
         yield self._status
@@ -111,6 +125,18 @@ class ConsoleScreen(Screen[None]):
         """All panes; not before `begin`."""
         assert self._panes is not None
         return self._panes
+
+    @property
+    def team(self) -> int | str:
+        """The number of the marked team, or of that whose run is shown; else why there is none."""
+        match self.pane:
+            case "history":
+                shown: _OfTeam | None = self.panes.history.selected
+            case "standings":
+                shown = self.panes.standings.selected
+            case _:
+                shown = None if self._latest is None else self._latest.run.setup
+        return "no team is marked or set up: h shows all runs" if shown is None else shown.subject
 
     async def ask_about_unfinished(self) -> None:
         """The first run that was cut off, where the referee may decide about it."""
@@ -155,6 +181,8 @@ class ConsoleScreen(Screen[None]):
             self.say("")  # what was said is about something else
         self._ring(before, snapshot)
         self._follow(before, snapshot)
+        self._tell_export(before, snapshot)
+        self._playback.show(snapshot)
         self._faults.trouble = trouble
         self._faults.show(snapshot)
         self._keys.show(snapshot)
@@ -165,6 +193,13 @@ class ConsoleScreen(Screen[None]):
         self._tiny.show(snapshot)
         if self.pane != "setup":
             self.panes.setup.follow(snapshot)
+
+    def _tell_export(self, before: Snapshot | None, now: Snapshot) -> None:
+        """Say what has become of an export; not of one that was there before this screen."""
+        if before is not None and now.export is not None and now.export != before.export:
+            made, bad = bool(now.export.path), bool(now.export.problem)
+            tone = (Tone.WARN if made else Tone.BAD) if bad else (Tone.GOOD if made else Tone.PLAIN)
+            self.say(export_text(now.export, self._defaults.results), tone)
 
     def on_descendant_focus(self) -> None:
         """The footer says whether letters type."""
@@ -245,8 +280,8 @@ class ConsoleScreen(Screen[None]):
             self.take_focus()
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
-        """The bell: a run starts, a run stops, a fault appears."""
-        if before is None:
+        """The bell: a run starts, a run stops, a fault appears; never for what is over."""
+        if before is None or now.playback is not None:
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
@@ -265,7 +300,7 @@ class ConsoleScreen(Screen[None]):
         elif written and not self._was_written and (attached or self.pane == "live"):
             self.show_pane("results")
             if self._status.tone is not Tone.BAD:  # a refusal is the greater news
-                self.say("The result is written: f finalises it, x the next run, PgDn shows more.")
+                self.say(_AT_THE_END if now.playback else _WRITTEN)
         self._was_active, self._was_written = active, written
 
 

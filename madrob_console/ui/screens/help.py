@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
-from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS
+from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
 from madrob_console.ui.widgets.lines import Line, Lines, Span, Tone, line
 from madrob_console.ui.widgets.passage import LEGEND
 from madrob_console.ui.words import wrapped
@@ -26,7 +26,8 @@ Result (F4): the difference to the team's earlier runs stands beside each value.
 figures: left and right move in time, + and - zoom, 0 shows all, Tab the next figure. f finalises \
 with the team's word, u opens a final result again.
 History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
-team and condition; / filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
+team and condition; e packs all runs of the team into a zip; / filters (team:delft cond:5), v \
+chooses which, o sorts, O turns the order.
 Standings (s): Enter shows the runs behind a row; c changes mean, median, std, smallest, largest; \
 b all runs or the best, where the settings say how many; v official or simulated.
 A dim key is not possible now: press it and the line above the keys says why.
@@ -38,7 +39,13 @@ To practise: `madrob console --testbed simulated`. Its runs never count."""
 
 
 class HelpText(Lines):
-    """All keys, then how things hang together, then the symbols."""
+    """All keys, then how things hang together, then the symbols.
+
+    Attributes:
+        of_replay: whether to show the keys of a replay, too.
+    """
+
+    of_replay = False
 
     def lines(self, width: int) -> Sequence[Line]:
         """The page."""
@@ -48,7 +55,7 @@ class HelpText(Lines):
                 f"  {key.label.strip():<10}",
                 Span(key.help, Tone.DIM),
             )
-            for key in (*FUNCTION_KEYS, *LETTER_KEYS)
+            for key in (*(PLAYBACK_KEYS if self.of_replay else ()), *FUNCTION_KEYS, *LETTER_KEYS)
         ]
         for text in _TEXT.splitlines():
             rows += [line(), *(line(row) for row in wrapped(text, width))]
@@ -65,14 +72,17 @@ class HelpPane(VerticalScroll):
 
     def __init__(self) -> None:
         super().__init__(id="help")
+        self._text = HelpText()
 
     def compose(self) -> ComposeResult:
         """One page."""
-        yield HelpText()
+        yield self._text
 
     def enter(self) -> None:
         """Arrows scroll."""
         self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
-        """The help does not change."""
+        """Only a replay changes the help."""
+        self._text.of_replay = snapshot.playback is not None
+        self._text.redraw()

@@ -63,7 +63,8 @@ class ResultsPane(VerticalScroll):
             self._shown = shown
             self.scroll_home(animate=False)
             self._indicators.earlier = ()
-            if snapshot.result is not None and snapshot.run.setup is not None:
+            official = snapshot.result is not None and snapshot.playback is None
+            if official and snapshot.run.setup is not None:
                 self._compare(snapshot, snapshot.run.setup)
         for view in self._views:
             view.show(snapshot)

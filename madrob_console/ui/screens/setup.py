@@ -237,6 +237,8 @@ class SetupPane(Vertical):
 
     def _state_text(self, snapshot: Snapshot) -> tuple[str, Tone]:
         run = snapshot.run
+        if snapshot.playback is not None:
+            return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
         if run.active:
             return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
         setup = self._form.read()

@@ -29,13 +29,21 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
         what = str(false_start.event).replace("_", " ")
-        again = "r restarts the countdown, " if run.phase is Phase.COUNTDOWN else ""
-        return f" FALSE START: {what}{at}: {again}a accepts it with a reason ", Tone.ALARM
+        return f" FALSE START: {what}{at}{_decision(snapshot)} ", Tone.ALARM
     if snapshot.ask_referee is not None:
-        return f" REFEREE: {snapshot.ask_referee} (1-6 rules on a step) ", Tone.NOTICE
+        how = "" if snapshot.playback else " (1-6 rules on a step)"
+        return f" REFEREE: {snapshot.ask_referee}{how} ", Tone.NOTICE
     if snapshot.settling:
         return "door closed: waiting for the settle time of step 6", Tone.WARN
     return _next(snapshot), Tone.PLAIN
+
+
+def _decision(snapshot: Snapshot) -> str:
+    """What the referee can do about a false start."""
+    if snapshot.playback is not None:
+        return ""
+    again = "r restarts the countdown, " if snapshot.run.phase is Phase.COUNTDOWN else ""
+    return f": {again}a accepts it with a reason"
 
 
 def _next(snapshot: Snapshot) -> str:
@@ -51,6 +59,9 @@ def _next(snapshot: Snapshot) -> str:
             step = next((record for record in snapshot.steps if not record.done), None)
             return "" if step is None else f"next: step {step.step} {step.step.text}"
         case Phase.STOPPED:
-            return "F4: result" if snapshot.result is not None else "the result is being written"
+            if snapshot.result is not None:
+                return "F4: result"
+            return "the run has stopped" if snapshot.playback else "the result is being written"
         case Phase.FINAL:
-            return "the result is final: x sets up the next run"
+            more = "F4: result" if snapshot.playback else "x sets up the next run"
+            return f"the result is final: {more}"

@@ -48,6 +48,8 @@ class CheckList(View, can_focus=True):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """A header, the checks, and the testbed's sides where they need a hand."""
+        if snapshot.playback is not None:
+            return [line(Span("Checks  ", Tone.STRONG), "made on the day; F4 shows the waivers")]
         lines = [_header(snapshot.checks, focused=self.has_focus)]
         for number, check in enumerate(snapshot.checks):
             at_cursor = self.has_focus and number == self._cursor

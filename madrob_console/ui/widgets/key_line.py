@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS, Key
+from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 _ROOMY = 100
 _ALWAYS_NAMED = ("start", "abort", "timeout", "leave")
 """Keys that keep their names where there is no room for all."""
+_PLAYBACK_NAMES = tuple(key.name for key in PLAYBACK_KEYS)
 
 
 class KeyLine(View):
@@ -45,12 +46,16 @@ class KeyLine(View):
                 Span("^P", Tone.CAP),
                 Span(" work"),
             )
-        row = self._row(LETTER_KEYS, snapshot, width)
+        keys: tuple[Key, ...] = LETTER_KEYS
+        if snapshot is not None and snapshot.playback is not None:
+            played = (key for key in PLAYBACK_KEYS if self.pane in key.where)
+            keys = (*played, *(key for key in LETTER_KEYS if not key.act))
+        row = self._row(keys, snapshot, width)
         if width_of(row) <= width:
             return row
-        here = [key for key in LETTER_KEYS if not key.where or self.pane in key.where]
+        here = [key for key in keys if not key.where or self.pane in key.where]
         row = self._row(here, snapshot, width)
-        return row if width_of(row) <= width else self._row(here, snapshot, width, ())
+        return row if width_of(row) <= width else self._row(here, snapshot, width, _PLAYBACK_NAMES)
 
     def _row(
         self,

@@ -57,6 +57,8 @@ def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
 
 
 def _no_result(snapshot: Snapshot) -> str:
+    if snapshot.playback is not None:
+        return "The result comes at the end of the recording."
     if snapshot.run.phase is Phase.STOPPED:
         return "The result is being written."
     return "No result yet: it appears here by itself when a run has stopped."
@@ -66,13 +68,17 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     run = snapshot.run
     issue = f"ruleset {result.ruleset}, issue {run.issue}"
     if run.closure is None:
-        text, tone = f"{issue}, not final yet: f finalises it", Tone.WARN
+        then = "" if snapshot.playback else ": f finalises it"
+        text, tone = f"{issue}, not final yet{then}", Tone.WARN
     else:
         closure = run.closure
         note = f" ({closure.note})" if closure.note else ""
         text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
         tone = Tone.GOOD
     lines = [line(Span(row, tone)) for row in wrapped(text, width)]
+    if (playback := snapshot.playback) is not None:
+        tone = Tone.DIM if playback.agrees else Tone.BAD
+        lines += [line(Span(row, tone)) for row in wrapped(playback.comparison, width)]
     if snapshot.opened:
         day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
         lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))

@@ -12,6 +12,7 @@ from madrob_console.referee.acts import Abort
 from madrob_console.referee.run import Phase
 from madrob_console.ui.widgets.banner import banner
 from madrob_console.ui.widgets.lines import Line, Span, Tone, View, line, width_of
+from madrob_console.ui.widgets.playback_bar import state_span
 from madrob_console.ui.widgets.run_summary import phase_span
 from madrob_console.ui.words import clock_text, fitted, minutes_text, wrapped
 
@@ -129,7 +130,12 @@ def _left(snapshot: Snapshot) -> str:
 
 
 def _abort(snapshot: Snapshot, width: int) -> Line:
-    """The key as the footer has it; where it does nothing, dim and with the reason."""
+    """The key as the footer has it; where it does nothing, dim and with the reason.
+
+    A replay says that it is one: there is nothing to abort.
+    """
+    if snapshot.playback is not None:
+        return line(Span("REPLAY", Tone.NOTICE), " ", state_span(snapshot.playback))
     refused = snapshot.refusals.get(Abort.name)
     if refused is None:
         return line(Span("F8", Tone.CAP), Span(" ABORT", Tone.STRONG))

@@ -40,7 +40,7 @@ class TopLine(View):
         clock = f" {time_of_day(snapshot.time)}"
         recorder = recorder_spans(snapshot.recorder)
         age = Span(f" {_oldest(snapshot.topics)}", _age_tone(snapshot.topics))
-        disk = _disk(snapshot.disk_free)
+        disk = () if snapshot.playback else _disk(snapshot.disk_free)  # nothing is written
         rights = (
             line(*recorder, age, *disk, clock),
             line(*recorder, age, clock),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import socket
 import stat
@@ -16,11 +17,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.clock import SystemClock
+from madrob_console.commands import attaching
+from madrob_console.config import Settings
 from madrob_console.engine import wire
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.local import LocalEngine
+from madrob_console.engine.place import Place
+from madrob_console.engine.playback import CONTROL, NO_REPLAY, JumpTo, PlayOrPause, SetSpeed
 from madrob_console.engine.remote import RemoteEngine
+from madrob_console.engine.replaying import AnyEngine, ReplayingEngine
 from madrob_console.engine.server import EngineServer
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, AddNote, ConfirmPose, SetUp, Start, ZeroHandle
@@ -29,21 +35,27 @@ from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.testbeds.simulated import SimulatedSource
 from madrob_console.testbeds.simulation import SimulatedTestbed
 from scoring.protocol import Outcome
-from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup
 
 SPEED = 8.0
 
 
-class Served:
-    """An engine on a socket, in threads of this process."""
+def simulated(results: Path) -> Engine:
+    clock, types = SystemClock(SPEED), MessageTypes()
+    source = SimulatedSource(SimulatedTestbed(), clock, types)
+    return Engine(source, clock, EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0), types)
 
-    def __init__(self, folder: Path, idle_time: float = 60.0) -> None:
-        clock, types = SystemClock(SPEED), MessageTypes()
-        source = SimulatedSource(SimulatedTestbed(), clock, types)
-        config = EngineConfig(folder / "runs", DEFAULT_MAPPINGS, disk_needed=0)
-        self.local = LocalEngine(Engine(source, clock, config, types))
-        self.path = folder / "s"
-        self.server = EngineServer(self.local, source.label, idle_time, time.monotonic)
+
+class Served:
+    """An engine on a socket, in threads of this process; a simulated one if none is given."""
+
+    def __init__(
+        self, folder: Path, idle_time: float = 60.0, engine: AnyEngine | None = None
+    ) -> None:
+        engine = engine or simulated(folder / "runs")
+        self.local = LocalEngine(engine)
+        self.path = folder / "s.sock"
+        self.server = EngineServer(self.local, engine.source.label, idle_time, time.monotonic)
         self._loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self._serve)
         self.thread.start()
@@ -151,6 +163,59 @@ def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
             assert all("only watches" in why for why in watcher.snapshot().refusals.values())
             watcher.close()
         assert client.snapshot().run.phase is Phase.RUNNING
+
+
+@pytest.fixture
+def replayed(tmp_path: Path) -> Iterator[Served]:
+    """The replay of a run that was aborted after two seconds."""
+    drive = Drive(tmp_path / "runs")
+    drive.start(make_setup(countdown=1.0))
+    drive.wait(2.0)
+    drive.act(Abort("robot on fire"))
+    drive.finish()
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS)
+    served = Served(tmp_path, engine=ReplayingEngine(drive.engine.folder, config, MessageTypes()))
+    yield served
+    served.close()
+
+
+def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed: Served) -> None:
+    with (
+        closing(replayed.attach(who="ada@hall")) as ada,
+        closing(replayed.attach(who="bo@tent")) as bo,
+        closing(replayed.attach(wire.Role.WATCH)) as watcher,
+    ):
+        assert ada.control(PlayOrPause()) is None
+        assert ada.control(JumpTo(1.5)) is None
+        wait(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
+        assert "only watches" in str(watcher.control(PlayOrPause()))
+        assert "only watches" in watcher.snapshot().refusals[CONTROL]
+        assert "ada@hall" in str(bo.control(SetSpeed(2.0)))
+        assert "nothing can be done" in str(ada.act(Abort()))
+        assert CONTROL not in ada.snapshot().refusals
+        assert ada.stop_engine(force=False) is None  # nothing is lost with a replay
+
+
+def test_only_a_replay_can_be_moved(served: Served) -> None:
+    with closing(served.attach()) as client:
+        assert client.control(JumpTo(1.0)) == NO_REPLAY
+
+
+def test_a_spectator_who_names_no_testbed_gets_the_only_one_that_runs(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = [Place(tmp_path, "s")]
+    monkeypatch.setattr(attaching, "known_places", lambda: places)
+    monkeypatch.setattr(attaching, "engine_place", lambda *_: Place(tmp_path, "live"))
+    nothing_named = argparse.Namespace(testbed=None, results=None)
+    watcher = attaching.attach(nothing_named, Settings(), wire.Role.WATCH)
+    assert watcher.snapshot().source_label == "SIMULATED nominal"
+    watcher.close()
+    places.append(Place(tmp_path, "s"))
+    with pytest.raises(MadrobError, match="no engine runs here"):
+        attaching.attach(nothing_named, Settings(), wire.Role.WATCH)
 
 
 def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:

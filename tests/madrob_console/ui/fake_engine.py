@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from madrob_console.engine.curves import Curves
+from madrob_console.engine.playback import AnyCommand, PlaybackView
 from madrob_console.engine.snapshot import (
     DoorView,
+    ExportView,
     HandleView,
     LatchView,
     LogLine,
@@ -79,6 +81,10 @@ class FakeEngine:
     closed: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: list[str] = field(default_factory=list)
+    exported: list[int] = field(default_factory=list)
+    export: ExportView | None = None
+    playback: PlaybackView | None = None
+    commands: list[AnyCommand] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
 
@@ -119,6 +125,8 @@ class FakeEngine:
             unfinished=self.unfinished,
             result_source=None if self.result is None else self.kind,
             folder=None if self.result is None else FOLDER,
+            playback=self.playback,
+            export=self.export,
         )
 
     def act(self, act: Act) -> str | None:
@@ -142,6 +150,17 @@ class FakeEngine:
     def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
         self._answer()
         self.opened.append(f"{folder} invalid" if invalid else folder)
+        return None
+
+    def export_team(self, subject: int) -> str | None:
+        self._answer()
+        self.exported.append(subject)
+        self.export = ExportView(subject)
+        return None
+
+    def control(self, command: AnyCommand) -> str | None:
+        self._answer()
+        self.commands.append(command)
         return None
 
     def curves(self) -> Curves | None:

@@ -1,0 +1,1 @@
+"""The command line of `madrob`: what each command takes. Imports nothing that is slow."""

@@ -1,0 +1,1 @@
+"""What a team takes home: its runs in one zip, with what opens them."""

@@ -1,0 +1,107 @@
+"""The short text in an export that says how to open each file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from madrob_console.export.archive import SUMS_FILE
+from madrob_console.export.layout import LAYOUT_FILE
+from madrob_console.result_document import SCHEMA_FILE
+
+README_FILE = "README.txt"
+"""How the text is called in the export."""
+
+
+@dataclass(frozen=True, slots=True)
+class PackedRun:
+    """A run in an export.
+
+    Attributes:
+        folder: its name.
+        words: how it ended, for people.
+        files: the names of its files in the archive.
+    """
+
+    folder: str
+    words: str
+    files: Sequence[str]
+
+    @property
+    def table(self) -> str:
+        """Its file of the panel's motion, named like the folder without date and time."""
+        return self.folder[: -len("_YYYYMMDD_HHMMSS")] + "_jointState.csv"
+
+    def has(self, name: str) -> bool:
+        """Whether a file of its folder is there."""
+        return f"{self.folder}/{name}" in self.files
+
+
+def readme(title: str, runs: Sequence[PackedRun], problems: Sequence[str], *, bags: bool) -> str:
+    """The text.
+
+    Args:
+        title: whose runs.
+        runs: in their order.
+        problems: what is missing, in words.
+        bags: whether the recordings are there.
+    """
+    parts = [title, _runs(runs)]
+    if problems:
+        parts.append("NOT IN THIS ARCHIVE\n" + _lines(problems))
+    parts.append(_WHOLE.format(sums=SUMS_FILE))
+    if any(run.has("report.html") for run in runs):
+        parts.append(_REPORT)
+    if computed := [run for run in runs if run.has(run.table)]:
+        parts.append(_PANDAS.format(table=f"{computed[0].folder}/{computed[0].table}"))
+    parts.append(_RESULT.format(schema=SCHEMA_FILE))
+    if recorded := [run.folder for run in runs if run.has(f"{run.folder}_0.mcap")]:
+        parts.append(_BAG.format(bag=recorded[0], layout=LAYOUT_FILE))
+    elif not bags:
+        parts.append("RECORDINGS\nThey were left out of this archive; ask the referee for them.")
+    return "\n\n".join(parts) + "\n"
+
+
+def _runs(runs: Sequence[PackedRun]) -> str:
+    return "RUNS\n" + _lines(f"{run.folder}: {run.words}" for run in runs)
+
+
+def _lines(texts: Iterable[str]) -> str:
+    return "\n".join(f"  {text}" for text in texts)
+
+
+_WHOLE = """\
+IS EVERYTHING WHOLE?
+  sha256sum -c {sums}
+(on a Mac: shasum -a 256 -c {sums})"""
+
+_REPORT = """\
+THE REPORT
+Open report.html of a run in any browser, also on a phone; it prints well."""
+
+_PANDAS = """\
+THE DATA, IN PYTHON
+
+import pandas as pd
+motion = pd.read_csv("{table}")
+print(motion.describe())
+
+..._jointState.csv: time (s since 1970), position (rad), velocity (rad/s), acceleration (rad/s^2)
+..._wrench.csv: time (s), force_x (N, on the handle)
+..._event.csv: time (s), event
+One .yaml for each indicator (none in an aborted run), condition_N.yaml and run_info_....yaml
+say the rest in EUROBENCH's words."""
+
+_RESULT = """\
+THE WHOLE RESULT
+result.json: values with their units or the reason why there is none, times of the steps as the
+sensors and the referee have them, data quality, the referee's decisions. {schema}
+describes every key. journal.jsonl: everything that was done, a line each."""
+
+_BAG = """\
+THE RECORDING
+Each run folder is a rosbag2 bag (MCAP). With ROS 2 and ros-jazzy-rosbag2-storage-mcap:
+  ros2 bag info {bag}
+  ros2 bag play {bag}
+With Foxglove (foxglove.dev): open the .mcap file of the run, then import the layout
+{layout}."""

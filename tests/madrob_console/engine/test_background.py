@@ -1,0 +1,183 @@
+"""Work beside the engine: one process at a time, and none while a run goes on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO
+
+import pytest
+
+from madrob_console import aside
+from madrob_console.engine import background
+from madrob_console.engine.background import Background, Finished
+from madrob_console.engine.reporting import Papers
+from madrob_console.engine.snapshot import ExportView
+from madrob_console.runs import whole_file
+
+PATIENCE = 30.0
+
+BEGIN = """
+import signal, sys
+from madrob_console import aside
+signal.signal(signal.SIGTERM, aside._end)
+exec(sys.argv.pop(1))
+"""
+
+SLOW = """
+import sys, time
+from madrob_console.runs import whole_file
+from pathlib import Path
+with whole_file(Path(sys.argv[1])) as file:
+    file.write(b"half")
+    file.flush()
+    Path(sys.argv[1] + ".begun").touch()
+    time.sleep(60)
+"""
+
+
+class Hall:
+    """A run goes on or not; what came of the chores."""
+
+    def __init__(self) -> None:
+        self.busy = False
+        self.done: list[tuple[str, Finished]] = []
+        self.background = Background(lambda: self.busy)
+
+    def ask(self, name: str, *arguments: str) -> None:
+        self.background.ask(name, arguments, lambda finished: self.done.append((name, finished)))
+
+    @property
+    def names(self) -> list[str]:
+        return [name for name, _ in self.done]
+
+
+@pytest.fixture
+def hall() -> Iterator[Hall]:
+    hall = Hall()
+    yield hall
+    hall.background.close(PATIENCE)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chores that are no `madrob`, to be quick: python code and its arguments."""
+
+    def start(chore: background._Chore, out: IO[bytes], err: IO[bytes]) -> subprocess.Popen[bytes]:
+        argv = [sys.executable, "-c", BEGIN, *chore.arguments]
+        return subprocess.Popen(argv, stdout=out, stderr=err)
+
+    monkeypatch.setattr(background, "_start", start)
+
+
+def wait(done: Callable[[], object]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+def test_a_chore_comes_after_everything_else() -> None:
+    code = "import atexit, os, sys; atexit.register(lambda: print(os.nice(0)));"
+    code += "from madrob_console import aside; sys.exit(aside.main())"
+    told = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=True
+    )
+    assert told.stdout.splitlines()[-1] == str(min(19, os.nice(0) + aside.NICENESS))
+
+
+def test_a_chore_is_a_madrob_command(hall: Hall) -> None:
+    hall.ask("version", "--version")
+    hall.ask("bad", "export", "--team=zero")
+    assert hall.background.wait(PATIENCE)
+    (_, good), (_, bad) = hall.done
+    assert good.code == 0
+    assert good.said.startswith("madrob ")
+    assert bad.code == 2
+    assert "zero" in bad.complained
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_asked_for_again_before_it_begins_is_done_once(hall: Hall) -> None:
+    hall.busy = True
+    for number in range(5):
+        hall.ask("report", f"print({number})")
+    hall.ask("zip", "print('zip')")
+    time.sleep(3 * background.PERIOD)
+    assert hall.done == []
+    hall.busy = False
+    assert hall.background.wait(PATIENCE)
+    assert [(name, finished.said) for name, finished in hall.done] == [
+        ("report", "4"),
+        ("zip", "zip"),
+    ]
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_asked_for_while_it_is_done_is_done_once_more(hall: Hall, tmp_path: Path) -> None:
+    flag = tmp_path / "begun"
+    code = "import pathlib, sys, time; pathlib.Path(sys.argv[1]).touch(); time.sleep(0.2)"
+    hall.ask("report", code, str(flag))
+    wait(flag.exists)
+    hall.ask("report", "print('second')")
+    hall.ask("report", "print('third')")
+    assert hall.background.wait(PATIENCE)
+    assert [finished.said for _, finished in hall.done] == ["", "third"]
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_it(
+    hall: Hall, tmp_path: Path
+) -> None:
+    target = tmp_path / "report.html"
+    begun = tmp_path / "report.html.begun"
+    hall.ask("report", SLOW, str(target))
+    wait(begun.exists)
+    assert len(list(tmp_path.iterdir())) == 2  # the file has another name still
+    hall.busy = True
+    wait(lambda: list(tmp_path.iterdir()) == [begun])
+    begun.unlink()
+    assert hall.done == []
+    hall.ask("report", "print('after the run')")
+    time.sleep(3 * background.PERIOD)
+    assert hall.done == []
+    hall.busy = False
+    assert hall.background.wait(PATIENCE)
+    assert [finished.said for _, finished in hall.done] == ["after the run"]
+
+
+def test_a_process_that_cannot_be_started_is_told_in_words(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "executable", "/no/such/python")
+    papers = Papers(lambda: False)
+    papers.report(Path("/results/run"))
+    papers.export(3)
+    assert papers.wait(PATIENCE)
+    assert papers.problem is not None
+    assert "no report of run: no process could be started" in papers.problem
+    assert papers.exported is not None
+    assert "no process could be started" in papers.exported.problem
+    papers.close(PATIENCE)
+
+
+def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
+    papers = Papers(lambda: False, [f"--results={tmp_path}"])
+    papers.export(3)
+    assert papers.exported == ExportView(3)
+    papers.close(PATIENCE)
+    assert papers.problem is None
+    assert papers.exported is not None
+    assert papers.exported.path == ""
+    assert "team 3 has no runs" in papers.exported.problem
+
+
+def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "a") as file:  # noqa: PT012
+        file.write(b"half")
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []

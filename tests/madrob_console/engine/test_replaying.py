@@ -1,0 +1,545 @@
+"""What a referee and a team can rely on when they look at a recorded run once more."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.playback import (
+    EQUAL,
+    AnyCommand,
+    Faster,
+    JumpTo,
+    PlaybackView,
+    PlayOrPause,
+    SetSpeed,
+    Skip,
+    Slower,
+)
+from madrob_console.engine.record import RECORD_NAME
+from madrob_console.engine.replaying import SLICE, ReplayingEngine
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import (
+    ACTS,
+    Abort,
+    AddNote,
+    ConfirmPose,
+    DeclareTimeout,
+    Finalise,
+    MarkIncident,
+    Reissue,
+    Rule,
+    SetUp,
+    Start,
+    Waive,
+)
+from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
+from madrob_console.rescore import score_path
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, describe_topic
+from recorder.message import RawMessage
+from recorder.writer import BagWriter
+from scoring.protocol import Outcome, Step
+from scoring.result import IndicatorName
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.slowly import slow_but_for
+
+INCIDENT_AT, STOP_AT = 3.0, 5.0
+
+
+@dataclass
+class RealTime:
+    """Real time for a test: it passes only where somebody waits or works."""
+
+    now: float = 50.0
+    work: float = 0.0
+
+    def monotonic(self) -> float:
+        self.now += self.work
+        return self.now
+
+    def wait(self, duration: float) -> None:
+        self.now += duration
+
+
+class Deck:
+    """A replay in time that a test lets pass."""
+
+    def __init__(self, path: Path, speed: float = 1.0, work: float = 0.0) -> None:
+        self.world = RealTime(work=work)
+        config = EngineConfig(path.parent / "never made", DEFAULT_MAPPINGS)
+        self.engine = ReplayingEngine(
+            path, config, MessageTypes(), speed, self.world.monotonic, self.world.wait
+        )
+        self.engine.open()
+
+    def step(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.engine.step(0.02)
+
+    def let_pass(self, duration: float) -> None:
+        end = self.world.now + duration
+        while self.world.now < end - 1e-6:
+            self.engine.step(0.02)
+
+    def do(self, *commands: AnyCommand) -> None:
+        for command in commands:
+            assert self.engine.control(command) is None
+            while self.at.jumping_to is not None:
+                self.engine.step(0.02)
+
+    def to_the_end(self) -> Snapshot:
+        self.engine.control(SetSpeed(0))
+        if self.at.paused:
+            self.engine.control(PlayOrPause())
+        while not self.at.ended:
+            self.engine.step(0.02)
+        return self.shown
+
+    @property
+    def shown(self) -> Snapshot:
+        return self.engine.snapshot()
+
+    @property
+    def at(self) -> PlaybackView:
+        playback = self.shown.playback
+        assert playback is not None
+        return playback
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with an incident, a note, a declared timeout, rulings, a protest and a re-issue."""
+    drive = Drive(tmp_path_factory.mktemp("results"))
+    drive.act(SetUp(make_setup()))
+    drive.wait(1.5)
+    drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose(), Start())
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    drive.wait(INCIDENT_AT)
+    drive.act(MarkIncident(IncidentKind.COLLISION, "frame"), AddNote("looks tired"))
+    drive.wait(STOP_AT - INCIDENT_AT)
+    drive.act(DeclareTimeout("gave up"))
+    drive.finish()
+    drive.wait(3.0)
+    drive.act(Rule(Step.OPEN, confirmed=False, reason="a draught"))
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
+    drive.act(Reissue("appeal granted"), Rule(Step.OPEN, confirmed=True, reason="video"))
+    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+@pytest.fixture
+def copy(folder: Path, tmp_path: Path) -> Path:
+    """The same run, to be spoilt."""
+    return shutil.copytree(folder, tmp_path / folder.name)
+
+
+def edit_result(folder: Path, **indicators: float) -> None:
+    """What somebody does who wants another result."""
+    path = folder / "result.json"
+    document = json.loads(path.read_text())
+    for name, value in indicators.items():
+        document["indicators"][name]["value"] = value
+    path.write_text(json.dumps(document))
+
+
+# ---------------------------------------------------------------- what is shown
+
+
+def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: Path) -> None:
+    deck = Deck(folder, speed=0)
+    shown = deck.to_the_end()
+    stored = json.loads((folder / "result.json").read_text())
+    assert shown.result == score_path(folder)[0].result
+    values = {str(i.name): i.value for i in shown.result.indicators}
+    assert values == {name: i["value"] for name, i in stored["indicators"].items()}
+    assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
+    assert shown.result_source == "replay"
+
+
+def test_the_referees_decisions_are_shown_when_they_were_made(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(JumpTo(INCIDENT_AT - 0.1))
+    assert [w.reason for w in deck.shown.run.waivers] == ["spring is warm"]
+    assert (deck.shown.run.incidents, deck.shown.run.notes) == ((), ())
+    deck.do(JumpTo(INCIDENT_AT + 0.1))
+    assert [mark.note for mark in deck.shown.run.incidents] == ["frame"]
+    assert deck.shown.log[-2].text == "incident: collision: frame"
+    assert deck.shown.log[-2].relative == pytest.approx(INCIDENT_AT, abs=0.03)
+    assert deck.shown.run.phase is Phase.RUNNING
+    deck.do(JumpTo(STOP_AT + 0.2))
+    assert (deck.shown.run.phase, deck.shown.run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
+    assert deck.shown.result is None
+
+
+def test_after_the_end_the_later_decisions_stand_on_the_result(folder: Path) -> None:
+    shown = Deck(folder).to_the_end()
+    assert shown.run.phase is Phase.FINAL
+    assert shown.run.closure is not None
+    assert (shown.run.closure.team_word, shown.run.issue) == (TeamWord.ACKNOWLEDGED, 2)
+    assert [ruling.reason for ruling in shown.run.rulings] == ["a draught", "video"]
+    assert [line.text for line in shown.log if line.origin == "referee"][-5:] == [
+        "referee denies step 3: a draught",
+        "finalise: they saw it differently",
+        "re-issue: appeal granted",
+        "referee confirms step 3: video",
+        "finalise",
+    ]
+
+
+def test_what_sensors_say_is_worked_out_up_to_the_time_that_is_shown(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(JumpTo(2.0))
+    before = deck.shown
+    deck.do(JumpTo(4.5))
+    assert deck.shown.steps[2].final is not None
+    assert deck.shown.door.is_open
+    deck.do(JumpTo(2.0))
+    assert deck.shown.steps[2].final is None
+    assert replace(deck.shown, log=()) == replace(before, log=())
+    assert [line.text for line in deck.shown.log] == [line.text for line in before.log]
+
+
+def test_what_was_up_before_the_countdown_is_no_false_start_in_the_replay_either(
+    folder: Path,
+) -> None:
+    deck = Deck(folder)  # the handle was not zeroed: it counts as pressed all the time
+    deck.do(JumpTo(-0.1))
+    assert deck.shown.run.phase is Phase.COUNTDOWN
+    assert deck.shown.run.false_starts == ()
+
+
+# ---------------------------------------------------------------- controls
+
+
+def test_it_plays_as_fast_as_is_asked(folder: Path) -> None:
+    deck = Deck(folder)
+    for speed in (1.0, 0.5, 2.0, 5.0):
+        deck.do(SetSpeed(speed))
+        before = deck.at.position
+        deck.let_pass(0.4)
+        assert deck.at.position - before == pytest.approx(0.4 * speed, abs=0.02 * speed + 0.02)
+
+
+def test_as_fast_as_possible_can_be_left_where_it_is(folder: Path) -> None:
+    deck = Deck(folder, speed=0, work=0.002)
+    deck.step(5)
+    deck.do(SetSpeed(1.0))
+    before = deck.at.position
+    deck.let_pass(0.5)
+    assert deck.at.position - before == pytest.approx(0.5, abs=0.15)
+
+
+def test_the_speed_keys_go_through_all_speeds_and_stop_at_the_ends(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(*[Slower()] * 3)
+    found = [deck.at.speed]
+    for _ in range(6):
+        deck.do(Faster())
+        found.append(deck.at.speed)
+    assert found == [0.5, 1.0, 2.0, 5.0, 10.0, 10.0, 10.0]
+
+
+def test_paused_it_stands_still_until_it_goes_on(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.let_pass(1.0)
+    deck.do(PlayOrPause())
+    before = deck.shown
+    deck.let_pass(5.0)
+    assert deck.shown == before
+    deck.do(PlayOrPause())
+    deck.let_pass(1.0)
+    assert before.playback is not None
+    assert deck.at.position == pytest.approx(before.playback.position + 1.0, abs=0.03)
+
+
+def test_a_step_is_one_sample_of_the_door_there_and_back(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(JumpTo(3.5), Skip(0.02))
+    first = deck.shown
+    deck.do(Skip(0.02))
+    second = deck.shown
+    assert first.playback is not None
+    assert deck.at.paused
+    assert deck.at.position == pytest.approx(first.playback.position + 0.02)
+    door = [next(t for t in s.topics if t.topic == "/madrob/door/angle") for s in (first, second)]
+    assert door[1].received == door[0].received + 1
+    deck.do(Skip(-0.02))
+    assert replace(deck.shown, log=()) == replace(first, log=())
+
+
+def test_steps_that_come_faster_than_they_are_done_add_up(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(JumpTo(4.0))
+    for _ in range(5):
+        assert deck.engine.control(Skip(-0.5)) is None
+    deck.do(Skip(0.0))
+    assert deck.at.position == pytest.approx(1.5, abs=0.011)
+
+
+def test_a_jump_out_of_the_recording_is_refused_in_words(folder: Path) -> None:
+    deck = Deck(folder)
+    for time in (-60.0, 60.0, float("nan"), float("inf")):
+        refused = deck.engine.control(JumpTo(time))
+        assert refused is not None
+        assert "the recording goes from -2.0 to 6.1 s" in refused
+    for skip in (float("nan"), float("-inf"), 1e308):
+        assert deck.engine.control(Skip(skip)) == "give a number of seconds"
+    for speed in (-1.0, float("nan"), float("inf")):
+        assert "use 0 to 1000" in str(deck.engine.control(SetSpeed(speed)))
+    assert deck.at.jumping_to is None
+
+
+def test_at_the_end_it_stays_until_it_is_sent_back(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.to_the_end()
+    end = deck.at.position
+    deck.let_pass(2.0)
+    assert deck.at.position == end == deck.at.end
+    assert "goes back" in str(deck.engine.control(PlayOrPause()))
+    deck.do(Skip(-1.0))
+    assert deck.at.position == pytest.approx(end - 1.0)
+    assert deck.shown.result is None
+
+
+def test_a_machine_that_slept_skips_nothing(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.let_pass(0.5)
+    position = deck.at.position
+    deck.world.now += 3600.0
+    deck.step()
+    assert deck.at.position <= position + 0.15
+
+
+def test_long_work_comes_in_slices_so_that_keys_are_heeded(folder: Path) -> None:
+    work = 0.002
+    deck = Deck(folder, work=work)
+    assert deck.engine.control(JumpTo(5.0)) is None
+    while deck.at.jumping_to is not None:
+        began = deck.world.now
+        deck.step()
+        assert deck.world.now - began <= SLICE + 10 * work
+    assert deck.at.position == pytest.approx(5.0, abs=0.011)
+
+
+def test_a_pause_ends_a_jump_where_it_is(folder: Path) -> None:
+    deck = Deck(folder, work=0.002)
+    deck.engine.control(JumpTo(5.0))
+    deck.step(2)
+    deck.do(PlayOrPause())
+    assert deck.at.paused
+    assert deck.at.position < 5.0
+
+
+COMMANDS = st.lists(
+    st.one_of(
+        st.builds(PlayOrPause),
+        st.builds(Faster),
+        st.builds(Slower),
+        st.builds(SetSpeed, st.sampled_from([0.0, 3.0, 1000.0])),
+        st.builds(Skip, st.sampled_from([0.02, -0.02, 1.0, -1.0, 0.3])),
+        st.builds(JumpTo, st.floats(-2.0, 6.0)),
+    ),
+    max_size=6,
+)
+
+
+def same_whatever_was_pressed(folder: Path, commands: list[AnyCommand], at: float) -> None:
+    straight, pressed = Deck(folder), Deck(folder)
+    straight.do(JumpTo(at))
+    for command in commands:
+        pressed.engine.control(command)
+        pressed.step(3)
+    pressed.do(JumpTo(at))
+    assert essence(pressed.shown) == essence(straight.shown)
+    assert essence(pressed.to_the_end()) == essence(straight.to_the_end())
+
+
+def essence(shown: Snapshot) -> Snapshot:
+    """Without the numbers of the log's lines and what the keys have set."""
+    lines = tuple(replace(line, number=0) for line in shown.log)
+    return replace(shown, log=lines, playback=None)
+
+
+@settings(max_examples=2)
+@given(commands=COMMANDS, at=st.floats(-2.0, 6.0))
+def test_what_is_shown_at_a_time_depends_on_no_key(
+    folder: Path, commands: list[AnyCommand], at: float
+) -> None:
+    same_whatever_was_pressed(folder, commands, at)
+
+
+@pytest.mark.slow
+def test_what_is_shown_at_a_time_depends_on_no_key_at_length(
+    folder: Path, request: pytest.FixtureRequest
+) -> None:
+    @settings(max_examples=request.config.getoption("--runs"))
+    @given(commands=COMMANDS, at=st.floats(-2.0, 6.0))
+    def prove(commands: list[AnyCommand], at: float) -> None:
+        same_whatever_was_pressed(folder, commands, at)
+
+    prove()
+
+
+# ---------------------------------------------------------------- nobody's record
+
+
+def everything_in(root: Path) -> dict[str, tuple[int, bytes]]:
+    return {
+        str(path): (path.stat().st_mtime_ns, path.read_bytes() if path.is_file() else b"")
+        for path in root.rglob("*")
+    }
+
+
+def test_a_replay_writes_nothing_anywhere_near_the_results(copy: Path) -> None:
+    before = everything_in(copy.parent)
+    deck = Deck(copy)
+    deck.do(JumpTo(4.0), JumpTo(1.0))
+    deck.to_the_end()
+    deck.engine.close()
+    assert everything_in(copy.parent) == before
+
+
+def test_no_act_does_anything_and_each_is_refused_with_the_reason(folder: Path) -> None:
+    deck = Deck(folder)
+    deck.do(JumpTo(4.0))
+    before = deck.shown
+    acts = (Abort("x"), DeclareTimeout(), Rule(Step.TOUCH, confirmed=True, reason="x"))
+    for act in (*acts, SetUp(make_setup()), Finalise(TeamWord.ABSENT, "me"), Start()):
+        assert "nothing can be done to the run" in str(deck.engine.perform(act))
+    assert set(deck.shown.refusals) >= {act.name for act in ACTS}
+    assert deck.shown == before
+    assert "leave it to open another one" in str(deck.engine.opening_refusal())
+
+
+# ---------------------------------------------------------------- appeals
+
+
+def test_a_stored_result_that_the_bag_does_not_give_is_told_value_by_value(copy: Path) -> None:
+    edit_result(copy, execution_time=STOP_AT + 0.25, roughness_of_door_actuation=1.0)
+    deck = Deck(copy)
+    result = deck.to_the_end().result
+    assert result is not None
+    measured = result.indicator(IndicatorName.EXECUTION_TIME).value
+    assert deck.at.comparison.startswith(
+        f"differs from the stored result: execution time {measured:.2f}, stored 5.25; roughness"
+    )
+    assert not deck.at.agrees
+
+
+def test_a_difference_in_the_last_digit_is_told(copy: Path) -> None:
+    stored = json.loads((copy / "result.json").read_text())
+    value = stored["indicators"]["execution_time"]["value"]
+    edit_result(copy, execution_time=value + 1e-12)
+    deck = Deck(copy)
+    deck.to_the_end()
+    assert f"execution time {value!r}, stored {value + 1e-12!r}" in deck.at.comparison
+
+
+def test_without_a_usable_stored_result_it_says_so(copy: Path) -> None:
+    (copy / "result.json").write_text("{")
+    deck = Deck(copy)
+    deck.to_the_end()
+    assert "result.json is damaged" in deck.at.comparison
+    (copy / "result.json").unlink()
+    deck = Deck(copy)
+    deck.to_the_end()
+    assert deck.at.comparison == "no stored result lies beside the recording"
+
+
+def test_a_journal_that_lost_a_line_is_told_from_the_one_in_the_bag(copy: Path) -> None:
+    journal = copy / "journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(line for line in lines if "collision" not in line))
+    assert any("the journal lacks 1 of the" in fault for fault in Deck(copy).shown.faults)
+
+
+# ---------------------------------------------------------------- bad recordings
+
+
+def torn(copy: Path, share: float) -> Path:
+    """The bag of a run folder, cut off."""
+    (bag,) = copy.glob("*.mcap")
+    data = bag.read_bytes()
+    bag.write_bytes(data[: int(len(data) * share)])
+    return copy
+
+
+@pytest.mark.parametrize("share", slow_but_for([0.4, 0.8], 0.4))
+def test_a_torn_bag_is_played_to_where_it_ends_and_that_is_said(copy: Path, share: float) -> None:
+    deck = Deck(torn(copy, share))
+    assert any("what comes before that is read" in fault for fault in deck.shown.faults)
+    shown = deck.to_the_end()
+    assert shown.result == score_path(copy)[0].result
+    assert shown.run.closure is not None
+    assert any("what comes before" in remark for remark in shown.result.quality.remarks)
+
+
+def test_a_bag_alone_is_played_with_the_decisions_that_it_holds(copy: Path) -> None:
+    (bag,) = copy.glob("*.mcap")
+    shown = Deck(bag).to_the_end()
+    assert shown.run.outcome is Outcome.TIMEOUT
+    assert len(shown.run.incidents) == 1
+    assert shown.run.rulings == ()
+
+
+def test_a_run_without_a_stop_is_interrupted(copy: Path) -> None:
+    journal = copy / "journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines[: [i for i, t in enumerate(lines) if "timeout" in t][-1]]))
+    (copy / "result.json").unlink()
+    shown = Deck(torn(copy, 0.4)).to_the_end()
+    assert shown.run.outcome is Outcome.INTERRUPTED
+    assert shown.result == score_path(copy)[0].result
+
+
+def bags_of_no_run(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Bags that cannot be replayed, with the words that say why."""
+    types = MessageTypes()
+    door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
+    data = types.encode(door.type, types.make(door.type))
+    message = RawMessage(door.name, door.type, data, 10**18, 10**18)
+    for name, records, messages, words in (
+        ("foreign", {}, [message], "a bag without a MADROB run cannot be replayed"),
+        ("empty", {}, [], "holds no messages"),
+        ("odd", {RECORD_NAME: {"run": "{}"}}, [message], "damaged"),
+    ):
+        with BagWriter(folder / name, [door], records) as writer:
+            for one in messages:
+                writer.put(one)
+        yield folder / name, words
+    (folder / "notes.mcap").write_text("no bag")
+    yield folder / "notes.mcap", "is no bag"
+    yield folder / "missing", "cannot read"
+
+
+def test_what_cannot_be_replayed_is_refused_in_one_line(tmp_path: Path) -> None:
+    for path, words in bags_of_no_run(tmp_path):
+        with pytest.raises(MadrobError) as refused:
+            Deck(path)
+        assert words in str(refused.value)
+        assert path.name in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_a_run_that_was_never_started_is_refused_in_one_line(copy: Path) -> None:
+    journal = copy / "journal.jsonl"
+    journal.write_text(journal.read_text().splitlines(keepends=True)[0])
+    with pytest.raises(MadrobError, match="never started"):
+        Deck(copy)
+
+
+@pytest.mark.parametrize("speed", [-1.0, float("nan"), float("inf"), 1001.0])
+def test_an_impossible_speed_is_refused(folder: Path, speed: float) -> None:
+    with pytest.raises(MadrobError, match="use 0 to 1000"):
+        Deck(folder, speed)

@@ -1,0 +1,191 @@
+"""Reports and exports that an engine makes by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from madrob_console.cli import main
+from madrob_console.clock import SystemClock
+from madrob_console.engine import wire
+from madrob_console.engine.config import EngineConfig
+from madrob_console.engine.engine import Engine
+from madrob_console.engine.local import LocalEngine
+from madrob_console.engine.remote import EXPORT, RemoteEngine
+from madrob_console.engine.reporting import Papers
+from madrob_console.engine.server import EngineServer
+from madrob_console.referee.acts import (
+    Abort,
+    ConfirmPose,
+    Finalise,
+    Reissue,
+    Rule,
+    SetUp,
+    Start,
+    ZeroHandle,
+)
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import TeamWord
+from madrob_console.rescore import open_run
+from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.testbeds.simulated import SimulatedSource
+from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
+from madrob_console.ui.keys import KEYS
+from scoring.protocol import Step
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine_process import EngineProcess
+from tests.madrob_console.run_folders import summary, write
+
+
+def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
+    told: list[tuple[str, int]] = []
+
+    def tell(folder: Path) -> None:
+        told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
+
+    drive = Drive(tmp_path, Scenario.NO_TOUCH)
+    drive.engine.on_result = tell
+    drive.whole_run(make_setup(timeout=1.0))
+    first = "subject_003_cond_001_run_001"
+    assert told == [(first, 1)]
+    drive.act(
+        Rule(Step.TOUCH, confirmed=True, reason="seen"),
+        Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"),
+        Reissue("the team is right"),
+        Rule(Step.TOUCH, confirmed=False, reason="seen again"),
+    )
+    assert told[1:] == [(first, 1), (first, 1), (first, 2), (first, 2)]
+    drive.start(make_setup(run_number=2))
+    running = drive.engine.folder
+    assert running is not None
+    left = tmp_path / "of a machine that failed" / running.name
+    shutil.copytree(running, left)
+    drive.engine.close()
+    cut_off = "subject_003_cond_001_run_002"
+    assert told[5:] == [(cut_off, 1)]
+    later = Drive(left.parent)
+    later.engine.on_result = tell
+    assert later.engine.open_run(open_run(left)) is None
+    later.engine.close()
+    assert told[6:] == [(cut_off, 1)]
+
+
+@pytest.mark.slow
+def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    flags = ["--testbed", "simulated", "--speed=0", "--countdown=1", "--timeout=1"]
+    for more, made in (([], True), (["--no-report"], False)):
+        assert main(["run", *flags, f"--results={tmp_path}", *more]) == 3
+        folder = Path(capsys.readouterr().out.splitlines()[-1].removeprefix("run folder: "))
+        assert (folder / "report.html").exists() == made
+
+
+class Served:
+    """An engine on a socket that packs runs, in threads of this process."""
+
+    def __init__(self, folder: Path) -> None:
+        clock, types = SystemClock(), MessageTypes()
+        source = SimulatedSource(SimulatedTestbed(), clock, types)
+        config = EngineConfig(folder / "runs", DEFAULT_MAPPINGS, disk_needed=0)
+        engine = Engine(source, clock, config, types)
+        self._papers = Papers(lambda: engine.busy, [f"--results={config.results}"])
+        self.local = LocalEngine(engine, self._papers)
+        self.path = folder / "s"
+        self._server = EngineServer(self.local, source.label, 60.0, time.monotonic)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+        wait(self.path.exists)
+
+    def _serve(self) -> None:
+        try:
+            self._loop.run_until_complete(self._server.serve(self.path))
+        finally:
+            self._loop.close()
+
+    def close(self) -> None:
+        self._loop.call_soon_threadsafe(self._server.stop)
+        self._thread.join()
+        self.local.close()
+        self._papers.close()
+
+
+def wait(done: Callable[[], object]) -> None:
+    end = time.monotonic() + 60.0
+    while not done():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
+    write(tmp_path / "runs", summary(3))
+    with (
+        closing(Served(tmp_path)) as served,
+        closing(RemoteEngine(served.path, wire.Role.REFEREE, "ada@hall")) as console,
+        closing(RemoteEngine(served.path, wire.Role.WATCH, "tv@hall")) as watcher,
+    ):
+        assert watcher.export_team(3) == "this screen only watches"
+        assert KEYS["export"].refusal(watcher.snapshot()) is not None
+        assert KEYS["export"].act == EXPORT
+        assert console.snapshot().export is None
+        assert console.export_team(3) is None
+        assert (shown := console.snapshot().export) is not None
+        assert shown.subject == 3
+        wait(lambda: (view := watcher.snapshot().export) is not None and view.path)
+        made = watcher.snapshot().export
+        assert made is not None
+        assert made.problem == ""
+        assert Path(made.path).parent == tmp_path / "runs" / "exports"
+        assert Path(made.path).is_file()
+
+
+def processes_of(parent: int) -> list[str]:
+    """The command lines of a process's children, zombies as well."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
+                found.append((path / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+    return found
+
+
+@pytest.mark.slow
+def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_path: Path) -> None:
+    setup = make_setup(countdown=1.0)
+    with EngineProcess(tmp_path, "no-touch") as engine:
+        engine.start(setup)
+        for _ in range(20):
+            assert processes_of(engine.process.pid) == []
+            time.sleep(0.1)
+        engine.act(Abort("enough"))
+        first = engine.folder / "report.html"
+        wait(lambda: processes_of(engine.process.pid))
+        engine.act(SetUp(replace(setup, run_number=2)), ZeroHandle(), ConfirmPose())
+        engine.wait_for(lambda s: not blocking(s.checks))
+        engine.act(Start())  # a process that goes on ends for it
+        wait(lambda: not processes_of(engine.process.pid))
+        assert engine.snapshot().run.active
+        engine.act(Abort("enough"))
+        wait(first.exists)
+        second = engine.folder / "report.html"
+        wait(lambda: second.exists() and not processes_of(engine.process.pid))  # no zombie stays
+        engine.start(replace(setup, run_number=3))
+        engine.act(Abort("enough"))
+        engine.result()
+        engine.start(replace(setup, run_number=4))  # the report of run 3 has to wait
+        cut_off = engine.folder / "report.html"
+    wait(lambda: len(list(tmp_path.glob("*/report.html"))) == 4)
+    assert cut_off.exists()
+    assert all("</html>" in path.read_text() for path in tmp_path.glob("*/report.html"))
+    assert not list(tmp_path.glob("*/.*"))

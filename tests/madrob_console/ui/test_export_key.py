@@ -1,0 +1,65 @@
+"""The key that packs a team's runs."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from madrob_console.engine.snapshot import ExportView
+from madrob_console.ui.words import export_text
+from tests.madrob_console.run_folders import summary, write
+from tests.madrob_console.ui.driver import DEFAULTS, driving
+from tests.madrob_console.ui.fake_engine import FakeEngine
+
+ZIP = "/results/exports/team_003_Delft_20261121_182139.zip"
+
+
+@pytest.mark.parametrize(
+    ("export", "text"),
+    [
+        (ExportView(3), "Packing the runs of team 3 in the background ..."),
+        (
+            ExportView(3, ZIP),
+            "Packed: exports/team_003_Delft_20261121_182139.zip in the results folder",
+        ),
+        (ExportView(3, "/home/a.zip"), "Packed: /home/a.zip"),
+        (
+            ExportView(3, "/home/a.zip", "b.csv: cannot be read"),
+            "Packed: /home/a.zip; not all: b.csv: cannot be read",
+        ),
+        (ExportView(3, "", "the disk is full"), "No zip of team 3: the disk is full"),
+    ],
+)
+def test_a_line_says_what_has_become_of_an_export(export: ExportView, text: str) -> None:
+    assert export_text(export, Path("/results")) == text
+
+
+def test_e_packs_the_team_of_the_run_or_the_marked_one_and_says_where_the_zip_is(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    write(tmp_path, summary(7))
+    defaults = replace(DEFAULTS, results=tmp_path)
+
+    async def drive() -> None:
+        async with driving(engine, defaults=defaults) as driver:
+            await driver.press("escape", "h")
+            await driver.app.workers.wait_for_complete()
+            await driver.settle()
+            assert " e Export" in driver.text
+            await driver.press("e")
+            assert engine.exported == [7]
+            assert driver.console.status == export_text(ExportView(7), tmp_path)
+            engine.export = ExportView(7, f"{tmp_path}/exports/a.zip")
+            await driver.settle()
+            assert driver.console.status == "Packed: exports/a.zip in the results folder"
+            await driver.press("f4", "e")
+            assert engine.exported == [7]
+            assert "no team is marked or set up" in driver.console.status
+            await driver.set_up()
+            await driver.press("f4", "e")
+            assert engine.exported == [7, 1]
+
+    asyncio.run(drive())
