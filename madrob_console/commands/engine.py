@@ -53,7 +53,7 @@ def serve(arguments: argparse.Namespace) -> int:
         where = [f"--results={results_folder(arguments, settings)}"]
         if arguments.settings is not None:
             where.append(f"--settings={arguments.settings}")
-        papers = Papers(lambda: engine.busy, where)
+        papers = Papers(lambda: engine.busy, where, reports=settings.results.reports)
         local = LocalEngine(engine, papers)
         try:
             idle_time = arguments.idle_time or settings.engine.idle_time

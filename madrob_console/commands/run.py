@@ -46,7 +46,8 @@ def main(arguments: argparse.Namespace) -> int:
     if isinstance(engine, ReplayingEngine):
         return EXIT_CODES[replay(engine)]
     live = engine.source.kind is SourceKind.ROS
-    papers = None if arguments.no_report else Papers(lambda: engine.busy)
+    reports = settings.results.reports and not arguments.no_report
+    papers = Papers(lambda: engine.busy) if reports else None
     runner = _Runner(engine, papers)
     alone = engine_place(arguments, settings).taken() if live else nullcontext()
     with alone, runner.stopping_on_signals():

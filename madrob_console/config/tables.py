@@ -187,6 +187,7 @@ class Results(Table, frozen=True):
     folder: Annotated[str, Meta(min_length=1, description="one folder a run in it")] = (
         "~/madrob_runs"
     )
+    reports: Annotated[bool, Meta(description="make report.html after every result")] = True
 
     def __post_init__(self) -> None:
         _demand_whole_path("folder", self.folder)

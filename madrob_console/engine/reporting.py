@@ -19,20 +19,26 @@ class Papers:
     Args:
         busy: whether a run goes on; may be asked from any thread.
         options: of `madrob export`: results folder, settings.
+        reports: whether reports are wanted.
 
     Attributes:
         problem: why the last report could not be made, in words; None when it could.
         exported: the last export; None before the first.
     """
 
-    def __init__(self, busy: Callable[[], bool], options: Sequence[str] = ()) -> None:
+    def __init__(
+        self, busy: Callable[[], bool], options: Sequence[str] = (), *, reports: bool = True
+    ) -> None:
         self.problem: str | None = None
         self.exported: ExportView | None = None
         self._options = tuple(options)
+        self._reports = reports
         self._background = Background(busy)
 
     def report(self, folder: Path) -> None:
-        """Make the report of a run anew; the latest result counts."""
+        """Make the report of a run anew, if it is wanted; the latest result counts."""
+        if not self._reports:
+            return
 
         def done(finished: Finished) -> None:
             self.problem = None

@@ -49,7 +49,7 @@ def measured(
     """The exit code, the rows of the table by figure, and the figures of the JSON."""
     module = SimpleNamespace(PACKAGES=(PACKAGE,), BENCHMARKS=benchmarks)
     monkeypatch.setattr(program, "import_module", lambda _name: module)
-    code = program.main(["--repeats", "3", "--json", str(path)])
+    code = program.main(["terminal", "--repeats", "3", "--json", str(path)])
     output = capsys.readouterr().out
     assert f"all values: {path}" in output
     assert f"{PACKAGE} " in output.partition("| figure")[0]

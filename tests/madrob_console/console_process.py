@@ -37,6 +37,8 @@ class Hall:
         self.folder = Path(tempfile.mkdtemp(prefix="madrob-"))
         self.results = self.folder / "runs"
         self.speed = speed
+        self._settings = self.folder / "madrob.toml"
+        self._settings.write_text("[results]\nreports = false\n")  # they have tests of their own
         self._env = {"XDG_RUNTIME_DIR": str(self.folder), "PYTHONPATH": str(ROOT)}
 
     def __enter__(self) -> Self:
@@ -55,7 +57,7 @@ class Hall:
     def testbed(self) -> list[str]:
         """The options that name the testbed."""
         speed, results = f"--speed={self.speed}", f"--results={self.results}"
-        return ["--testbed", "simulated", speed, results]
+        return ["--testbed", "simulated", speed, results, f"--settings={self._settings}"]
 
     def console(self, command: str = "console", columns: int = 80, lines: int = 24) -> Terminal:
         """The screens, attached to the engine or starting it."""

@@ -9,7 +9,7 @@ import stat
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -73,7 +73,7 @@ class Served:
         return RemoteEngine(self.path, role, who)
 
     def close(self) -> None:
-        if self.thread.is_alive():
+        with suppress(RuntimeError):  # it has ended by itself
             self._loop.call_soon_threadsafe(self.server.stop)
         self.thread.join()
         self.local.close()
