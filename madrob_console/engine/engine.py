@@ -17,21 +17,14 @@ from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.course import Course, Happening
 from madrob_console.engine.fault_notes import FaultNotes
 from madrob_console.engine.log import EventLog
+from madrob_console.engine.observation import Observation
 from madrob_console.engine.pre_start import PreStart
 from madrob_console.engine.record import RunRecord
 from madrob_console.engine.recording import Recording
 from madrob_console.engine.result_keeper import ResultKeeper, Unwritten
-from madrob_console.engine.results import Scored, ending_of
-from madrob_console.engine.sensors import Sensors
+from madrob_console.engine.results import Scored
 from madrob_console.engine.snapshot import RecorderView, Snapshot
-from madrob_console.engine.view import (
-    NO_STEPS,
-    elapsed,
-    faults,
-    question,
-    refusals,
-    remaining,
-)
+from madrob_console.engine.view import refusals
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import (
     Abort,
@@ -50,12 +43,10 @@ from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from madrob_console.rescore import OpenedRun
 from madrob_console.runs import next_run_number
-from madrob_console.testbeds.messages import Decoder, MessageError, MessageTypes
+from madrob_console.testbeds.messages import MessageTypes
 from madrob_console.testbeds.source import Source
 from madrob_console.unfinished import Unfinished, find_unfinished
 from recorder.message import RawMessage
-from scoring.evaluate import Assessment, with_remarks
-from scoring.procedure import Procedure
 from scoring.protocol import Outcome
 
 POST_ROLL = 1.0
@@ -85,8 +76,8 @@ class Engine:
         self.config = config
         self._clock = clock
         self._chronicle = Chronicle(source, clock)
-        self._decoder = Decoder(config.mappings, types)
-        self._sensors = Sensors(config.mappings, config.thresholds, config.limits)
+        self._observation = Observation(config.mappings, config.thresholds, config.limits, types)
+        self._sensors = self._observation.sensors
         self._pre_start = PreStart(config, self._sensors)
         self._fault_notes = FaultNotes()
         self._run = Run()
@@ -94,11 +85,9 @@ class Engine:
         self._recorder_view = RecorderView("closed")
         self._record: RunRecord | None = None
         self._folder: Path | None = None
-        self._course: Course | None = None
         self._opened: OpenedRun | None = None
         self._unfinished: tuple[Unfinished, ...] = ()
         self._kept_zero = 0.0
-        self._procedure: Procedure | None = None
         self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
@@ -215,6 +204,7 @@ class Engine:
             self._kept_zero = self._run.handle_zero
         self._clear()
         self._opened, self._record, self._folder = opened, recorded.record, opened.folder
+        self._observation.look_back(opened.assessment)
         self._run = recorded.run
         if self._run.active:
             outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
@@ -233,18 +223,7 @@ class Engine:
     def _receive(self, message: RawMessage) -> None:
         if self._recording is not None:
             self._recording.put(message)
-        sample, error = None, None
-        try:
-            sample = self._decoder.decode(message)
-        except MessageError as problem:
-            error = str(problem)
-        self._sensors.receive(message, sample, error)
-        if self._recording is None or self._course is None:
-            return
-        if error is not None:
-            self._course.assessment.report_problem(error)
-        if sample is not None:
-            self._course.feed(sample)
+        self._observation.receive(message, recorded=self._recording is not None)
 
     # ------------------------------------------------------------------ acts
 
@@ -314,10 +293,11 @@ class Engine:
         if isinstance(act, Start):
             assert self._record is not None
             silence = self.config.limits.lost
-            self._course = Course(self._record, run, silence, self._sensors.newest())
+            course = Course(self._record, run, silence, self._sensors.newest())
+            self._observation.course = course
         if isinstance(act, RestartCountdown):
-            assert self._course is not None
-            self._course.restart(run)
+            assert self._observation.course is not None
+            self._observation.course.restart(run)
         if run.phase is Phase.STOPPED and before.active:
             self._decided = self.now()
         if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
@@ -337,9 +317,8 @@ class Engine:
         """A clean next run: nothing of the one before stays."""
         self._record = None
         self._folder = None
-        self._course = None
+        self._observation.look_back()
         self._opened = None
-        self._procedure = None
         self._scored = None
         self._decided = None
         self._fault_notes.clear()
@@ -386,8 +365,7 @@ class Engine:
         now = self.now()
         if self._recording is not None:
             self._watch(now)
-        if self._course is not None and self._run.active:
-            self._go_on(*self._course.advance(self._run, now))
+        self._go_on(*self._observation.advance(self._run, now))
         if self._decided is not None and now >= self._decided + POST_ROLL and self._recording:
             self._finish()
         if self._keeper.due(now):
@@ -418,14 +396,11 @@ class Engine:
 
     def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
         before, self._run = self._run, run
-        if self._course is not None:
-            self._procedure = self._course.procedure
         for one in happened:
             self._note(one)
-        if run.phase is Phase.STOPPED:
+        if before.active and run.phase is Phase.STOPPED:
             self._decided = self.now()
-            if self._course is not None:  # what was live is judged as of the stop now
-                self._procedure = self._course.assessment.procedure(run.rulings, run.stop)
+            self._observation.judge(run)
         if run.phase is not before.phase:
             self._chronicle.announce_state(run)
 
@@ -451,14 +426,8 @@ class Engine:
         self._run = replace(self._run, issue=1)
         self._score(recording.remarks())
 
-    @property
-    def _assessment(self) -> Assessment | None:
-        if self._opened is not None:
-            return self._opened.assessment
-        return None if self._course is None else self._course.assessment
-
     def _score(self, missing: Sequence[str] | None = None, *, write: bool = True) -> None:
-        run, record, assessment = self._run, self._record, self._assessment
+        run, record, assessment = self._run, self._record, self._observation.assessment
         assert record is not None
         assert assessment is not None
         for remark in missing or ():
@@ -467,10 +436,7 @@ class Engine:
             for topic, count in self._lost().items():
                 if lost := count - self._lost_before.get(topic, 0):
                     assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
-        ending = ending_of(run)
-        result, rows = assessment.result(ending, run.rulings)
-        scored = Scored(record, run, with_remarks(result, run.remarks()), rows)
-        self._procedure = assessment.procedure(run.rulings, run.stop)
+        scored = Scored(record, run, *self._observation.result(run))
         if write:
             assert self._folder is not None
             self._keeper.write(self._folder, scored)
@@ -506,45 +472,22 @@ class Engine:
 
     def snapshot(self) -> Snapshot:
         """Everything that a screen shows, now."""
-        now, seen = self.now(), self._sensors_now
-        run, sensors = self._run, self._sensors
-        assessment = self._assessment
-        situation = self.situation()
-        recorder = self._recording.view() if self._recording else self._recorder_view
-        dropped = self._recording.dropped() if self._recording else {}
-        topics = sensors.topics(self.source.status(), dropped, seen)
-        door = sensors.door_view(seen)
-        latch = sensors.latch_view(seen)
-        largest_force = assessment.largest_force if assessment else None
-        procedure = self._procedure
-        return Snapshot(
-            time=now,
-            source_kind=self.source.kind,
-            source_label=self.source.label,
+        recording, situation = self._recording, self.situation()
+        view = self._observation.view(
+            self.source,
+            self._run,
+            self.now(),
+            self._sensors_now,
+            recorder=recording.view() if recording else self._recorder_view,
+            dropped=recording.dropped() if recording else {},
+            problems=(self._chronicle.problem, self._keeper.problem, *self._keeper.problems),
+        )
+        return replace(
+            view,
             sides_problem=self.source.sides_problem,
-            run=run,
-            elapsed=elapsed(run, now),
-            remaining=remaining(run, now),
-            settling=procedure is not None and procedure.settling and run.active,
             checks=situation.checks,
             refusals=refusals(situation),
-            steps=procedure.steps if procedure else NO_STEPS,
-            ask_referee=question(run, procedure, latch),
-            door=door,
-            handle=sensors.handle_view(seen, run.handle_zero, largest_force),
-            latch=latch,
-            passage=sensors.passage_view(seen),
-            topics=topics,
-            recorder=recorder,
-            disk_free=self._pre_start.free_disk(seen),
-            faults=faults(
-                topics,
-                recorder,
-                door,
-                run,
-                (self._chronicle.problem, self._keeper.problem, *self._keeper.problems),
-            ),
-            provisional=assessment.provisional(procedure) if assessment and procedure else {},
+            disk_free=self._pre_start.free_disk(self._sensors_now),
             log=self.log.lines,
             result=self._scored.result if self._scored else None,
             result_source=self._scored.record.source if self._scored else None,

@@ -8,23 +8,19 @@ from dataclasses import replace
 from madrob_console.clock import nanoseconds, seconds
 from madrob_console.engine.course import Course, Happening
 from madrob_console.engine.log import EventLog
+from madrob_console.engine.observation import Observation
 from madrob_console.engine.playback import SAMPLE_STEP, PlaybackView
 from madrob_console.engine.results import Scored, ending_of
-from madrob_console.engine.sensors import SensorLimits, Sensors
+from madrob_console.engine.sensors import SensorLimits
 from madrob_console.engine.snapshot import RecorderView, Snapshot
 from madrob_console.engine.tape import Tape
-from madrob_console.engine.view import NO_STEPS, elapsed, faults, question, remaining
 from madrob_console.referee.acts import RestartCountdown, Start
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after
 from madrob_console.referee.run import Run
 from madrob_console.referee.transitions import stop
 from madrob_console.rescore import stored_remarks
-from madrob_console.testbeds.messages import Decoder, MessageError
 from madrob_console.testbeds.source import SourceKind
-from recorder.message import RawMessage
-from scoring.evaluate import with_remarks
-from scoring.procedure import Procedure
 from scoring.protocol import Outcome
 
 TICK_NS = nanoseconds(SAMPLE_STEP)
@@ -57,11 +53,8 @@ class Repetition:
         source, recorded = tape.source, tape.recorded
         self._source, self._recorded, self._limits, self._log = source, recorded, limits, log
         record = recorded.record
-        self._decoder = Decoder(record.mappings, tape.types)
-        self._sensors = Sensors(record.mappings, record.thresholds, limits)
+        self._observation = Observation(record.mappings, record.thresholds, limits, tape.types)
         self._entries = deque(recorded.entries)
-        self._course: Course | None = None
-        self._procedure: Procedure | None = None
         self._now_ns = source.begin_ns
         self.ticks = 0
         self.last_tick = max(1, -(-(source.end_ns - source.begin_ns) // TICK_NS))
@@ -103,30 +96,13 @@ class Repetition:
     def _take(self, now_ns: int) -> None:
         self._now_ns = now_ns
         for message in self._source.take(now_ns):
-            self._receive(message)
+            self._observation.receive(message)
         self._advance()
 
-    def _receive(self, message: RawMessage) -> None:
-        sample, error = None, None
-        try:
-            sample = self._decoder.decode(message)
-        except MessageError as problem:
-            error = str(problem)
-        self._sensors.receive(message, sample, error)
-        if self._course is None:
-            return
-        if error is not None:
-            self._course.assessment.report_problem(error)
-        if sample is not None:
-            self._course.feed(sample)
-
     def _advance(self) -> None:
-        if self._course is None or not self.run.active:
-            return
         before = self.run
-        run, happened = self._course.advance(before, self.now)
+        run, happened = self._observation.advance(before, self.now)
         self.run = replace(run, false_starts=before.false_starts)
-        self._procedure = self._course.procedure
         for one in happened:
             if one.change in _DECIDED_ANEW:
                 self._log.add(self._entry(one), before.start)
@@ -148,15 +124,14 @@ class Repetition:
         self._advance()
 
     def _count_down(self, run: Run) -> None:
-        if self._course is None:
-            self._course = Course(self._recorded.record, run, self._limits.lost)
+        if self._observation.course is None:
+            self._observation.course = Course(self._recorded.record, run, self._limits.lost)
         else:
-            self._course.restart(run)
+            self._observation.course.restart(run)
 
     def _judge_stop(self, before: Run) -> None:
-        """What was live is judged as of the stop, when it has come."""
-        if before.active and not self.run.active and self._course is not None:
-            self._procedure = self._course.assessment.procedure(self.run.rulings, self.run.stop)
+        if before.active and not self.run.active:
+            self._observation.judge(self.run)
 
     # ------------------------------------------------------------------ the end
 
@@ -165,8 +140,8 @@ class Repetition:
         while self._entries:
             self._repeat(self._entries.popleft())
         self._take_official_ending()
-        assert self._course is not None
-        recorded, assessment, run = self._recorded, self._course.assessment, self.run
+        recorded, assessment, run = self._recorded, self._observation.assessment, self.run
+        assert assessment is not None
         problem = recorded.bag.problem
         for remark in (*recorded.remarks, *([problem] if problem else [])):
             assessment.report_problem(remark)
@@ -174,9 +149,7 @@ class Repetition:
         for remark in stored_remarks(self._source.path):
             if remark not in known:  # what the bag cannot tell: messages dropped on the way
                 assessment.report_problem(remark)
-        result, rows = assessment.result(ending_of(run), run.rulings)
-        self.scored = Scored(recorded.record, run, with_remarks(result, run.remarks()), rows)
-        self._procedure = assessment.procedure(run.rulings, run.stop)
+        self.scored = Scored(recorded.record, run, *self._observation.result(run))
 
     def _take_official_ending(self) -> None:
         """Where the recording ends during the run, the journal says how the run ended."""
@@ -206,35 +179,19 @@ class Repetition:
             problems: what is wrong with the recording, in words.
             playback: where the replay stands.
         """
-        now, run, sensors = self.now, self.run, self._sensors
-        assessment = None if self._course is None else self._course.assessment
-        procedure = self._procedure
-        topics = sensors.topics(self._source.status(), {}, now)
-        door, latch = sensors.door_view(now), sensors.latch_view(now)
-        largest_force = assessment.largest_force if assessment else None
-        recorder = RecorderView("closed")
-        return Snapshot(
-            time=now,
-            source_kind=SourceKind.REPLAY,
-            source_label=self._source.label,
-            sides_problem=None,
-            run=run,
-            elapsed=elapsed(run, now),
-            remaining=remaining(run, now),
-            settling=procedure is not None and procedure.settling and run.active,
-            checks=(),
+        view = self._observation.view(
+            self._source,
+            self.run,
+            self.now,
+            self.now,
+            recorder=RecorderView("closed"),
+            dropped={},
+            problems=(),
+        )
+        return replace(
+            view,
             refusals=refusals,
-            steps=procedure.steps if procedure else NO_STEPS,
-            ask_referee=question(run, procedure, latch),
-            door=door,
-            handle=sensors.handle_view(now, run.handle_zero, largest_force),
-            latch=latch,
-            passage=sensors.passage_view(now),
-            topics=topics,
-            recorder=recorder,
-            disk_free=None,
-            faults=(*problems, *faults(topics, recorder, door, run, ())),
-            provisional=assessment.provisional(procedure) if assessment and procedure else {},
+            faults=(*problems, *view.faults),
             log=self._log.lines,
             result=self.scored.result if self.scored else None,
             result_source=SourceKind.REPLAY if self.scored else None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
@@ -165,7 +165,7 @@ class Sensors:
         return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
 
     def topics(
-        self, statuses: Sequence[TopicStatus], dropped: dict[str, int], now: float
+        self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
     ) -> tuple[TopicView, ...]:
         """Every configured topic; `dropped` counts what the recorder had to drop."""
         by_topic = {status.topic: status for status in statuses}
