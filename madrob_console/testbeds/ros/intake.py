@@ -105,7 +105,7 @@ class Intake:
         """Everything that has arrived since the last call."""
         if self._inbox is None:
             return []
-        before = self._inbox.publishers
+        before = self._publishers
         received = self._take_former() + self._inbox.take()
         if self._seen is not None:
             received = [r for r in received if self._is_new(r)]

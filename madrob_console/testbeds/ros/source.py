@@ -29,7 +29,7 @@ from scoring.protocol import Condition, StartPose
 
 _T = TypeVar("_T")
 
-_PERIOD = 0.01
+_PERIOD = 0.02
 """Seconds between two takes; DDS notes itself when a message came."""
 
 _DISCOVERY = 0.25
