@@ -8,10 +8,9 @@ from contextlib import suppress
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO, TypeAlias
 
-import yaml
 from mcap.records import Channel, Message, Metadata
 
-from recorder.bag import BAG_INFORMATION, METADATA_FILE, YAML_PROBLEMS, Topic
+from recorder.bag import BAG_INFORMATION, METADATA_FILE, YAML_PROBLEMS, Topic, load_yaml
 from recorder.catalogue import Catalogue
 from recorder.errors import RecorderError
 from recorder.mcap_stream import DamageError, ForeignError, Gap, read_records, read_summary
@@ -227,7 +226,7 @@ def bag_information(folder: Path) -> dict[str, Any]:
         YAML_PROBLEMS: it is damaged.
     """
     with _open(folder / METADATA_FILE) as file:
-        document = yaml.safe_load(file.read(_METADATA_LIMIT))
+        document: Any = load_yaml(file.read(_METADATA_LIMIT).decode())
     information: dict[str, Any] = document[BAG_INFORMATION]
     return information
 

@@ -5,6 +5,8 @@ The only module of `scoring` that opens data files.
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -293,10 +295,18 @@ def _yaml(content: Mapping[str, object]) -> str:
 
 
 def _csv(columns: Mapping[str, Sequence[object] | NDArray[np.float64]]) -> str:
-    import pandas as pd
+    """The shortest digits that read back as the same float64; NaN as an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    return text.getvalue()
 
-    # the shortest digits that read back as the same float64; NaN as an empty cell
-    return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
+
+def _cells(values: Sequence[object] | NDArray[np.float64]) -> Sequence[object]:
+    if isinstance(values, np.ndarray):
+        return ["" if math.isnan(value) else value for value in values.tolist()]
+    return values
 
 
 def _or_nan(values: NDArray[np.float64]) -> NDArray[np.float64]:

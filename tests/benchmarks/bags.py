@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,6 +34,17 @@ def simulated_run(results: Path, scenario: Scenario = Scenario.NOMINAL, seed: in
     drive.engine.close()
     assert drive.engine.folder is not None
     return drive.engine.folder
+
+
+def copies(run: Path, count: int) -> list[Path]:
+    """A run folder and so many beside it that there are `count`, each with another run number."""
+    others = [
+        run.with_name(run.name.replace("run_001", f"run_{number:03d}"))
+        for number in range(2, count + 1)
+    ]
+    for other in others:
+        shutil.copytree(run, other)
+    return [run, *others]
 
 
 def long_bag(run: Path, folder: Path, length: float, density: int = 1) -> Path:

@@ -5,25 +5,33 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from tests.benchmarks.bags import simulated_run
+from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns
 from tests.benchmarks.report import Figure, Goal
 
 PACKAGES = ("matplotlib",)
 
 PAGE = Goal(1.5)  # s
+MANY = 6
 
 
 def reports(repeats: int) -> list[Figure]:
     """`madrob report` of one run, from its launch to its end."""
     with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-        run = str(simulated_run(Path(folder)))
+        run = simulated_run(Path(folder))
+        runs = map(str, copies(run, MANY))
         programs = {
-            "report.html of a run of 20 s": (*MADROB, "report", run),
-            "its figures alone, as svg": (*MADROB, "report", "--figures", "svg", run),
+            "one": (*MADROB, "report", str(run)),
+            "many": (*MADROB, "report", *runs),
+            "figures": (*MADROB, "report", "--figures", "svg", str(run)),
         }
         took = in_turns(programs, repeats)
-    return [Figure(name, "s", values, PAGE) for name, values in took.items()]
+    more = [(many - one) / (MANY - 1) for many, one in zip(took["many"], took["one"], strict=True)]
+    return [
+        Figure("report.html of a run of 20 s, cold", "s", took["one"], PAGE),
+        Figure("report.html of each more", "s", more, PAGE),
+        Figure("the figures alone as svg, cold", "s", took["figures"], PAGE),
+    ]
 
 
 BENCHMARKS = (reports,)
