@@ -79,12 +79,7 @@ class EngineServer:
         Raises:
             OSError: the socket cannot be made.
         """
-        _remove(path)  # of an engine that was killed; the caller holds the lock
-        mask = os.umask(0o177)
-        try:
-            server = await asyncio.start_unix_server(self._attend, path)
-        finally:
-            os.umask(mask)
+        server = await asyncio.start_unix_server(self._attend, sock=_listening(path))
         try:
             async with server:
                 watch = asyncio.create_task(self._end_when_idle())
@@ -227,6 +222,27 @@ class EngineServer:
             if busy:
                 idle_since = self._monotonic()
         self.stop()
+
+
+def _listening(path: Path) -> socket.socket:
+    """A socket at `path` that listens as soon as it can be seen there.
+
+    One of an engine that was killed is replaced: the caller holds the lock.
+    """
+    part = path.with_suffix(".new")
+    _remove(part)
+    listening = socket.socket(socket.AF_UNIX)
+    mask = os.umask(0o177)
+    try:
+        listening.bind(str(part))
+        listening.listen()
+        part.replace(path)
+    except OSError:
+        listening.close()
+        raise
+    finally:
+        os.umask(mask)
+    return listening
 
 
 def _remove(path: Path) -> None:

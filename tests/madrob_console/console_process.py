@@ -51,7 +51,7 @@ class Hall:
         traceback: TracebackType | None,
     ) -> None:
         self.madrob("engine", "stop", "--force")
-        shutil.rmtree(self.folder)
+        shutil.rmtree(self.folder, ignore_errors=True)  # a process that was killed may still write
 
     @property
     def testbed(self) -> list[str]:

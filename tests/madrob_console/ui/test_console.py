@@ -49,7 +49,7 @@ async def bring(driver: Driver, phase: Phase) -> None:
     assert driver.engine.run.phase is phase
 
 
-@pytest.mark.parametrize("phase", slow_but_for(Phase, Phase.RUNNING, Phase.STOPPED))
+@pytest.mark.parametrize("phase", slow_but_for(Phase, Phase.RUNNING))
 def test_from_every_state_every_key_acts_asks_or_says_why_not(
     engine: FakeEngine, phase: Phase
 ) -> None:
