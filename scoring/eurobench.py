@@ -250,11 +250,21 @@ def _condition(folder: Path, number: int, info_path: Path, info: Mapping[str, ob
     return condition
 
 
+_YAML_PROBLEMS = (
+    yaml.YAMLError,
+    AttributeError,  # a tag that does not fit its value
+    LookupError,
+    RecursionError,  # brackets without end
+    TypeError,
+    ValueError,  # a date that does not exist
+)
+"""What PyYAML raises over bad content."""
+
+
 def _read_mapping(path: Path) -> dict[str, object]:
     try:
         content = yaml.safe_load(_read_text(path, LARGEST_YAML))
-    # a date that does not exist is a ValueError, brackets without end a RecursionError
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except _YAML_PROBLEMS as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""
         raise ScoringError(f"{path}{line}: is no YAML: correct it") from None
