@@ -19,6 +19,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
+from madrob_console.result_file import LARGEST_RESULT, read_bounded
 from madrob_console.run_paths import RunPath, runs_at
 from madrob_console.runs import JOURNAL_FILE, RESULT_FILE
 from madrob_console.testbeds.messages import (
@@ -226,17 +227,20 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[
         if sample is not None:
             for assessment in assessments:
                 assessment.feed(sample)
-    for remark in (*recorded.remarks, *([bag.problem] if bag.problem else [])):
-        for assessment in assessments:
-            assessment.report_problem(remark)
+    for assessment in assessments:
+        report_bag(assessment, recorded)
     return assessments
+
+
+def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
+    """What is wrong with a recording, once it was read to its end, stands in the result."""
+    problem = recorded.bag.problem
+    for remark in (*recorded.remarks, *([problem] if problem else [])):
+        assessment.report_problem(remark)
 
 
 def open_run(folder: Path) -> OpenedRun:
     """Read a run of the results folder, to look at it and to go on with it.
-
-    What its stored result says of the data and the bag cannot tell (messages dropped on the way)
-    is kept.
 
     Raises:
         MadrobError: it cannot be read; the message names path and remedy.
@@ -244,17 +248,21 @@ def open_run(folder: Path) -> OpenedRun:
     with _naming(folder):
         recorded = read_recorded_run(folder)
         (assessment,) = _assess(recorded, (None,))
-    known = {*assessment.quality().remarks, *recorded.run.remarks()}
-    for remark in stored_remarks(folder):
-        if remark not in known:
-            assessment.report_problem(remark)
+    keep_stored_remarks(assessment, recorded.run, folder)
     return OpenedRun(folder, recorded, assessment)
 
 
-def stored_remarks(folder: Path) -> list[str]:
-    """What a run's stored result says of its data; nothing where there is none."""
+def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
+    """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
+    known = {*assessment.quality().remarks, *run.remarks()}
+    for remark in _stored_remarks(folder):
+        if remark not in known:
+            assessment.report_problem(remark)
+
+
+def _stored_remarks(folder: Path) -> list[str]:
     try:
-        stored = msgspec.json.decode((folder / RESULT_FILE).read_bytes(), type=_Stored)
-    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+        data, _ = read_bounded(str(folder / RESULT_FILE), LARGEST_RESULT)
+        return msgspec.json.decode(data, type=_Stored).quality.remarks
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         return []  # none was written, or it is damaged: it is made again
-    return stored.quality.remarks

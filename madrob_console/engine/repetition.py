@@ -19,7 +19,7 @@ from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change, after
 from madrob_console.referee.run import Run
 from madrob_console.referee.transitions import stop
-from madrob_console.rescore import stored_remarks
+from madrob_console.rescore import keep_stored_remarks, report_bag
 from madrob_console.testbeds.source import SourceKind
 from scoring.protocol import Outcome
 
@@ -142,13 +142,8 @@ class Repetition:
         self._take_official_ending()
         recorded, assessment, run = self._recorded, self._observation.assessment, self.run
         assert assessment is not None
-        problem = recorded.bag.problem
-        for remark in (*recorded.remarks, *([problem] if problem else [])):
-            assessment.report_problem(remark)
-        known = {*assessment.quality().remarks, *run.remarks()}
-        for remark in stored_remarks(self._source.path):
-            if remark not in known:  # what the bag cannot tell: messages dropped on the way
-                assessment.report_problem(remark)
+        report_bag(assessment, recorded)
+        keep_stored_remarks(assessment, run, self._source.path)
         self.scored = Scored(recorded.record, run, *self._observation.result(run))
 
     def _take_official_ending(self) -> None:

@@ -5,27 +5,22 @@ Ours and the bare app take turns, so that what else the machine does hits both.
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
 from random import Random
 
+from tests.benchmarks.console import console, start_run
 from tests.benchmarks.report import Baseline, Figure, Goal
-from tests.benchmarks.wire import ROOT, SETTLING, SMALL, STARTED, STARTING, Cost, Size, Wire
-from tests.readme_console import ENTER, F5, F6, F7
+from tests.benchmarks.wire import SETTLING, SMALL, STARTED, STARTING, Cost, Size, Wire
+from tests.readme_console import ENTER
 
 PACKAGES = ("textual",)
 
 BARE = [sys.executable, "-m", "tests.benchmarks.bare_app"]
 FAKE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
-MADROB = [sys.executable, "-m", "madrob_console.cli"]
-CONSOLE = [*MADROB, "console", "--testbed", "simulated"]
+SIMULATED = ("--testbed", "simulated")
 
 LARGE = 160, 50
 LIVE_BYTES = {SMALL: Goal(8), LARGE: Goal(12)}  # kB/s
@@ -73,10 +68,10 @@ def simulated_runs(repeats: int) -> list[Figure]:
     live, idle = defaultdict[Size, list[Cost]](list), defaultdict[Size, list[Cost]](list)
     for _ in range(repeats):
         for size in LIVE_BYTES:
-            with _console(size, blind=False) as wire:
+            with console(SIMULATED, size, blind=False) as wire:
                 wire.wait_for("all fresh and at rate", timeout=STARTING)
                 idle[size].append(wire.cost())
-                _start_run(wire)
+                start_run(wire)
                 live[size].append(wire.cost())
     figures: list[Figure] = []
     for size, goal in LIVE_BYTES.items():
@@ -122,7 +117,7 @@ def launch(repeats: int) -> list[Figure]:
     bare: list[float] = []
     obeyed: list[float] = []
     for _ in range(repeats):
-        with _console(SMALL) as wire:
+        with console(SIMULATED) as wire:
             began = wire.arrival(STARTED)
             for name, (mark, _goal) in marks.items():
                 ours[name].append(wire.arrival(mark) - began)
@@ -145,35 +140,6 @@ def _cost(argv: Sequence[str], mark: bytes, size: Size) -> Cost:
     with Wire(argv, size) as wire:
         wire.arrival(mark)
         return wire.cost()
-
-
-@contextmanager
-def _console(size: Size, *, blind: bool = True) -> Iterator[Wire]:
-    """The console on a simulated testbed, with settings, results and an engine of its own."""
-    with tempfile.TemporaryDirectory(prefix="madrob-", ignore_cleanup_errors=True) as folder:
-        env = {"XDG_RUNTIME_DIR": folder}
-        settings = Path(folder, "madrob.toml")
-        settings.write_text("[run]\ncountdown = 2\n")
-        own = ["--settings", str(settings), "--results", str(Path(folder, "results"))]
-        try:
-            with Wire([*CONSOLE, *own], size, blind=blind, env=env) as wire:
-                yield wire
-        finally:
-            stop = [*MADROB, "engine", "stop", "--force"]
-            subprocess.run(
-                stop, env=os.environ | env, cwd=ROOT, capture_output=True, timeout=60, check=False
-            )
-
-
-def _start_run(wire: Wire) -> None:
-    for key, text in (
-        (ENTER, "is set up"),
-        (F7, "Done: zero the handle"),
-        (F6, "all passed or waived"),
-        (F5, "RUNNING"),
-    ):
-        wire.send(key)
-        wire.wait_for(text)
 
 
 def _answer(wire: Wire, key: str, text: bytes, random: Random) -> float:
