@@ -26,9 +26,9 @@ SIGNALS = {
     EventName.DOOR_OPENS: (Signal.DOOR,),
     EventName.DOOR_CLOSES: (Signal.DOOR,),
     EventName.APPROACHES_CW: (Signal.CW_LEFT, Signal.CW_RIGHT),
-    EventName.MOVES_TO_CW: (Signal.CW_LEFT, Signal.CW_RIGHT),
+    EventName.MOVES_TO_CW: (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.DOOR),  # the stop's own time
     EventName.APPROACHES_CCW: (Signal.CCW_LEFT, Signal.CCW_RIGHT),
-    EventName.MOVES_TO_CCW: (Signal.CCW_LEFT, Signal.CCW_RIGHT),
+    EventName.MOVES_TO_CCW: (Signal.CCW_LEFT, Signal.CCW_RIGHT, Signal.DOOR),
     EventName.BENCHMARK_STOP: tuple(Signal),  # the time of step 6, or a timeout's own
 }
 Stamps = dict[Signal, list[float]]
