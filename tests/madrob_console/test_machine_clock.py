@@ -8,13 +8,13 @@ import struct
 import time as real_time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from madrob_console.clock import NS, SystemClock
 from madrob_console.engine.config import EngineConfig

@@ -8,6 +8,8 @@ from dataclasses import replace
 from itertools import cycle, islice
 from pathlib import Path
 
+from msgspec import structs
+
 from madrob_console.clock import Clock
 from madrob_console.engine.engine import Engine
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
@@ -64,7 +66,9 @@ class FaultySource:
     def replace_data(self, topic: str, data: Sequence[bytes]) -> None:
         """From now on `topic` sends these bytes, again and again; nothing if there are none."""
         again = cycle(data)
-        self._spoils[topic] = lambda message: [replace(message, data=d) for d in islice(again, 1)]
+        self._spoils[topic] = lambda message: [
+            structs.replace(message, data=d) for d in islice(again, 1)
+        ]
 
     def heal(self, topic: str) -> None:
         """From now on `topic` is honest again."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from enum import StrEnum
 from random import Random
 
 import numpy as np
+from msgspec.structs import replace
 
 from madrob_console.clock import NS
 from madrob_console.testbeds.message_types import Message

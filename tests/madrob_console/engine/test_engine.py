@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.replaying import ReplayingEngine
