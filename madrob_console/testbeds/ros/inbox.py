@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import partial
+
+import msgspec
 
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from recorder.bag import Durability, Qos, Reliability
@@ -11,7 +13,7 @@ QUEUE_DEPTH = 2000
 """Messages that DDS keeps for us; 10 loses silently under load, 2000 costs little."""
 
 
-class Received(NamedTuple):
+class Received(msgspec.Struct, frozen=True, gc=False):
     """A message and what DDS says about it.
 
     Attributes:
@@ -71,7 +73,7 @@ class Inbox:
         self._node = node
         self._class = message_class
         self._direct = direct
-        self._arrived: list[Received] = []
+        self._arrived: list[tuple[bytes, dict[str, int]]] = []
         # rclpy's default event callbacks print warnings into the terminal
         quiet = load_module("rclpy.event_handler").SubscriptionEventCallbacks(
             use_default_callbacks=False
@@ -92,24 +94,26 @@ class Inbox:
 
     def take(self) -> list[Received]:
         """Everything that has arrived since the last call."""
-        if self._direct:
-            handle = self._subscription.handle
-            with handle:
-                while (message := handle.take_message(self._class, True)) is not None:
-                    self._on_message(*message)
-        taken, self._arrived = self._arrived, []
-        return taken
+        if not self._direct:
+            taken, self._arrived = self._arrived, []
+            return [_received(*message) for message in taken]
+        handle = self._subscription.handle
+        with handle:
+            waiting = iter(partial(handle.take_message, self._class, True), None)
+            return [_received(*message) for message in waiting]
 
     def close(self) -> None:
         """End the subscription."""
         self._node.destroy_subscription(self._subscription)
 
     def _on_message(self, data: bytes, info: dict[str, int]) -> None:
-        self._arrived.append(
-            Received(
-                data,
-                info["source_timestamp"],
-                info["received_timestamp"],
-                info["publication_sequence_number"],
-            )
-        )
+        self._arrived.append((data, info))
+
+
+def _received(data: bytes, info: dict[str, int]) -> Received:
+    return Received(
+        data,
+        info["source_timestamp"],
+        info["received_timestamp"],
+        info["publication_sequence_number"],
+    )

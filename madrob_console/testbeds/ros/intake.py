@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 from madrob_console.errors import MadrobError
@@ -22,6 +23,9 @@ _LONGEST_HANDOVER = 5.0
 
 _OVERLAP = 0.5
 """For this many seconds both are read once the new one is matched."""
+
+_key: Callable[[Received], tuple[int, int | None]] = attrgetter("source_ns", "sequence")
+"""What tells a message from all others of its topic."""
 
 
 class Intake:
@@ -181,7 +185,3 @@ class Intake:
             return False
         self._seen.add(_key(received))
         return True
-
-
-def _key(received: Received) -> tuple[int, int | None]:
-    return received.source_ns, received.sequence

@@ -6,9 +6,11 @@ import atexit
 import os
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import TypeVar
 
 from madrob_console.clock import NS, Clock
@@ -28,6 +30,7 @@ from recorder.message import RawMessage
 from scoring.protocol import Condition, StartPose
 
 _T = TypeVar("_T")
+_receive_ns = attrgetter("receive_ns")
 
 _PERIOD = 0.02
 """Seconds between two takes; DDS notes itself when a message came."""
@@ -39,7 +42,7 @@ _DISCOVERY = 0.25
 class RosSource:
     """The testbed over ROS 2.
 
-    A thread of its own empties the subscriptions every 5 ms; the engine's calls never wait for
+    A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for
     ROS. Discovery range and middleware are the user's environment.
 
     Args:
@@ -232,11 +235,11 @@ class RosSource:
         begin = self._clock.now_ns()
         taken = [(i, received) for i in self._intakes for received in self._try(i.take) or ()]
         now, wall = self._clock.now_ns(), time.time_ns()
-        messages = [_message(intake, received, now, wall) for intake, received in taken]
-        ready = self._late + [m for m in messages if m.receive_ns <= begin]
-        self._late = [m for m in messages if m.receive_ns > begin]
-        ready.sort(key=_receive_ns)
-        return ready
+        messages = self._late + [_message(intake, r, now, wall) for intake, r in taken]
+        messages.sort(key=_receive_ns)
+        ready = bisect_right(messages, begin, key=_receive_ns)
+        self._late = messages[ready:]
+        return messages[:ready]
 
 
 def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
@@ -256,7 +259,3 @@ def _message(intake: Intake, received: Received, now: int, wall: int) -> RawMess
     if not 0 <= age <= NS:
         age = 0  # the system's clock was stepped
     return RawMessage(intake.name, intake.type, received.data, received.source_ns, now - age)
-
-
-def _receive_ns(message: RawMessage) -> int:
-    return message.receive_ns
