@@ -1,23 +1,46 @@
-"""`python -m madrob_console.aside ...`: a `madrob` command that gives way to everything else."""
+"""`python -m madrob_console.aside ...`: work that gives way to everything else.
+
+`page FILE` writes the report of the scored run that comes pickled on the standard input; anything
+else is a `madrob` command.
+"""
 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
+from pathlib import Path
 from typing import NoReturn
 
+PAGE = "page"
 NICENESS = 10
 """Added to the niceness of who starts it: the engine, a run, a screen come first."""
 
 
 def main() -> int:
-    """Run `madrob` with low priority; a TERM leaves no half file behind."""
+    """Work with low priority; a TERM leaves no half file behind; returns the exit code."""
     signal.signal(signal.SIGTERM, _end)
     os.nice(NICENESS)
+    if sys.argv[1:2] == [PAGE]:
+        _page(Path(sys.argv[2]))
+        return 0
     from madrob_console.cli import main as madrob
 
     return madrob()
+
+
+def _page(file: Path) -> None:
+    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
+    from madrob_console.cli import software_version
+    from madrob_console.errors import MadrobError
+    from madrob_console.report.page import report_html
+    from madrob_console.runs import atomic_write
+
+    try:
+        atomic_write(file, report_html(pickle.load(sys.stdin.buffer), software_version()).encode())
+    except MadrobError as error:
+        sys.exit(f"madrob: {error}")
 
 
 def _end(number: int, _frame: object) -> NoReturn:

@@ -1,7 +1,8 @@
-"""Work that may wait: `madrob` commands in processes of low priority, beside the engine."""
+"""Work that may wait: in processes of low priority, beside the engine."""
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 import threading
@@ -37,6 +38,7 @@ class _Chore:
     name: str
     arguments: tuple[str, ...]
     done: Callable[[Finished], None]
+    given: object
 
 
 class Background:
@@ -59,16 +61,23 @@ class Background:
         self._thread = threading.Thread(target=self._work, name="background", daemon=True)
         self._thread.start()
 
-    def ask(self, name: str, arguments: Sequence[str], done: Callable[[Finished], None]) -> None:
+    def ask(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        done: Callable[[Finished], None],
+        given: object = None,
+    ) -> None:
         """Ask for a chore.
 
         Args:
             name: what it is about.
-            arguments: of the `madrob` command.
+            arguments: of `madrob_console.aside`.
             done: called with its outcome, in the thread of the chores.
+            given: comes to the process pickled, on its standard input; None = nothing.
         """
         with self._changed:
-            self._waiting[name] = _Chore(name, tuple(arguments), done)
+            self._waiting[name] = _Chore(name, tuple(arguments), done, given)
             self._changed.notify_all()
 
     def wait(self, patience: float) -> bool:
@@ -139,13 +148,17 @@ class Background:
 
 
 def _start(chore: _Chore, out: IO[bytes] | int, err: IO[bytes] | int) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "madrob_console.aside", *chore.arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=out,
-        stderr=err,
-        start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
-    )
+    with TemporaryFile() as given:
+        if chore.given is not None:
+            pickle.dump(chore.given, given)
+            given.seek(0)
+        return subprocess.Popen(
+            [sys.executable, "-m", "madrob_console.aside", *chore.arguments],
+            stdin=given,
+            stdout=out,
+            stderr=err,
+            start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
+        )
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -66,7 +66,7 @@ class Engine:
         types: the message types, shared with the source.
 
     Attributes:
-        on_result: called with the run's folder for each result that is on disk; must not wait.
+        on_result: called with the run's folder and result when that is on disk; must not wait.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Engine:
         self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
-        self.on_result: Callable[[Path], None] | None = None
+        self.on_result: Callable[[Path, Scored], None] | None = None
         self._keeper = ResultKeeper(self._written, self._tell)
         self._looked: float | None = None
         self._watched = 0.0
@@ -446,9 +446,9 @@ class Engine:
         details = {"issue": scored.run.issue}
         self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
 
-    def _tell(self, folder: Path) -> None:
+    def _tell(self, folder: Path, scored: Scored) -> None:
         if self.on_result is not None:
-            self.on_result(folder)
+            self.on_result(folder, scored)
 
     def _lost(self) -> dict[str, int]:
         """Messages lost on the way since the source was opened, where that is known."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from madrob_console.aside import PAGE
 from madrob_console.engine.background import Background, Finished
+from madrob_console.engine.results import Scored
 from madrob_console.engine.snapshot import ExportView
 from madrob_console.names import terminal_safe
+from madrob_console.report import REPORT_FILE
 
 CLOSING_TIME = 3.0
 """An engine that ends waits so long for what is being made; it gets ready without it, too, s."""
@@ -35,7 +38,7 @@ class Papers:
         self._reports = reports
         self._background = Background(busy)
 
-    def report(self, folder: Path) -> None:
+    def report(self, folder: Path, scored: Scored) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts."""
         if not self._reports:
             return
@@ -46,7 +49,7 @@ class Papers:
                 why = _why(finished)
                 self.problem = f"no report of {folder.name}: {why}; `madrob report` makes it"
 
-        self._background.ask(str(folder), ["report", str(folder)], done)
+        self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
 
     def export(self, subject: int) -> None:
         """Pack the runs of a team into a zip; `exported` says what became of it."""

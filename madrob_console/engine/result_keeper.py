@@ -59,14 +59,14 @@ class ResultKeeper:
 
     Args:
         written: told of each result of the run at hand that is on disk.
-        tell: told of the folder of each result that is on disk.
+        tell: told of each result that is on disk.
 
     Attributes:
         problem: why the result of the run at hand is not on disk, in words; None when it is.
     """
 
     def __init__(
-        self, written: Callable[[Path, Scored], None], tell: Callable[[Path], None]
+        self, written: Callable[[Path, Scored], None], tell: Callable[[Path, Scored], None]
     ) -> None:
         self.problem: str | None = None
         self._written = written
@@ -96,7 +96,7 @@ class ResultKeeper:
         else:
             self.problem = self._refused = None
             self._written(folder, scored)
-            self._tell(folder)
+            self._tell(folder, scored)
 
     def leave(self, unwritten: Unwritten | None) -> None:
         """Another run takes the place of the one at hand, which waits if it is not on disk."""
@@ -127,7 +127,7 @@ class ResultKeeper:
             except MadrobError as error:
                 self._waiting[run.folder] = replace(run, problem=_not_on_disk(error))
             else:
-                self._tell(run.folder)
+                self._tell(run.folder, run.scored)
 
 
 def _not_on_disk(error: MadrobError) -> str:

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import pytest
 
@@ -16,6 +16,7 @@ from madrob_console import aside
 from madrob_console.engine import background
 from madrob_console.engine.background import Background, Finished
 from madrob_console.engine.reporting import Papers
+from madrob_console.engine.results import Scored
 from madrob_console.engine.snapshot import ExportView
 from madrob_console.runs import whole_file
 
@@ -155,7 +156,7 @@ def test_a_process_that_cannot_be_started_is_told_in_words(
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/no/such/python")
     papers = Papers(lambda: False)
-    papers.report(Path("/results/run"))
+    papers.report(Path("/results/run"), cast(Scored, "a result"))
     papers.export(3)
     assert papers.wait(PATIENCE)
     assert papers.problem is not None

@@ -14,14 +14,16 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli import main
+from madrob_console.cli import main, software_version
 from madrob_console.clock import SystemClock
+from madrob_console.commands.report import scored_run
 from madrob_console.engine import wire
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.local import LocalEngine
 from madrob_console.engine.remote import EXPORT, RemoteEngine
 from madrob_console.engine.reporting import Papers
+from madrob_console.engine.results import Scored
 from madrob_console.engine.server import EngineServer
 from madrob_console.referee.acts import (
     Abort,
@@ -35,6 +37,7 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import TeamWord
+from madrob_console.report.page import report_html
 from madrob_console.rescore import open_run
 from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.testbeds.simulated import SimulatedSource
@@ -49,7 +52,7 @@ from tests.madrob_console.run_folders import summary, write
 def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     told: list[tuple[str, int]] = []
 
-    def tell(folder: Path) -> None:
+    def tell(folder: Path, _scored: Scored) -> None:
         told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
 
     drive = Drive(tmp_path, Scenario.NO_TOUCH)
@@ -77,6 +80,25 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     assert later.engine.open_run(open_run(left)) is None
     later.engine.close()
     assert told[6:] == [(cut_off, 1)]
+
+
+def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    papers = Papers(lambda: False)
+    drive.engine.on_result = papers.report
+    drive.whole_run(make_setup(timeout=20.0))
+    drive.act(
+        Rule(Step.CROSS, confirmed=False, reason="one foot stayed"),
+        Finalise(TeamWord.PROTESTED, "Ada"),
+        Reissue("video"),
+    )
+    drive.engine.close()
+    assert papers.wait(60.0)
+    assert papers.problem is None
+    papers.close()
+    assert drive.engine.folder is not None
+    page = drive.engine.folder / "report.html"
+    assert page.read_text() == report_html(scored_run(drive.engine.folder), software_version())
 
 
 @pytest.mark.slow
