@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -70,9 +71,13 @@ def _with_pose(argv: Sequence[str]) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `madrob`; returns the exit code."""
     arguments = build_parser().parse_args(_with_pose(sys.argv[1:] if argv is None else argv))
+    gc.disable()
     command: Callable[[argparse.Namespace], int] = import_module(
         f"madrob_console.commands.{arguments.module}"
     ).main
+    if argv is None:  # the program itself: what is imported stays, no need to search it for rubbish
+        gc.freeze()
+    gc.enable()
     try:
         return command(arguments)
     except (MadrobError, RecorderError, ScoringError) as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from types import FrameType
@@ -23,6 +24,7 @@ from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, W
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, RunSetup
 from madrob_console.testbeds.source import SourceKind
+from scoring.kinematics import load_filters
 from scoring.protocol import Condition, Outcome, StartPose
 
 EXIT_CODES = {
@@ -68,6 +70,8 @@ class _Runner:
     def go(self, arguments: argparse.Namespace, settings: Settings) -> int:
         engine = self._engine
         engine.open()
+        # the robot is getting ready: nobody should wait for imports when it is through the door
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
         try:
             print(f"testbed: {engine.source.label}", flush=True)
             self._prepare(arguments, settings)
