@@ -22,6 +22,7 @@ PACKAGES = ("mcap", "msgspec", "numpy", "pandas", "PyYAML", "rosbags", "scipy", 
 
 OLDEST_PYTHON = (3, 11)
 SMALLEST_TERMINAL = (80, 24)
+SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
 
 
 class Level(IntEnum):
@@ -55,15 +56,16 @@ def doctor(
     disk_space: int = 500_000_000,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
-) -> list[Finding]:
-    """Look at everything the console needs; never raises.
+) -> Iterator[Finding]:
+    """Look at everything the console needs, one after the other; never raises.
 
     Args:
         mappings: the configured topics.
         results: the folder in which runs are kept.
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         disk_space: bytes that should be free.
-        listen: how long to listen to the testbed, s, once it is found (3 s at most); 0 = not.
+        listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
+            takes 3 s at most.
         environment: environment variables.
     """
 
@@ -78,7 +80,8 @@ def doctor(
         ("terminal", lambda: look_at_terminal(environment)),
         ("ros", testbed),
     )
-    return [finding for subject, check in checks for finding in _safely(subject, check)]
+    for subject, check in checks:
+        yield from _safely(subject, check)
 
 
 def usable(findings: Sequence[Finding]) -> bool:
@@ -86,15 +89,17 @@ def usable(findings: Sequence[Finding]) -> bool:
     return all(finding.level is not Level.ERROR for finding in findings)
 
 
-def report(findings: Sequence[Finding]) -> str:
-    """The findings as plain text, one a line, with a verdict at the end."""
-    width = max((len(f.subject) for f in findings), default=0)
-    lines = [f"{f.level.name.lower():7}  {f.subject:{width}}  {f.text}" for f in findings]
-    warnings = sum(f.level is Level.WARNING for f in findings)
-    verdict = "usable" if usable(findings) else "not usable: see the errors above"
-    if warnings and usable(findings):
-        verdict += f", {warnings} warning{'s' if warnings > 1 else ''}"
-    return "\n".join([*lines, verdict])
+def line(finding: Finding) -> str:
+    """A finding as a line of plain text."""
+    return f"{finding.level.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """What all findings come to, as a line."""
+    if not usable(findings):
+        return "not usable: see the errors above"
+    warnings = sum(finding.level is Level.WARNING for finding in findings)
+    return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
 
 
 def look_at_python() -> Iterator[Finding]:

@@ -114,7 +114,8 @@ def look_at_testbed(
             door.service_is_ready() and _all_matched(source, needed)
         ):
             source.take(0.05)
-        counts = _take(source, listen)
+        found = any(status.publishers for status in source.status())
+        counts = _take(source, listen if found else 0.0)
         statuses = source.status()
         has_door = door.service_is_ready()
         consoles = node.count_publishers(REFEREE_STATE_TOPIC) - 1

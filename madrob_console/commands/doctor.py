@@ -6,18 +6,21 @@ import argparse
 
 from madrob_console.arguments.common import BAD_INPUT
 from madrob_console.config import load_settings
-from madrob_console.doctor import doctor, report, usable
+from madrob_console.doctor import doctor, line, usable, verdict
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the findings; exit code 0 if the console runs here."""
+    """Print the findings as they come; exit code 0 if the console runs here."""
     settings = load_settings(arguments.settings)
     domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
-    findings = doctor(
+    findings = []
+    for finding in doctor(
         settings.mappings(),
         settings.results.root,
         domain=domain,
         disk_space=settings.checks.disk_space,
-    )
-    print(report(findings))
+    ):
+        findings.append(finding)
+        print(line(finding), flush=True)
+    print(verdict(findings))
     return 0 if usable(findings) else BAD_INPUT

@@ -10,7 +10,7 @@ import termios
 import textwrap
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,11 +20,12 @@ from madrob_console.doctor import (
     Finding,
     Level,
     doctor,
+    line,
     look_at_python,
     look_at_results,
     look_at_terminal,
-    report,
     usable,
+    verdict,
 )
 from madrob_console.doctor_ros import look_at_installation
 from madrob_console.testbeds.messages import DEFAULT_MAPPINGS
@@ -36,7 +37,7 @@ from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, Peer, Taker, source
 ROOT = Path(__file__).parents[2]
 
 
-def by_subject(findings: list[Finding]) -> dict[str, Finding]:
+def by_subject(findings: Iterable[Finding]) -> dict[str, Finding]:
     return {f.subject: f for f in findings}
 
 
@@ -105,9 +106,10 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         import sys
         from pathlib import Path
         sys.modules["rclpy"] = None  # as if it were not installed
-        from madrob_console.doctor import doctor, report
+        from madrob_console.doctor import doctor, line, verdict
         from madrob_console.testbeds.messages import DEFAULT_MAPPINGS
-        print(report(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}))))
+        findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r})))
+        print(*map(line, findings), verdict(findings), sep="\\n")
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program)],
@@ -117,16 +119,16 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         timeout=20,
         check=True,
     )
-    (line,) = [line for line in done.stdout.splitlines() if " ros  " in line]
-    assert line.startswith("warning")
-    assert "only simulated: install madrob-console[ros]" in line
+    (found,) = [one for one in done.stdout.splitlines() if " ros  " in one]
+    assert found.startswith("warning")
+    assert "only simulated: install madrob-console[ros]" in found
     assert done.stdout.splitlines()[-1].startswith("usable, ")
     assert done.stderr == ""
 
 
 @pytest.mark.parametrize("domain", ["door", "-1", "233"])
 def test_a_domain_that_does_not_exist_is_an_error(tmp_path: Path, domain: str) -> None:
-    findings = doctor(DEFAULT_MAPPINGS, tmp_path, environment={"ROS_DOMAIN_ID": domain})
+    findings = list(doctor(DEFAULT_MAPPINGS, tmp_path, environment={"ROS_DOMAIN_ID": domain}))
     assert by_subject(findings)["ros domain"].level is Level.ERROR
     assert not usable(findings)
 
@@ -224,16 +226,16 @@ def test_a_terminal_is_judged_by_kind_and_size(
     term: str, size: tuple[int, int], level: Level, text: str
 ) -> None:
     said = in_terminal(term, *size)
-    assert f"{level.name.lower():7}  terminal    {text}" in said
-    assert "ok       characters  UTF-8" in said
+    assert line(Finding(level, "terminal", text)) in said
+    assert line(Finding(Level.OK, "characters", "UTF-8")) in said
 
 
 def in_terminal(term: str, columns: int, lines: int) -> str:
     """What the doctor says of the terminal in a terminal of its own."""
     program = """
         import os
-        from madrob_console.doctor import look_at_terminal, report
-        print(report(list(look_at_terminal(os.environ))))
+        from madrob_console.doctor import line, look_at_terminal
+        print(*map(line, look_at_terminal(os.environ)), sep="\\n")
     """
     environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLORTERM")}
     ours, theirs = pty.openpty()
@@ -257,7 +259,7 @@ def in_terminal(term: str, columns: int, lines: int) -> str:
 
 def test_a_check_that_breaks_is_a_finding_of_its_own(tmp_path: Path) -> None:
     before = time.monotonic()
-    findings = doctor(None, tmp_path, listen=0.1, environment={"TERM": "xterm"})  # type: ignore[arg-type]
+    findings = list(doctor(None, tmp_path, listen=0.1, environment={"TERM": "xterm"}))  # type: ignore[arg-type]
     assert time.monotonic() - before < 5
     assert all("\n" not in f.text for f in findings)
     assert by_subject(findings)["ros"].text
@@ -267,7 +269,8 @@ def test_the_report_ends_with_a_verdict() -> None:
     good = Finding(Level.OK, "python", "3.11")
     warning = Finding(Level.WARNING, "ros", "not found")
     error = Finding(Level.ERROR, "results", "cannot be written")
-    assert report([good]) == "ok       python  3.11\nusable"
-    assert report([good, warning]).splitlines()[-1] == "usable, 1 warning"
-    assert report([error]).splitlines()[-1] == "not usable: see the errors above"
+    assert line(good) == "ok       python                     3.11"
+    assert verdict([good]) == "usable"
+    assert verdict([good, warning]) == "usable, 1 warning"
+    assert verdict([error]) == "not usable: see the errors above"
     assert not usable([good, warning, error])
