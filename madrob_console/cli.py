@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 
 from madrob_console.arguments import preparing, results, running
 from madrob_console.arguments.common import BAD_INPUT, Parser
@@ -24,10 +23,17 @@ exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 inte
 
 def software_version() -> str:
     """The installed version of the console."""
+    from importlib.metadata import PackageNotFoundError, version  # half the time of a `--help`
+
     try:
         return version("madrob-console")
     except PackageNotFoundError:  # run from a checkout that is not installed
         return "0+unknown"
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        parser.exit(message=f"madrob {software_version()}\n")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -38,7 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=_EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"madrob {software_version()}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     running.add_console(commands)
     running.add_watch(commands)

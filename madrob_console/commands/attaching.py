@@ -11,13 +11,16 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from madrob_console.config import Settings
+from madrob_console.engine.client import Role
 from madrob_console.engine.place import Place, known_places, place_of
-from madrob_console.engine.remote import RemoteEngine
-from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.source import SourceKind
+
+if TYPE_CHECKING:
+    from madrob_console.engine.remote import RemoteEngine
 
 STARTING_TIME = 30.0
 """An engine that is not there after this time will not come, s."""
@@ -67,6 +70,8 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
     Raises:
         MadrobError: there is none and none can be started; the message says why.
     """
+    from madrob_console.engine.remote import RemoteEngine  # after the first paint: it takes a while
+
     place = engine_place(arguments, settings)
     who = who_am_i()
     try:
@@ -94,6 +99,8 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
 
 def _only_engine(role: Role, who: str) -> RemoteEngine | None:
     """The engine that runs; None where there is none, or more than one."""
+    from madrob_console.engine.remote import RemoteEngine
+
     found: list[RemoteEngine] = []
     for place in known_places():
         with suppress(OSError, MadrobError):  # it was killed, or is just ending

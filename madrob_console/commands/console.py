@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from madrob_console.commands.attaching import attach, results_folder
 from madrob_console.config import Settings, load_settings
 from madrob_console.config.tables import DEFAULT_START_POSES
+from madrob_console.engine.client import Role
 from madrob_console.engine.playback import JumpTo, SetSpeed
-from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
 from madrob_console.runs import parse_folder_name
 from madrob_console.teams import TeamList, merge_teams, read_teams

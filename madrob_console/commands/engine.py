@@ -12,9 +12,9 @@ from pathlib import Path
 
 from madrob_console.commands.attaching import TAKEN, engine_place, results_folder, who_am_i
 from madrob_console.config import load_settings
+from madrob_console.engine.client import Role
 from madrob_console.engine.place import Place, known_places
 from madrob_console.engine.remote import RemoteEngine
-from madrob_console.engine.wire import Role
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.source import SourceKind
 from madrob_console.ui.words import PHASES

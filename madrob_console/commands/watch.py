@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from madrob_console.commands.console import show
-from madrob_console.engine.wire import Role
+from madrob_console.engine.client import Role
 
 
 def main(arguments: argparse.Namespace) -> int:

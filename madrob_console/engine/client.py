@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from enum import StrEnum
+from typing import TYPE_CHECKING, Protocol
 
-from madrob_console.engine.curves import Curves
-from madrob_console.engine.playback import AnyCommand
-from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.acts import Act
+if TYPE_CHECKING:
+    from madrob_console.engine.curves import Curves
+    from madrob_console.engine.playback import AnyCommand
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.referee.acts import Act
+
+
+class Role(StrEnum):
+    """What a screen is there for."""
+
+    REFEREE = "referee"
+    WATCH = "watch"
 
 
 class EngineClient(Protocol):

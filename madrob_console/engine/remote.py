@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.engine import wire
+from madrob_console.engine.client import Role
 from madrob_console.engine.curves import Curves
 from madrob_console.engine.playback import CONTROL, AnyCommand
 from madrob_console.engine.snapshot import Snapshot
@@ -51,7 +52,7 @@ class RemoteEngine:
         OSError: there is no engine.
     """
 
-    def __init__(self, path: Path, role: wire.Role, who: str) -> None:
+    def __init__(self, path: Path, role: Role, who: str) -> None:
         self._role = role
         self._numbers = itertools.count(1)
         self._waiting: dict[int, Future[wire.Answer]] = {}
@@ -93,13 +94,13 @@ class RemoteEngine:
             own = {**state.snapshot.refusals, TAKE_OVER: wire.ALONE}
             return replace(state.snapshot, refusals=own)
         refusals = dict.fromkeys((*(act.name for act in ACTS), CONTROL, EXPORT), refusal)
-        if self._role is wire.Role.WATCH:
+        if self._role is Role.WATCH:
             return replace(state.snapshot, refusals={**refusals, TAKE_OVER: refusal})
         faults = (refusal, *state.snapshot.faults)
         return replace(state.snapshot, refusals=refusals, faults=faults)
 
     def _refusal(self, state: wire.State) -> str | None:
-        if self._role is wire.Role.WATCH:
+        if self._role is Role.WATCH:
             return _WATCHING
         if state.may_act or not state.referee:
             return None

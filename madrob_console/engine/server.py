@@ -19,6 +19,7 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.engine import wire
+from madrob_console.engine.client import Role
 from madrob_console.engine.local import LocalEngine
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -36,7 +37,7 @@ _GREETING_TIME = 5.0
 class _Screen:
     """A screen that is attached."""
 
-    role: wire.Role
+    role: Role
     who: str
     writer: asyncio.StreamWriter
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -116,7 +117,7 @@ class EngineServer:
 
     async def _entertain(self, screen: _Screen, reader: asyncio.StreamReader) -> None:
         screen.writer.transport.set_write_buffer_limits(high=_HIGH_WATER)
-        if screen.role is wire.Role.REFEREE and self._referee is None:
+        if screen.role is Role.REFEREE and self._referee is None:
             self._referee = screen
         self._screens.add(screen)
         results = str(self._engine.results)
@@ -189,7 +190,7 @@ class EngineServer:
 
     def _no_right(self, screen: _Screen, request: wire.Request) -> str | None:
         """Why a screen may not act; the right goes to who asks for it, or first when it is free."""
-        if screen.role is wire.Role.WATCH:
+        if screen.role is Role.WATCH:
             return "this screen only watches"
         if self._referee is None or isinstance(request, wire.TakeOver):
             self._referee = screen

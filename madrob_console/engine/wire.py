@@ -9,11 +9,11 @@ Everything is checked against its type on arrival.
 from __future__ import annotations
 
 import struct
-from enum import StrEnum
 from typing import Any
 
 import msgspec
 
+from madrob_console.engine.client import Role
 from madrob_console.engine.curves import Curves
 from madrob_console.engine.playback import AnyCommand
 from madrob_console.engine.snapshot import Snapshot
@@ -34,13 +34,6 @@ ALONE = "this console has the right to act"
 
 LENGTH = struct.Struct(">I")
 """How a frame begins."""
-
-
-class Role(StrEnum):
-    """What a screen is there for."""
-
-    REFEREE = "referee"
-    WATCH = "watch"
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):

@@ -21,9 +21,9 @@ from typing import Any, Self
 import msgspec
 import pytest
 
+from madrob_console.engine.client import Role
 from madrob_console.engine.remote import RemoteEngine
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.engine.wire import Role
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, Phase, RunSetup

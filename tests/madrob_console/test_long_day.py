@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.engine.client import Role
 from madrob_console.engine.course import Course
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.recording import Recording
 from madrob_console.engine.remote import RemoteEngine
 from madrob_console.engine.results import Scored
-from madrob_console.engine.wire import Role
 from madrob_console.referee.acts import (
     Abort,
     DeclareTimeout,

@@ -17,7 +17,7 @@ import pytest
 from madrob_console.cli import main, software_version
 from madrob_console.clock import SystemClock
 from madrob_console.commands.report import scored_run
-from madrob_console.engine import wire
+from madrob_console.engine.client import Role
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.local import LocalEngine
@@ -154,8 +154,8 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
     write(tmp_path / "runs", summary(3))
     with (
         closing(Served(tmp_path)) as served,
-        closing(RemoteEngine(served.path, wire.Role.REFEREE, "ada@hall")) as console,
-        closing(RemoteEngine(served.path, wire.Role.WATCH, "tv@hall")) as watcher,
+        closing(RemoteEngine(served.path, Role.REFEREE, "ada@hall")) as console,
+        closing(RemoteEngine(served.path, Role.WATCH, "tv@hall")) as watcher,
     ):
         assert watcher.export_team(3) == "this screen only watches"
         assert KEYS["export"].refusal(watcher.snapshot()) is not None

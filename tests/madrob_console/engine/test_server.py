@@ -20,6 +20,7 @@ from madrob_console.clock import SystemClock
 from madrob_console.commands import attaching
 from madrob_console.config import Settings
 from madrob_console.engine import wire
+from madrob_console.engine.client import Role
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.local import LocalEngine
@@ -67,9 +68,7 @@ class Served:
         finally:
             self._loop.close()
 
-    def attach(
-        self, role: wire.Role = wire.Role.REFEREE, who: str = "ada@hall (1)"
-    ) -> RemoteEngine:
+    def attach(self, role: Role = Role.REFEREE, who: str = "ada@hall (1)") -> RemoteEngine:
         return RemoteEngine(self.path, role, who)
 
     def close(self) -> None:
@@ -153,7 +152,7 @@ def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> N
 
 
 def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
-    watchers = [served.attach(wire.Role.WATCH) for _ in range(5)]
+    watchers = [served.attach(Role.WATCH) for _ in range(5)]
     with closing(served.attach()) as client:
         start(client)
         for watcher in watchers:
@@ -185,7 +184,7 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
     with (
         closing(replayed.attach(who="ada@hall")) as ada,
         closing(replayed.attach(who="bo@tent")) as bo,
-        closing(replayed.attach(wire.Role.WATCH)) as watcher,
+        closing(replayed.attach(Role.WATCH)) as watcher,
     ):
         assert ada.control(PlayOrPause()) is None
         assert ada.control(JumpTo(1.5)) is None
@@ -210,18 +209,18 @@ def test_a_spectator_who_names_no_testbed_gets_the_only_one_that_runs(
     monkeypatch.setattr(attaching, "known_places", lambda: places)
     monkeypatch.setattr(attaching, "engine_place", lambda *_: Place(tmp_path, "live"))
     nothing_named = argparse.Namespace(testbed=None, results=None)
-    watcher = attaching.attach(nothing_named, Settings(), wire.Role.WATCH)
+    watcher = attaching.attach(nothing_named, Settings(), Role.WATCH)
     assert watcher.snapshot().source_label == "SIMULATED nominal"
     watcher.close()
     places.append(Place(tmp_path, "s"))
     with pytest.raises(MadrobError, match="no engine runs here"):
-        attaching.attach(nothing_named, Settings(), wire.Role.WATCH)
+        attaching.attach(nothing_named, Settings(), Role.WATCH)
 
 
 def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:
     stalled = socket.socket(socket.AF_UNIX)
     stalled.connect(str(served.path))
-    stalled.sendall(wire.frame(wire.Hello(wire.VERSION, wire.Role.WATCH, "stalled")))
+    stalled.sendall(wire.frame(wire.Hello(wire.VERSION, Role.WATCH, "stalled")))
     with closing(served.attach()) as client:
         start(client)
         wait(lambda: client.snapshot().result is not None)
@@ -237,7 +236,7 @@ def test_the_socket_is_for_its_user_alone(served: Served) -> None:
 
 
 def test_a_console_of_another_version_is_told_what_to_do(served: Served) -> None:
-    answer = say(served.path, wire.Hello(wire.VERSION + 1, wire.Role.REFEREE, "new"))
+    answer = say(served.path, wire.Hello(wire.VERSION + 1, Role.REFEREE, "new"))
     assert "`madrob engine stop`" in answer.reason
 
 
@@ -270,7 +269,7 @@ def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(
             pass
     with socket.socket(socket.AF_UNIX) as later:
         later.connect(str(served.path))
-        later.sendall(wire.frame(wire.Hello(wire.VERSION, wire.Role.REFEREE, "x")) + data)
+        later.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "x")) + data)
         later.shutdown(socket.SHUT_WR)
         while later.recv(65536):
             pass
