@@ -33,7 +33,8 @@ def software_version() -> str:
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        parser.exit(message=f"madrob {software_version()}\n")
+        print(f"madrob {software_version()}")
+        parser.exit()
 
 
 def build_parser() -> argparse.ArgumentParser:
