@@ -94,11 +94,13 @@ class Lines(Widget):
         if new == old:
             return
         self._drawn = new
-        if len(new) != len(old) and self.styles.height is not None and self.styles.height.is_auto:
+        height = self.content_size.height
+        auto = self.styles.height is not None and self.styles.height.is_auto
+        if auto and len(new) not in (len(old), height):
             self.refresh(layout=True)
             return
         blank: Line = ()
-        for y in range(min(max(len(old), len(new)), self.content_size.height)):
+        for y in range(min(max(len(old), len(new)), height)):
             before = old[y] if y < len(old) else blank
             after = new[y] if y < len(new) else blank
             if before != after:
