@@ -34,6 +34,7 @@ from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench import read_run
 from scoring.evaluate import Assessment, Rows, with_remarks
+from scoring.kinematics import load_filters
 from scoring.published import evaluate_published
 from scoring.result import Result
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
@@ -213,6 +214,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[
     Raises:
         RecorderError: the bag cannot be read.
     """
+    load_filters()
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
     assessments = [record.assessment(run.start, name) for name in rules]

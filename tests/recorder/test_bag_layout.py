@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from mcap.summary import Summary
 from rosbags.rosbag2 import Reader
 
 from recorder.bag import BagInformation, Durability, Qos, Reliability, parse_qos, qos_text
+from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from tests.recorder.samples import BEST_EFFORT, LATCHED, door_messages, door_topics
 
@@ -84,6 +86,14 @@ def test_metadata_yaml_has_every_key_of_version_9(information: dict[str, Any]) -
         ],
         "type_description_hash": door_topics()[0].type_hash,
     }
+
+
+def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"run \xff")
+    with BagWriter(folder, door_topics(), {}) as writer:
+        assert all(writer.put(message) for message in door_messages(rounds=1))
+    assert writer.close().error is None
+    assert len(list(read_bag(folder).messages())) == 6
 
 
 def test_metadata_yaml_uses_no_anchors(folder: Path) -> None:
