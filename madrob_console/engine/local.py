@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 import time
 from collections.abc import Callable
@@ -37,12 +36,6 @@ ANSWER_TIMEOUT = 5.0
 _T = TypeVar("_T")
 
 
-def _get_ready() -> None:
-    """Import what the first result needs, and never search it for rubbish: that takes 0.05 s."""
-    load_filters()
-    gc.freeze()
-
-
 class LocalEngine:
     """Runs an engine in a thread; an `EngineClient`.
 
@@ -69,7 +62,7 @@ class LocalEngine:
         self._snapshot = engine.snapshot()
         self._thread = threading.Thread(target=self._work, name="engine")
         self._thread.start()
-        threading.Thread(target=_get_ready, name="filters", daemon=True).start()
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
 
     def _work(self) -> None:
         shown = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import threading
@@ -37,8 +38,14 @@ def run_console(
         MadrobError: the terminal cannot show screens, or there is no engine to be had.
     """
     check_terminal(os.environ)
+
+    def connected() -> EngineClient:
+        client = open_client()
+        gc.freeze()  # the screens stay: to search them for rubbish would hold up a key for 0.03 s
+        return client
+
     look = look or Look()
-    app = MadrobApp(open_client, defaults, look)
+    app = MadrobApp(connected, defaults, look)
     try:
         with leaving_on_signals(app):
             app.run(mouse=look.mouse)
