@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
-from importlib import import_module
 
 from madrob_console.arguments import preparing, results, running
 from madrob_console.arguments.common import BAD_INPUT, Parser
@@ -15,6 +13,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
+from scoring.imports import import_kept
 
 _EXIT_CODES = """\
 exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 interrupted,
@@ -78,13 +77,9 @@ def _with_pose(argv: Sequence[str]) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `madrob`; returns the exit code."""
     arguments = build_parser().parse_args(_with_pose(sys.argv[1:] if argv is None else argv))
-    gc.disable()
-    command: Callable[[argparse.Namespace], int] = import_module(
+    command: Callable[[argparse.Namespace], int] = import_kept(
         f"madrob_console.commands.{arguments.module}"
     ).main
-    if argv is None:  # the program itself: what is imported stays, no need to search it for rubbish
-        gc.freeze()
-    gc.enable()
     try:
         return command(arguments)
     except (MadrobError, RecorderError, ScoringError) as error:

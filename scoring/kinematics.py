@@ -6,17 +6,15 @@ inside a run.
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
-import sys
 from dataclasses import dataclass
-from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
+from scoring.imports import import_kept
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 
 Array = NDArray[np.float64]
@@ -68,21 +66,10 @@ def load_filters() -> None:
     """Import SciPy and pandas now, so that the first result does not wait for them.
 
     Elsewhere they are imported where they are used: they take most of the time that an engine
-    needs to be there. What they make stays and is not searched for rubbish, neither now nor later:
-    it would take a sixth more, and hold a run up for 0.05 s.
+    needs to be there.
     """
-    missing = [name for name in ("scipy.signal", "pandas") if name not in sys.modules]
-    if not missing:
-        return
-    searched = gc.isenabled()
-    gc.disable()
-    try:
-        for name in missing:
-            import_module(name)
-        gc.freeze()
-    finally:
-        if searched:
-            gc.enable()
+    for name in ("scipy.signal", "pandas"):
+        import_kept(name)
 
 
 def joint_state(
