@@ -12,9 +12,9 @@ from types import FrameType
 from madrob_console.commands.attaching import engine_place
 from madrob_console.commands.log_printer import LogPrinter
 from madrob_console.commands.replaying import replay
-from madrob_console.commands.session import open_engine, settings_of
+from madrob_console.commands.session import open_engine
 from madrob_console.commands.table import result_lines
-from madrob_console.config import Settings
+from madrob_console.config import Settings, load_settings
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.replaying import ReplayingEngine
 from madrob_console.engine.reporting import Papers
@@ -43,7 +43,7 @@ _REST = 1.5
 
 def main(arguments: argparse.Namespace) -> int:
     """One run from the set-up to its result."""
-    settings = settings_of(arguments)
+    settings = load_settings(arguments.settings)
     engine = open_engine(arguments, settings)
     if isinstance(engine, ReplayingEngine):
         return EXIT_CODES[replay(engine)]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from madrob_console.cli import software_version
 from madrob_console.clock import Clock, SystemClock, VirtualClock
-from madrob_console.config import Settings, load_settings
+from madrob_console.config import Settings
 from madrob_console.engine.config import EngineConfig
 from madrob_console.engine.engine import Engine
 from madrob_console.engine.replaying import AnyEngine, ReplayingEngine
@@ -20,15 +20,6 @@ from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
 from madrob_console.testbeds.source import Source, SourceKind
 
 _SEARCH_TIME = 3.0
-
-
-def settings_of(arguments: argparse.Namespace) -> Settings:
-    """The settings file, with the flags put over it.
-
-    Raises:
-        MadrobError: it cannot be used.
-    """
-    return load_settings(arguments.settings)
 
 
 def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:

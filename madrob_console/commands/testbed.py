@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-from madrob_console.commands.session import settings_of, simulated_testbed
+from madrob_console.commands.session import simulated_testbed
+from madrob_console.config import load_settings
 from madrob_console.testbeds.node import serve_testbed
 from scoring.protocol import Condition
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Be a testbed until its runs are over."""
-    settings = settings_of(arguments)
+    settings = load_settings(arguments.settings)
     condition = Condition(arguments.benchmark_type, arguments.opening_side, arguments.starting_side)
     serve_testbed(
         simulated_testbed(arguments, settings),
