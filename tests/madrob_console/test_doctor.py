@@ -68,6 +68,19 @@ def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path)
     assert "console" not in found
 
 
+@pytest.mark.usefixtures("ros_domain")
+def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
+    tmp_path: Path,
+) -> None:
+    began = time.monotonic()
+    findings = doctor(DEFAULT_MAPPINGS, tmp_path, listen=60.0)
+    assert next(findings).subject == "python"
+    assert time.monotonic() - began < 2
+    found = by_subject(findings)
+    assert found[DEFAULT_MAPPINGS[0].topic].text == "no publisher: start the testbed"
+    assert time.monotonic() - began < 30
+
+
 @pytest.mark.slow
 def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     silent, wrong, _ = (m.topic for m in DEFAULT_MAPPINGS[:3])
