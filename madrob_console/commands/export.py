@@ -26,6 +26,7 @@ def main(arguments: argparse.Namespace) -> int:
     )
     for problem in export.problems:
         print(f"madrob: {terminal_safe(problem)}", file=sys.stderr)
-    print(f"{export.runs} runs, {export.files} files, {export.size / 1e6:.1f} MB")
+    plural = "" if export.runs == 1 else "s"
+    print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
     return BAD_INPUT if export.problems else 0

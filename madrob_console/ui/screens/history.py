@@ -179,7 +179,8 @@ def summary(runs: Sequence[RunSummary]) -> str:
     parts = [f"{count} {word}" for word, count in words.most_common()]
     simulated = sum(run.source == "simulated" for run in runs)
     among = f" ({simulated} SIMULATED)" if simulated else ""
-    return f"{len(runs)} runs{among}: {', '.join(parts)}"
+    plural = "s" if len(runs) > 1 else ""
+    return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
 
 
 def about(run: RunSummary) -> str:

@@ -106,6 +106,7 @@ def test_the_head_line_says_what_there_is() -> None:
     assert head_line(RUNS) == (
         "8 runs (1 SIMULATED): 4 valid, 1 INVALID, 1 INTERRUPTED, 1 DAMAGED, 1 unfinished"
     )
+    assert head_line(RUNS[:1]) == "1 run (1 SIMULATED): 1 valid"
     assert head_line(()) == "no runs in the results folder"
 
 
