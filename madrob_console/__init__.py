@@ -1,1 +1,1 @@
-"""The referee's console for the MADROB benchmark."""
+"""The referee console of the MADROB robot-door benchmark: source, record, detect, score, show."""

@@ -11,6 +11,7 @@ import msgspec
 from msgspec.structs import asdict
 from platformdirs import user_config_path
 
+from madrob_console.config.problem_words import explain
 from madrob_console.config.simulation import Simulated
 from madrob_console.config.tables import (
     DEFAULT_START_POSES,
@@ -28,14 +29,13 @@ from madrob_console.config.tables import (
     ThresholdSettings,
     TopicSetting,
 )
-from madrob_console.config.words import explain
 from madrob_console.errors import MadrobError
 from scoring.protocol import Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
-    from madrob_console.engine.sensors import SensorLimits
-    from madrob_console.testbeds.messages import TopicMapping
-    from madrob_console.testbeds.simulation.geometry import DoorGeometry
+    from madrob_console.engine.live.limits import SensorLimits
+    from madrob_console.messages.codec import TopicMapping
+    from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
 
 class Settings(Table, frozen=True):
@@ -79,7 +79,7 @@ class Settings(Table, frozen=True):
 
     def sensor_limits(self) -> SensorLimits:
         """The limits of a healthy testbed as the engine takes them."""
-        from madrob_console.engine.sensors import SensorLimits
+        from madrob_console.engine.live.limits import SensorLimits
 
         c = self.checks
         return SensorLimits(
@@ -97,7 +97,7 @@ class Settings(Table, frozen=True):
         Raises:
             MadrobError: a field path is malformed, or two signals share a topic.
         """
-        from madrob_console.testbeds.messages import DEFAULT_MAPPINGS
+        from madrob_console.messages.codec import DEFAULT_MAPPINGS
 
         settings = {topic.signal: topic for topic in self.topics}
         return tuple(_mapping(m, settings.get(m.signal)) for m in DEFAULT_MAPPINGS)

@@ -10,9 +10,9 @@ from msgspec.structs import asdict
 from madrob_console.config.tables import Table, within
 
 if TYPE_CHECKING:
-    from madrob_console.testbeds.simulation.geometry import DoorGeometry
-    from madrob_console.testbeds.simulation.scenarios import RobotSettings
-    from madrob_console.testbeds.simulation.sensors import SensorSettings
+    from madrob_console.testbeds.simulated.geometry import DoorGeometry
+    from madrob_console.testbeds.simulated.scenarios import RobotSettings
+    from madrob_console.testbeds.simulated.sensor_model import SensorSettings
     from scoring.protocol import Thresholds
 
 
@@ -34,7 +34,7 @@ class SimulatedDoor(Table, frozen=True):
 
     def geometry(self, thresholds: Thresholds) -> DoorGeometry:
         """The doorway as the simulation takes it."""
-        from madrob_console.testbeds.simulation.geometry import DoorGeometry
+        from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
         return DoorGeometry(
             **asdict(self), lintel_height=thresholds.lintel_height, thresholds=thresholds
@@ -53,7 +53,7 @@ class SimulatedSensors(Table, frozen=True):
 
     def settings(self) -> SensorSettings:
         """The sensors as the simulation takes them."""
-        from madrob_console.testbeds.simulation.sensors import SensorSettings
+        from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 
         return SensorSettings(**asdict(self))
 
@@ -72,8 +72,8 @@ class SimulatedRobot(Table, frozen=True):
 
     def settings(self) -> RobotSettings:
         """The robot as the simulation takes it."""
-        from madrob_console.testbeds.simulation.geometry import RobotBody
-        from madrob_console.testbeds.simulation.scenarios import RobotSettings
+        from madrob_console.testbeds.simulated.geometry import RobotBody
+        from madrob_console.testbeds.simulated.scenarios import RobotSettings
 
         body = RobotBody(self.length, self.width, self.height, self.shift)
         return RobotSettings(body, self.reaction, self.start_distance)

@@ -9,9 +9,8 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import force_setattr
 
+from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.names import clean_name
-from madrob_console.testbeds.source import SourceKind
-from madrob_console.theme_name import ThemeName
 from scoring.protocol import LockDetection, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 

@@ -1,1 +1,1 @@
-"""Joins source, recorder, detector and the referee's domain."""
+"""RECORD, DETECT, SCORE: the run that goes on, in a process that any number of screens share."""

@@ -1,1 +1,1 @@
-"""What a team takes home: its runs in one zip, with what opens them."""
+"""All runs of a team in one zip, with what is needed to read it."""

@@ -9,29 +9,29 @@ from pathlib import Path
 
 import msgspec
 
-from madrob_console.errors import MadrobError
-from madrob_console.export.archive import Archive
-from madrob_console.export.layout import LAYOUT_FILE, foxglove_layout
-from madrob_console.export.readme import README_FILE, PackedRun, readme
-from madrob_console.names import terminal_safe
-from madrob_console.result_document import SCHEMA_FILE, schema_text
-from madrob_console.result_file import (
-    ResultPart,
-    UnusableResultError,
-    read_result,
-    read_setup,
-    stamp_of,
-)
-from madrob_console.runs import (
+from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     parse_folder_name,
     run_folder_names,
-    whole_file,
 )
-from madrob_console.testbeds.messages import TopicMapping
-from madrob_console.testbeds.source import SourceKind
-from madrob_console.unfinished import is_held
+from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
+from madrob_console.archive.result_file import (
+    ResultPart,
+    UnusableResultError,
+    read_result,
+    read_setup,
+)
+from madrob_console.archive.unfinished import is_held
+from madrob_console.errors import MadrobError
+from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
+from madrob_console.export.readme import README_FILE, PackedRun, readme
+from madrob_console.export.zip_file import Archive
+from madrob_console.files.bounded import stamp_of
+from madrob_console.files.whole import whole_file
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.names import terminal_safe
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""

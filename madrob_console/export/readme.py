@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from madrob_console.export.archive import SUMS_FILE
-from madrob_console.export.layout import LAYOUT_FILE
-from madrob_console.result_document import SCHEMA_FILE
+from madrob_console.archive.result_document import SCHEMA_FILE
+from madrob_console.export.foxglove_layout import LAYOUT_FILE
+from madrob_console.export.zip_file import SUMS_FILE
 
 README_FILE = "README.txt"
 """How the text is called in the export."""

@@ -1,1 +1,4 @@
-"""The referee's domain: states of a run, acts, checks, journal."""
+"""What may be done when: states of a run, acts, pre-start checks, journal.
+
+Neither ROS nor terminal nor files of results are known here.
+"""

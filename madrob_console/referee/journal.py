@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from madrob_console.errors import MadrobError
-from madrob_console.plain_file import open_plain
+from madrob_console.files.plain import open_plain
 
 
 class Origin(StrEnum):

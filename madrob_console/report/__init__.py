@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-REPORT_FILE = "report.html"
-"""In a run folder."""
-
 
 class PictureFormat(StrEnum):
     """How figures are written."""

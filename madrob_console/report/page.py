@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.resources import files
 
-from madrob_console.engine.results import Scored
+from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.results import Scored
 from madrob_console.report import sections
+from madrob_console.report.explanations import (
+    INVALID,
+    OUTCOMES,
+    UNOFFICIAL,
+    date_text,
+    since,
+    task_text,
+)
 from madrob_console.report.markup import Content, Markup, element, said
-from madrob_console.report.words import INVALID, OUTCOMES, UNOFFICIAL, date_text, since, task_text
-from madrob_console.runs import RESULT_FILE
 from scoring.procedure import StepRecord
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from madrob_console.engine.results import Scored
+from madrob_console.archive.results import Scored
 from madrob_console.report.markup import Markup, element, escaped, section
-from scoring.figures import FigureName, figures_of, missing_figures, svg
+from scoring.figures.plots import FigureName, figures_of, missing_figures, svg
 
 _CAPTIONS: Mapping[FigureName, str] = {
     FigureName.ACCELERATION: (

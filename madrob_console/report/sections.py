@@ -4,19 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from madrob_console.engine.record import RunRecord
+from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
-from madrob_console.report.markup import (
-    NOTHING,
-    Content,
-    Markup,
-    element,
-    listed,
-    said,
-    section,
-    table,
-)
-from madrob_console.report.words import (
+from madrob_console.report.explanations import (
     FROM_THE_START,
     LOCKED_BY,
     MANUAL_START,
@@ -30,6 +20,16 @@ from madrob_console.report.words import (
     since,
     task_text,
     unit_text,
+)
+from madrob_console.report.markup import (
+    NOTHING,
+    Content,
+    Markup,
+    element,
+    listed,
+    said,
+    section,
+    table,
 )
 from scoring.procedure import Ruling, StepRecord
 from scoring.quality import SignalQuality

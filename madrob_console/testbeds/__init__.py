@@ -1,1 +1,4 @@
-"""Where messages come from: ROS, the simulated testbed, a bag."""
+"""SOURCE: where messages come from, live over ROS, simulated, or recorded in a bag.
+
+What is done with them is in engine.
+"""

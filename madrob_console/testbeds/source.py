@@ -7,21 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from madrob_console.kinds import SourceKind
     from recorder.bag import Topic
     from recorder.message import RawMessage
     from scoring.protocol import Condition, StartPose
-
-
-class SourceKind(StrEnum):
-    """Where the messages come from."""
-
-    ROS = "ros"
-    SIMULATED = "simulated"
-    REPLAY = "replay"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""The referee's screens. They show snapshots and hand in acts; they hold no rule."""
+"""SHOW: the screens. They hold no rule and no state of a run."""

@@ -15,31 +15,31 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
 
-from madrob_console.engine.playback import CONTROL, AnyCommand, Command
+from madrob_console.engine.shown.playback import CONTROL, AnyCommand, Command
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Act, Finalise
-from madrob_console.theme_name import ThemeName
-from madrob_console.ui.asks import ask_next_run, ask_waiver
+from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults, Look
-from madrob_console.ui.glyphs import ASCII, uses_ascii
-from madrob_console.ui.keys import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Answer, Key, bindings
+from madrob_console.ui.frame.console_screen import ConsoleScreen
+from madrob_console.ui.keys.asks import ask_next_run, ask_waiver
+from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Answer, Key, bindings
+from madrob_console.ui.keys.questions import Ask, Leave, Open
 from madrob_console.ui.link import NOT_YET, EngineLink
-from madrob_console.ui.questions import Ask, Leave, Open
-from madrob_console.ui.screens.console import ConsoleScreen
-from madrob_console.ui.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
-from madrob_console.ui.widgets.lines import Tone
-from madrob_console.ui.words import done_text
+from madrob_console.ui.look.glyphs import ASCII, uses_ascii
+from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.look.words import done_text
 
 if TYPE_CHECKING:
     from textual.command import Provider
 
-    from madrob_console.engine.client import EngineClient
-    from madrob_console.ui.screens.history import HistoryPane
-    from madrob_console.ui.screens.setup import SetupPane
-    from madrob_console.ui.screens.standings import StandingsPane
-    from madrob_console.ui.widgets.checklist import CheckList
-    from madrob_console.ui.widgets.dialog import Dialog
-    from madrob_console.ui.widgets.field import NumberField
+    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.ui.cells.dialog import Dialog
+    from madrob_console.ui.cells.field import NumberField
+    from madrob_console.ui.panes.checklist import CheckList
+    from madrob_console.ui.panes.history_pane import HistoryPane
+    from madrob_console.ui.panes.setup_pane import SetupPane
+    from madrob_console.ui.panes.standings_pane import StandingsPane
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
@@ -338,7 +338,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def on_standings_pane_opened(self, event: StandingsPane.Opened) -> None:
         """Show the runs behind a standing."""
-        from madrob_console.ui.screens.standings import filter_for
+        from madrob_console.ui.panes.standings_pane import filter_for
 
         self._console.show_runs(filter_for(event.standing))
 

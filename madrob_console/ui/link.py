@@ -9,10 +9,10 @@ from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Act
 
 if TYPE_CHECKING:
-    from madrob_console.engine.client import EngineClient
-    from madrob_console.engine.curves import Curves
-    from madrob_console.engine.playback import AnyCommand
-    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.curves import Curves
+    from madrob_console.engine.shown.playback import AnyCommand
+    from madrob_console.engine.shown.snapshot import Snapshot
 
 LONGEST_SILENCE = 2.0
 """An engine whose time stands still for longer is called silent, s."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import cast
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
-from madrob_console.theme_name import ThemeName
-from madrob_console.ui.keys import KEYS
+from madrob_console.kinds import ThemeName
+from madrob_console.ui.keys.console_app import ConsoleApp
+from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
-
-if TYPE_CHECKING:
-    from madrob_console.ui.app import MadrobApp
 
 
 class ConsoleCommands(Provider):
@@ -33,14 +31,11 @@ class ConsoleCommands(Provider):
                 yield Hit(score, matcher.highlight(text), command, help=help_text)
 
     @property
-    def _console_app(self) -> MadrobApp:
-        from madrob_console.ui.app import MadrobApp
-
-        assert isinstance(self.app, MadrobApp)
-        return self.app
+    def _console_app(self) -> ConsoleApp:
+        return cast("ConsoleApp", self.app)
 
 
-def _commands(app: MadrobApp) -> Iterator[tuple[str, Callable[[], object], str]]:
+def _commands(app: ConsoleApp) -> Iterator[tuple[str, Callable[[], object], str]]:
     """Name, what it does, and what that means, with the reason where it is not possible now."""
     for key in KEYS.values():
         if key.name == "menu" or not app.has_key(key):

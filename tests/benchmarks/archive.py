@@ -11,9 +11,9 @@ from typing import TypeVar
 
 import msgspec
 
-from madrob_console.history import INDEX_FILE, History
-from madrob_console.runs import NUMBERS_FILE, RunId, next_run_number
-from madrob_console.standings import standings
+from madrob_console.archive.folders import NUMBERS_FILE, RunId, next_run_number
+from madrob_console.archive.history import INDEX_FILE, History
+from madrob_console.standings.tally import standings
 from tests.benchmarks.report import Figure, Goal
 from tests.madrob_console.run_folders import summary, write
 

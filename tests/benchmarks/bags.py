@@ -9,14 +9,14 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
+from madrob_console.archive.folders import RunId
+from madrob_console.archive.rescore import read_recorded_run
+from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.clock import NS, nanoseconds
-from madrob_console.engine.record import RECORD_NAME
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, MessageTypes, encode_text
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.rescore import read_recorded_run
-from madrob_console.runs import RunId
-from madrob_console.testbeds.messages import REFEREE_EVENT_TOPIC, MessageTypes, encode_text
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome

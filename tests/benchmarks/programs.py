@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from tests.benchmarks.wire import ROOT
 
-MADROB = (sys.executable, "-m", "madrob_console.cli")
+MADROB = (sys.executable, "-m", "madrob_console.cli.main")
 
 
 def run_time(argv: Sequence[str], env: Mapping[str, str] | None = None) -> float:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from madrob_console.testbeds.messages import TopicMapping
+from madrob_console.messages.codec import TopicMapping
 from madrob_console.testbeds.ros.inbox import qos_profile
 from madrob_console.testbeds.ros.loading import (
     domain_id,

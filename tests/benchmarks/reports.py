@@ -6,8 +6,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from madrob_console.commands.report import scored_run
-from madrob_console.engine.reporting import Papers
+from madrob_console.cli import aside
+from madrob_console.cli.report import scored_run
+from madrob_console.engine.process.reporting import Papers
 from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns
 from tests.benchmarks.report import Figure, Goal
@@ -42,7 +43,7 @@ def reports(repeats: int) -> list[Figure]:
 def _by_itself(run: Path) -> float:
     """From the result to the page; the process is of low priority, the engine does not wait."""
     scored = scored_run(run)
-    papers = Papers(lambda: False)
+    papers = Papers(aside.COMMAND, lambda: False)
     began = time.perf_counter()
     papers.report(run, scored)
     assert papers.wait(60.0)

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from scoring.kinematics import load_filters
 from tests.benchmarks.bags import copies, long_bag, simulated_run
 from tests.benchmarks.programs import MADROB, run_time
@@ -93,7 +93,7 @@ def one_bag(repeats: int) -> list[Figure]:
 _SCORE_ONE = """
 import resource, sys, time
 from pathlib import Path
-from madrob_console.rescore import rescore
+from madrob_console.archive.rescore import rescore
 from scoring.kinematics import load_filters
 load_filters()
 rescore(Path(sys.argv[1]))

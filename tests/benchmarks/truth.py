@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from tests.benchmarks.report import Figure, Goal
 from tests.madrob_console.engine.test_truth import CONDITIONS, compare, play
 

@@ -8,15 +8,20 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from madrob_console.testbeds.messages import (
+from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     MessageTypes,
     TopicMapping,
     describe_topic,
 )
-from madrob_console.testbeds.simulation.geometry import DoorGeometry
-from madrob_console.testbeds.simulation.sensors import Reading, Scene, SensorModel, SensorSettings
-from madrob_console.testbeds.simulation.wire import Encoder
+from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
+from madrob_console.testbeds.simulated.sensor_model import (
+    Reading,
+    Scene,
+    SensorModel,
+    SensorSettings,
+)
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Signal

@@ -61,12 +61,12 @@ class Hall:
 
     def console(self, command: str = "console", columns: int = 80, lines: int = 24) -> Terminal:
         """The screens, attached to the engine or starting it."""
-        argv = [sys.executable, "-m", "madrob_console.cli", command, *self.testbed]
+        argv = [sys.executable, "-m", "madrob_console.cli.main", command, *self.testbed]
         return Terminal(argv, columns, lines, env=self._env, cwd=ROOT)
 
     def madrob(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """A command, run to its end."""
-        argv = [sys.executable, "-m", "madrob_console.cli", *arguments]
+        argv = [sys.executable, "-m", "madrob_console.cli.main", *arguments]
         env = {**os.environ, **self._env}
         return subprocess.run(
             argv, env=env, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False

@@ -21,9 +21,9 @@ from typing import Any, Self
 import msgspec
 import pytest
 
-from madrob_console.engine.client import Role
-from madrob_console.engine.remote import RemoteEngine
-from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, Phase, RunSetup
@@ -36,7 +36,7 @@ BY_HAND = (CheckName.HANDLE, CheckName.POSE)
 _SERVE = """
 import select, sys, time
 time.sleep = lambda duration: select.select([], [], [], duration) and None
-from madrob_console.cli import main
+from madrob_console.cli.main import main
 sys.exit(main())
 """
 

@@ -17,7 +17,7 @@ from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import RunSetup
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from scoring.result import Result
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from madrob_console.referee.acts import Finalise, Reissue, Rule
 from madrob_console.referee.run import TeamWord
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 

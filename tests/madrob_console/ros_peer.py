@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from madrob_console.clock import SystemClock
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.inbox import qos_profile

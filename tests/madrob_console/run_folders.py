@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from madrob_console.history import RunSummary
-from madrob_console.runs import RESULT_FILE, RunId
+from madrob_console.archive.folders import RESULT_FILE, RunId
+from madrob_console.archive.history import RunSummary
 from scoring.protocol import Outcome
 from scoring.result import UNITS, IndicatorName
 

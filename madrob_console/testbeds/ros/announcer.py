@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from madrob_console.clock import Clock
-from madrob_console.testbeds.messages import (
+from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,

@@ -10,7 +10,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from madrob_console.errors import MadrobError
-from madrob_console.testbeds.messages import MessageTypes, describe_topic
+from madrob_console.messages.codec import MessageTypes, describe_topic
 from madrob_console.testbeds.ros.definitions import find_definition
 from madrob_console.testbeds.ros.inbox import QUEUE_DEPTH, Inbox, Received, offered_by_all
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class

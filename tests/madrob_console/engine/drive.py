@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from madrob_console.clock import VirtualClock
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.engine import Engine
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase, RunSetup
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
-from madrob_console.testbeds.simulation.sensors import SensorSettings
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 

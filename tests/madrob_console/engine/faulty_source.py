@@ -10,14 +10,15 @@ from pathlib import Path
 
 from msgspec import structs
 
+from madrob_console.archive.rescore import score_path
 from madrob_console.clock import Clock
-from madrob_console.engine.engine import Engine
+from madrob_console.engine.live.core import Engine
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import CheckName, Phase
-from madrob_console.rescore import score_path
-from madrob_console.testbeds.messages import MessageTypes
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.source import RefereeState, SourceKind, TopicStatus
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import RefereeState, TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
 from recorder.reader import read_bag

@@ -6,32 +6,32 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO, cast
+from typing import cast
 
 import pytest
 
-from madrob_console import aside
-from madrob_console.engine import background
-from madrob_console.engine.background import Background, Finished
-from madrob_console.engine.reporting import Papers
-from madrob_console.engine.results import Scored
-from madrob_console.engine.snapshot import ExportView
-from madrob_console.runs import whole_file
+from madrob_console.archive.results import Scored
+from madrob_console.cli import aside
+from madrob_console.engine.process import background
+from madrob_console.engine.process.background import Background, Finished
+from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.shown.snapshot import ExportView
+from madrob_console.files.whole import whole_file
 
 PATIENCE = 30.0
 
 BEGIN = """
 import signal, sys
-from madrob_console import aside
+from madrob_console.cli import aside
 signal.signal(signal.SIGTERM, aside._end)
 exec(sys.argv.pop(1))
 """
 
 SLOW = """
 import sys, time
-from madrob_console.runs import whole_file
+from madrob_console.files.whole import whole_file
 from pathlib import Path
 with whole_file(Path(sys.argv[1])) as file:
     file.write(b"half")
@@ -44,10 +44,10 @@ with whole_file(Path(sys.argv[1])) as file:
 class Hall:
     """A run goes on or not; what came of the chores."""
 
-    def __init__(self) -> None:
+    def __init__(self, command: Sequence[str] = aside.COMMAND) -> None:
         self.busy = False
         self.done: list[tuple[str, Finished]] = []
-        self.background = Background(lambda: self.busy)
+        self.background = Background(command, lambda: self.busy)
 
     def ask(self, name: str, *arguments: str) -> None:
         self.background.ask(name, arguments, lambda finished: self.done.append((name, finished)))
@@ -65,14 +65,11 @@ def hall() -> Iterator[Hall]:
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chores that are no `madrob`, to be quick: python code and its arguments."""
-
-    def start(chore: background._Chore, out: IO[bytes], err: IO[bytes]) -> subprocess.Popen[bytes]:
-        argv = [sys.executable, "-c", BEGIN, *chore.arguments]
-        return subprocess.Popen(argv, stdout=out, stderr=err)
-
-    monkeypatch.setattr(background, "_start", start)
+def quick_hall() -> Iterator[Hall]:
+    """Its chores are no `madrob`, to be quick: python code and its arguments."""
+    hall = Hall((sys.executable, "-c", BEGIN))
+    yield hall
+    hall.background.close(PATIENCE)
 
 
 def wait(done: Callable[[], object]) -> None:
@@ -84,7 +81,7 @@ def wait(done: Callable[[], object]) -> None:
 
 def test_a_chore_comes_after_everything_else() -> None:
     code = "import atexit, os, sys; atexit.register(lambda: print(os.nice(0)));"
-    code += "from madrob_console import aside; sys.exit(aside.main())"
+    code += "from madrob_console.cli import aside; sys.exit(aside.main())"
     told = subprocess.run(
         [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=True
     )
@@ -102,60 +99,56 @@ def test_a_chore_is_a_madrob_command(hall: Hall) -> None:
     assert "zero" in bad.complained
 
 
-@pytest.mark.usefixtures("quick")
-def test_what_is_asked_for_again_before_it_begins_is_done_once(hall: Hall) -> None:
-    hall.busy = True
+def test_what_is_asked_for_again_before_it_begins_is_done_once(quick_hall: Hall) -> None:
+    quick_hall.busy = True
     for number in range(5):
-        hall.ask("report", f"print({number})")
-    hall.ask("zip", "print('zip')")
+        quick_hall.ask("report", f"print({number})")
+    quick_hall.ask("zip", "print('zip')")
     time.sleep(3 * background.PERIOD)
-    assert hall.done == []
-    hall.busy = False
-    assert hall.background.wait(PATIENCE)
-    assert [(name, finished.said) for name, finished in hall.done] == [
+    assert quick_hall.done == []
+    quick_hall.busy = False
+    assert quick_hall.background.wait(PATIENCE)
+    assert [(name, finished.said) for name, finished in quick_hall.done] == [
         ("report", "4"),
         ("zip", "zip"),
     ]
 
 
-@pytest.mark.usefixtures("quick")
-def test_what_is_asked_for_while_it_is_done_is_done_once_more(hall: Hall, tmp_path: Path) -> None:
+def test_what_is_asked_for_while_it_is_done_is_done_once_more(
+    quick_hall: Hall, tmp_path: Path
+) -> None:
     flag = tmp_path / "begun"
     code = "import pathlib, sys, time; pathlib.Path(sys.argv[1]).touch(); time.sleep(0.2)"
-    hall.ask("report", code, str(flag))
+    quick_hall.ask("report", code, str(flag))
     wait(flag.exists)
-    hall.ask("report", "print('second')")
-    hall.ask("report", "print('third')")
-    assert hall.background.wait(PATIENCE)
-    assert [finished.said for _, finished in hall.done] == ["", "third"]
+    quick_hall.ask("report", "print('second')")
+    quick_hall.ask("report", "print('third')")
+    assert quick_hall.background.wait(PATIENCE)
+    assert [finished.said for _, finished in quick_hall.done] == ["", "third"]
 
 
-@pytest.mark.usefixtures("quick")
 def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_it(
-    hall: Hall, tmp_path: Path
+    quick_hall: Hall, tmp_path: Path
 ) -> None:
     target = tmp_path / "report.html"
     begun = tmp_path / "report.html.begun"
-    hall.ask("report", SLOW, str(target))
+    quick_hall.ask("report", SLOW, str(target))
     wait(begun.exists)
     assert len(list(tmp_path.iterdir())) == 2  # the file has another name still
-    hall.busy = True
+    quick_hall.busy = True
     wait(lambda: list(tmp_path.iterdir()) == [begun])
     begun.unlink()
-    assert hall.done == []
-    hall.ask("report", "print('after the run')")
+    assert quick_hall.done == []
+    quick_hall.ask("report", "print('after the run')")
     time.sleep(3 * background.PERIOD)
-    assert hall.done == []
-    hall.busy = False
-    assert hall.background.wait(PATIENCE)
-    assert [finished.said for _, finished in hall.done] == ["after the run"]
+    assert quick_hall.done == []
+    quick_hall.busy = False
+    assert quick_hall.background.wait(PATIENCE)
+    assert [finished.said for _, finished in quick_hall.done] == ["after the run"]
 
 
-def test_a_process_that_cannot_be_started_is_told_in_words(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "executable", "/no/such/python")
-    papers = Papers(lambda: False)
+def test_a_process_that_cannot_be_started_is_told_in_words() -> None:
+    papers = Papers(["/no/such/python"], lambda: False)
     papers.report(Path("/results/run"), cast(Scored, "a result"))
     papers.export(3)
     assert papers.wait(PATIENCE)
@@ -167,7 +160,7 @@ def test_a_process_that_cannot_be_started_is_told_in_words(
 
 
 def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
-    papers = Papers(lambda: False, [f"--results={tmp_path}"])
+    papers = Papers(aside.COMMAND, lambda: False, [f"--results={tmp_path}"])
     papers.export(3)
     assert papers.exported == ExportView(3)
     papers.close(PATIENCE)

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from madrob_console.engine.curves import MOST_POINTS, Curve, Curves, curves_of
-from madrob_console.engine.results import Scored
+from madrob_console.archive.results import Scored
+from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curves_of
 from madrob_console.referee.acts import Abort
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from scoring.evaluate import Rows
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
@@ -174,7 +174,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
 
 def test_the_shapes_come_without_the_numbers_machinery() -> None:
     code = (
-        "import sys, madrob_console.engine.curves\n"
+        "import sys, madrob_console.engine.shown.curves\n"
         "print([name for name in ('numpy', 'scipy', 'pandas') if name in sys.modules])"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

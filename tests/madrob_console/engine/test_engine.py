@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.replaying import ReplayingEngine
-from madrob_console.engine.snapshot import Snapshot
+from madrob_console.archive.rescore import score_path
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.replay.replaying import ReplayingEngine
+from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -31,9 +33,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.preflight import CheckState
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
-from madrob_console.rescore import score_path
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.testbeds.simulation import Scenario
+from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag
 from scoring.protocol import Condition, LockDetection, Outcome, Step

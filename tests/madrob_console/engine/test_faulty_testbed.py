@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.course import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
+from madrob_console.engine.live.course import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.run import CheckName, Phase
 from scoring.protocol import EventName, Outcome

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from madrob_console.clock import SystemClock
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.engine import Engine
-from madrob_console.engine.local import LocalEngine
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.process.local import LocalEngine
 from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import SimulatedTestbed
+from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
 

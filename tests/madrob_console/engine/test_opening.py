@@ -9,11 +9,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from madrob_console.engine.engine import Engine
+from madrob_console.archive.rescore import open_run
+from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
 from madrob_console.referee.run import Phase, TeamWord
-from madrob_console.rescore import open_run
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 

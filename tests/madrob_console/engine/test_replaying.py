@@ -12,9 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.playback import (
-    EQUAL,
+from madrob_console.archive.comparison import EQUAL
+from madrob_console.archive.rescore import score_path
+from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.replay.replaying import SLICE, ReplayingEngine
+from madrob_console.engine.shown.playback import (
     AnyCommand,
     Faster,
     JumpTo,
@@ -24,10 +27,9 @@ from madrob_console.engine.playback import (
     Skip,
     Slower,
 )
-from madrob_console.engine.record import RECORD_NAME
-from madrob_console.engine.replaying import SLICE, ReplayingEngine
-from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, describe_topic
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
@@ -43,8 +45,6 @@ from madrob_console.referee.acts import (
     Waive,
 )
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
-from madrob_console.rescore import score_path
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, describe_topic
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Step

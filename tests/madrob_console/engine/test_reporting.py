@@ -14,17 +14,20 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli import main, software_version
+from madrob_console.archive.rescore import open_run
+from madrob_console.archive.results import Scored
+from madrob_console.cli import aside
+from madrob_console.cli.main import main
+from madrob_console.cli.report import scored_run
 from madrob_console.clock import SystemClock
-from madrob_console.commands.report import scored_run
-from madrob_console.engine.client import Role
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.engine import Engine
-from madrob_console.engine.local import LocalEngine
-from madrob_console.engine.remote import EXPORT, RemoteEngine
-from madrob_console.engine.reporting import Papers
-from madrob_console.engine.results import Scored
-from madrob_console.engine.server import EngineServer
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.process.remote import EXPORT, RemoteEngine
+from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.server import EngineServer
+from madrob_console.engine.shown.client import Role
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
@@ -38,11 +41,10 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import TeamWord
 from madrob_console.report.page import report_html
-from madrob_console.rescore import open_run
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import Scenario, SimulatedTestbed
-from madrob_console.ui.keys import KEYS
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.ui.keys.key_table import KEYS
+from madrob_console.version import software_version
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine_process import EngineProcess
@@ -84,7 +86,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
 
 def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
-    papers = Papers(lambda: False)
+    papers = Papers(aside.COMMAND, lambda: False)
     drive.engine.on_result = papers.report
     drive.whole_run(make_setup(timeout=20.0))
     drive.act(
@@ -121,7 +123,7 @@ class Served:
         source = SimulatedSource(SimulatedTestbed(), clock, types)
         config = EngineConfig(folder / "runs", DEFAULT_MAPPINGS, disk_needed=0)
         engine = Engine(source, clock, config, types)
-        self._papers = Papers(lambda: engine.busy, [f"--results={config.results}"])
+        self._papers = Papers(aside.COMMAND, lambda: engine.busy, [f"--results={config.results}"])
         self.local = LocalEngine(engine, self._papers)
         self.path = folder / "s"
         self._server = EngineServer(self.local, source.label, 60.0, time.monotonic)

@@ -16,25 +16,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.cli import attaching
 from madrob_console.clock import SystemClock
-from madrob_console.commands import attaching
 from madrob_console.config import Settings
-from madrob_console.engine import wire
-from madrob_console.engine.client import Role
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.engine import Engine
-from madrob_console.engine.local import LocalEngine
-from madrob_console.engine.place import Place
-from madrob_console.engine.playback import CONTROL, NO_REPLAY, JumpTo, PlayOrPause, SetSpeed
-from madrob_console.engine.remote import RemoteEngine
-from madrob_console.engine.replaying import AnyEngine, ReplayingEngine
-from madrob_console.engine.server import EngineServer
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.process.place import Place
+from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.process.server import EngineServer
+from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
+from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.playback import CONTROL, NO_REPLAY, JumpTo, PlayOrPause, SetSpeed
 from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Abort, AddNote, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import SimulatedTestbed
+from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, Decoder, MessageTypes
-from madrob_console.testbeds.simulation import Scenario
-from madrob_console.testbeds.simulation.observation import observe
-from madrob_console.testbeds.simulation.sensors import SensorSettings
-from madrob_console.testbeds.simulation.truth import Truth
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageTypes
+from madrob_console.testbeds.simulated import Scenario
+from madrob_console.testbeds.simulated.perception import observe
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from madrob_console.testbeds.simulated.truth import Truth
 from recorder.reader import read_bag
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
 from scoring.result import IndicatorName, Result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from madrob_console.testbeds.simulation import DoorGeometry, MotionPlan
+from madrob_console.testbeds.simulated import DoorGeometry, MotionPlan
 from scoring.protocol import PASSAGE_SENSORS, EventName, PassageSensor, Side, Thresholds
 
 STEP = 0.001

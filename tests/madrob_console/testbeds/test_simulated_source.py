@@ -8,22 +8,23 @@ import pytest
 
 from madrob_console.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
 from madrob_console.errors import MadrobError
-from madrob_console.testbeds.messages import (
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     Decoder,
     MessageTypes,
     TopicMapping,
     decode_text,
 )
-from madrob_console.testbeds.simulated import SimulatedSource
-from madrob_console.testbeds.simulation import (
+from madrob_console.testbeds.simulated import (
     RobotBody,
     RobotSettings,
     Scenario,
     SensorSettings,
     SimulatedTestbed,
 )
-from madrob_console.testbeds.source import RefereeState, Source, SourceKind
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import RefereeState, Source
 from recorder.message import RawMessage
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure

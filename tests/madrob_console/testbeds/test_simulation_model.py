@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.errors import MadrobError
-from madrob_console.testbeds.simulation import (
+from madrob_console.testbeds.simulated import (
     DoorGeometry,
     MotionPlan,
     RobotBody,
@@ -20,11 +20,11 @@ from madrob_console.testbeds.simulation import (
     SimulatedTestbed,
     plan_run,
 )
-from madrob_console.testbeds.simulation.motion import Levels, Profile, Track
-from madrob_console.testbeds.simulation.observation import is_clear_cut, observe
-from madrob_console.testbeds.simulation.performance import Manner, Performance
-from madrob_console.testbeds.simulation.plan import LOAD_CELL_LIMIT
-from madrob_console.testbeds.simulation.sensors import Scene, SensorModel
+from madrob_console.testbeds.simulated.motion import Levels, Profile, Track
+from madrob_console.testbeds.simulated.perception import is_clear_cut, observe
+from madrob_console.testbeds.simulated.performance import Manner, Performance
+from madrob_console.testbeds.simulated.plan import LOAD_CELL_LIMIT
+from madrob_console.testbeds.simulated.sensor_model import Scene, SensorModel
 from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,

@@ -4,14 +4,8 @@ from random import Random
 
 import pytest
 
-from madrob_console.testbeds.simulation import (
-    DoorGeometry,
-    MotionPlan,
-    Scenario,
-    plan_run,
-    truth_of,
-)
-from madrob_console.testbeds.simulation.observation import is_clear_cut
+from madrob_console.testbeds.simulated import DoorGeometry, MotionPlan, Scenario, plan_run, truth_of
+from madrob_console.testbeds.simulated.perception import is_clear_cut
 from scoring.protocol import Condition, EventName, Outcome, Step
 from tests.madrob_console.testbeds.brute_force import STEP, BruteForce
 

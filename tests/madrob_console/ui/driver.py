@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import ConsoleDefaults, Look
-from madrob_console.ui.screens.console import ConsoleScreen
+from madrob_console.ui.frame.console_screen import ConsoleScreen
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SMALL = (80, 24)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from madrob_console.engine.curves import Curves
-from madrob_console.engine.playback import AnyCommand, PlaybackView
-from madrob_console.engine.snapshot import (
+from madrob_console.archive.unfinished import Unfinished
+from madrob_console.engine.live.view import NO_STEPS, elapsed, refusals, remaining
+from madrob_console.engine.shown.curves import Curves
+from madrob_console.engine.shown.playback import AnyCommand, PlaybackView
+from madrob_console.engine.shown.snapshot import (
     DoorView,
     ExportView,
     HandleView,
@@ -17,16 +19,14 @@ from madrob_console.engine.snapshot import (
     Snapshot,
     TopicView,
 )
-from madrob_console.engine.view import NO_STEPS, elapsed, refusals, remaining
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import Act, Situation, Start
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
 from madrob_console.referee.transitions import begin_run, stop
-from madrob_console.testbeds.source import SourceKind
-from madrob_console.unfinished import Unfinished
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from madrob_console.engine.curves import Curve, Curves
+from madrob_console.engine.shown.curves import Curve, Curves
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
 from scoring.protocol import EventName, Outcome
 from tests.madrob_console.ui.fake_engine import FakeEngine

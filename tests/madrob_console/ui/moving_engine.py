@@ -6,7 +6,7 @@ import math
 import sys
 import time
 
-from madrob_console.engine.snapshot import RecorderView, Snapshot
+from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.terminal import run_console

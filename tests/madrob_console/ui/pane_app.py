@@ -14,9 +14,9 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.screens.history import HistoryPane
-from madrob_console.ui.screens.standings import StandingsPane
-from madrob_console.ui.widgets.lines import TONE_CLASSES
+from madrob_console.ui.cells.lines import TONE_CLASSES
+from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.standings_pane import StandingsPane
 
 PANE = (80, 19)
 """What a terminal of 80x24 leaves to a pane."""

@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import pytest
 
-from madrob_console.engine.client import EngineClient
-from madrob_console.engine.playback import CONTROL
+from madrob_console.archive.history import RunSummary
+from madrob_console.archive.unfinished import Unfinished
+from madrob_console.engine.shown.client import EngineClient
+from madrob_console.engine.shown.playback import CONTROL
 from madrob_console.errors import MadrobError
-from madrob_console.history import RunSummary
+from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout
 from madrob_console.referee.run import Phase
-from madrob_console.theme_name import ThemeName
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import Look
-from madrob_console.ui.keys import KEYS
-from madrob_console.ui.screens.history import HistoryPane
-from madrob_console.unfinished import Unfinished
+from madrob_console.ui.keys.key_table import KEYS
+from madrob_console.ui.panes.history_pane import HistoryPane
 from scoring.protocol import Outcome
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.snapshot import ExportView
-from madrob_console.ui.words import export_text
+from madrob_console.engine.shown.snapshot import ExportView
+from madrob_console.ui.look.words import export_text
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import DEFAULTS, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 from rich.cells import cell_len
 
-from madrob_console.engine.curves import Curves
-from madrob_console.engine.snapshot import Snapshot
-from madrob_console.ui.widgets.axes import Window
-from madrob_console.ui.widgets.figure import FIGURES, Sheet
-from madrob_console.ui.widgets.lines import Line
-from madrob_console.ui.widgets.plot import ASCII, BRAILLE, Ink
+from madrob_console.engine.shown.curves import Curves
+from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.ui.cells.axes import Window
+from madrob_console.ui.cells.lines import Line
+from madrob_console.ui.cells.plot import ASCII, BRAILLE, Ink
+from madrob_console.ui.panes.figure import FIGURES, Sheet
 from scoring.protocol import EventName
 from scoring.result import Indicator, IndicatorName
 from tests.madrob_console.ui.figure_data import CURVES, finished

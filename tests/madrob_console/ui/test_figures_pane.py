@@ -13,15 +13,15 @@ from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from madrob_console.engine.curves import Curves
-from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.shown.curves import Curves
+from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort
-from madrob_console.ui.screens import figures
-from madrob_console.ui.screens.figures import FiguresPane
-from madrob_console.ui.widgets import lines as lines_module
-from madrob_console.ui.widgets.lines import TONE_CLASSES
-from madrob_console.ui.widgets.plot import ASCII, BRAILLE
+from madrob_console.ui.cells import lines as lines_module
+from madrob_console.ui.cells.lines import TONE_CLASSES
+from madrob_console.ui.cells.plot import ASCII, BRAILLE
+from madrob_console.ui.panes import figures_pane as figures
+from madrob_console.ui.panes.figures_pane import FiguresPane
 from tests.madrob_console.ui.figure_data import CURVES, finished, prepared
 
 

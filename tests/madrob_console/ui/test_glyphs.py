@@ -14,8 +14,8 @@ from rich.cells import cell_len
 import madrob_console.ui
 from madrob_console.names import terminal_safe
 from madrob_console.ui.defaults import Look
-from madrob_console.ui.glyphs import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.widgets.run_clock import large_digits
+from madrob_console.ui.look.glyphs import LIKENESS, to_ascii, uses_ascii
+from madrob_console.ui.panes.run_clock import large_digits
 from tests.madrob_console.ui.driver import DEFAULTS, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
-from madrob_console.history import RunSummary
-from madrob_console.ui.screens.history import HistoryPane, about
-from madrob_console.ui.screens.history import summary as head_line
-from madrob_console.ui.screens.history_columns import columns
+from madrob_console.ui.panes.history_columns import columns
+from madrob_console.ui.panes.history_pane import HistoryPane, about
+from madrob_console.ui.panes.history_pane import summary as head_line
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.fake_engine import FakeEngine

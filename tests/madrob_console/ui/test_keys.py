@@ -24,7 +24,7 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
 from madrob_console.referee.transitions import stop
-from madrob_console.ui.keys import KEYS
+from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine

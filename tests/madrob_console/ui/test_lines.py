@@ -9,8 +9,8 @@ from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.screen import Screen
 
-from madrob_console.ui.widgets.gauge import column, ruler, scale
-from madrob_console.ui.widgets.lines import (
+from madrob_console.ui.cells.gauge import column, ruler, scale
+from madrob_console.ui.cells.lines import (
     TONE_CLASSES,
     Line,
     Lines,

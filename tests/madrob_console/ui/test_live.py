@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from madrob_console.engine.snapshot import RecorderView
+from madrob_console.engine.shown.snapshot import RecorderView
+from madrob_console.kinds import SourceKind
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
-from madrob_console.testbeds.source import SourceKind
 from scoring.procedure import Ruling
 from scoring.protocol import Side, Step
 from tests.madrob_console.ui.driver import LARGE, SMALL, driving

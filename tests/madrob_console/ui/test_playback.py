@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.playback import (
-    EQUAL,
+from madrob_console.archive.comparison import EQUAL
+from madrob_console.engine.shown.playback import (
     Faster,
     JumpTo,
     PlaybackView,
@@ -19,18 +19,18 @@ from madrob_console.engine.playback import (
     Skip,
     Slower,
 )
+from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.transitions import begin_countdown, begin_run
-from madrob_console.testbeds.source import SourceKind
-from madrob_console.ui.asks import ask_leave
-from madrob_console.ui.keys import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.questions import Leave
-from madrob_console.ui.widgets.key_line import KeyLine
-from madrob_console.ui.widgets.lines import width_of
-from madrob_console.ui.widgets.playback_bar import playback_line, position_text, speed_text
-from madrob_console.ui.widgets.result_head import ResultHead
-from madrob_console.ui.widgets.tiny_clock import tiny_lines
-from madrob_console.ui.words import seconds_of
+from madrob_console.ui.cells.lines import width_of
+from madrob_console.ui.frame.key_line import KeyLine
+from madrob_console.ui.frame.playback_bar import playback_line, position_text, speed_text
+from madrob_console.ui.frame.tiny_clock import tiny_lines
+from madrob_console.ui.keys.asks import ask_leave
+from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
+from madrob_console.ui.keys.questions import Leave
+from madrob_console.ui.look.words import seconds_of
+from madrob_console.ui.panes.result_head import ResultHead
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.setups import a_setup

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from madrob_console.testbeds.source import SourceKind
+from madrob_console.kinds import SourceKind
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine

@@ -7,8 +7,8 @@ import pytest
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.ui.cells.field import Field
 from madrob_console.ui.defaults import ConsoleDefaults
-from madrob_console.ui.widgets.field import Field
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, driving

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from madrob_console.history import RunSummary, matches
-from madrob_console.standings import Standing, standings
-from madrob_console.ui.screens.standings import (
+from madrob_console.archive.history import RunSummary, matches
+from madrob_console.standings.tally import Standing, standings
+from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,
     Shown,
     StandingsPane,

@@ -11,10 +11,10 @@ from textual import events
 from textual.app import App, ComposeResult
 from textual.screen import Screen
 
-from madrob_console.ui.widgets.columns import GAP, ROOMY, Column, in_order, lay_out
-from madrob_console.ui.widgets.indicator_columns import indicator_column, number_text
-from madrob_console.ui.widgets.lines import TONE_CLASSES, Line, Span, Tone, width_of
-from madrob_console.ui.widgets.table import Table
+from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_out
+from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, width_of
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.indicator_columns import indicator_column, number_text
 from scoring.result import IndicatorName
 
 Pair = tuple[str, int | None]

@@ -18,10 +18,10 @@ from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES, Theme
 
 import madrob_console.ui
-from madrob_console.theme_name import ThemeName
-from madrob_console.ui.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
-from madrob_console.ui.widgets.field import Field
-from madrob_console.ui.widgets.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
+from madrob_console.kinds import ThemeName
+from madrob_console.ui.cells.field import Field
+from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
+from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
 Rgb = tuple[int, int, int]
@@ -65,9 +65,9 @@ class ConsoleScreen(Screen[None]):
 
 class TonesApp(App[None]):
     CSS_PATH: ClassVar[list[str | PurePath]] = [
-        UI / "screens" / "console.tcss",
-        UI / "widgets" / "field.tcss",
-        UI / "widgets" / "lines.tcss",
+        UI / "frame" / "console_screen.tcss",
+        UI / "cells" / "field.tcss",
+        UI / "cells" / "lines.tcss",
     ]
     CSS = """
     .surface { background: $surface; height: auto; }

@@ -14,10 +14,10 @@ from textual.app import App, ComposeResult
 from textual.screen import Screen
 
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
-from madrob_console.ui.widgets import lines as lines_module
-from madrob_console.ui.widgets import tiny_clock
-from madrob_console.ui.widgets.lines import TONE_CLASSES, Line, Tone
-from madrob_console.ui.widgets.tiny_clock import SMALLEST, TinyClock, tiny_lines
+from madrob_console.ui.cells import lines as lines_module
+from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Tone
+from madrob_console.ui.frame import tiny_clock
+from madrob_console.ui.frame.tiny_clock import SMALLEST, TinyClock, tiny_lines
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.setups import a_setup

@@ -10,8 +10,8 @@ from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.screen import Screen
 
-from madrob_console.ui.widgets.lines import TONE_CLASSES
-from madrob_console.ui.widgets.top_view import SCALES, TopView, top_view
+from madrob_console.ui.cells.lines import TONE_CLASSES
+from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 
 ARROWS = "↑↖←↙↓↘→↗"

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from madrob_console.ui.words import (
+from madrob_console.ui.look.words import (
     clock_text,
     fitted,
     minutes_text,

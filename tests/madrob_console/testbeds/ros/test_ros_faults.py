@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from madrob_console.clock import NS, SystemClock
-from madrob_console.engine.config import EngineConfig
-from madrob_console.engine.engine import Engine
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive
 from madrob_console.referee.preflight import blocking
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
 from madrob_console.testbeds.ros import RosSource
 from recorder.message import RawMessage
 from recorder.reader import read_bag

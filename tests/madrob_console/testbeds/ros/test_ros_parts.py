@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.testbeds.messages import MessageTypes
+from madrob_console.messages.codec import MessageTypes
 from madrob_console.testbeds.ros.definitions import find_definition, prefixes
 from madrob_console.testbeds.ros.losses import LossCounter
 from madrob_console.testbeds.ros.mailbox import Mailbox

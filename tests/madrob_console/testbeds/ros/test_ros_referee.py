@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from madrob_console.testbeds.messages import MessageTypes, decode_text, referee_topics
+from madrob_console.messages.codec import MessageTypes, decode_text, referee_topics
 from madrob_console.testbeds.source import RefereeState
 from recorder.bag import Durability
 from scoring.protocol import StartPose

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.errors import MadrobError
-from madrob_console.testbeds.messages import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
-from madrob_console.testbeds.source import SourceKind
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
 from recorder.bag import Durability, Qos, Reliability
 from scoring.protocol import Signal
 from tests.madrob_console import ros_peer

@@ -1,0 +1,149 @@
+"""A stored result against what its recording gives today, to the last digit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.rescore import rescore
+from madrob_console.archive.result_file import LARGEST_RESULT, UnusableResultError, read_result
+from madrob_console.archive.results import result_document
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_bounded
+
+_OF_THE_PROGRAM = {"format", "software", "remark", "files_left_out"}
+"""Keys that tell of the program that wrote the result, not of the run."""
+
+_LONGEST = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One value that is not what was stored.
+
+    Attributes:
+        what: where it stands in `result.json`, as in `events[3].time`.
+        stored: what the file says.
+        recomputed: what the recording gives, or what there is today.
+    """
+
+    what: str
+    stored: object
+    recomputed: object
+
+    @property
+    def words(self) -> str:
+        """All of it on one line."""
+        return f"{self.what}: stored {_short(self.stored)}, now {_short(self.recomputed)}"
+
+
+def check_run(run: RunPath) -> tuple[Difference, ...]:
+    """Score a run again by its own ruleset and decisions, and compare with its `result.json`.
+
+    What an older version of the program did not store is not compared. Remarks on the data
+    quality that only the engine could make (messages lost on their way) may be stored beside
+    those that the recording gives.
+
+    Args:
+        run: a run folder.
+
+    Raises:
+        MadrobError: there is no usable result, or the run cannot be scored.
+    """
+    folder = run.path
+    if run.prefix:
+        raise MadrobError(f"{run.name}: holds no recording: put the bag back beside the results")
+    stored = _stored(folder)
+    (scored,) = rescore(folder)
+    recomputed = msgspec.json.encode(result_document(scored, folder))
+    return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
+
+
+def _stored(folder: Path) -> dict[str, Any]:
+    nothing = MadrobError(
+        f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
+    )
+    if not folder.is_dir():
+        raise nothing
+    try:
+        read_result(str(folder))  # refuses what is no result, or one of a newer version
+        data, _ = read_bounded(str(folder / RESULT_FILE), LARGEST_RESULT)
+        document: dict[str, Any] = msgspec.json.decode(data)
+    except FileNotFoundError:
+        raise nothing from None
+    except UnusableResultError as error:
+        raise MadrobError(f"{folder}: {error}") from None
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise MadrobError(f"{folder}: {RESULT_FILE} is damaged ({error})") from None
+    return document
+
+
+def _compare(
+    stored: dict[str, Any], recomputed: dict[str, Any], folder: Path
+) -> Iterator[Difference]:
+    files, stored_files = recomputed.pop("files"), stored.pop("files", None)
+    remarks = recomputed["quality"].pop("remarks")
+    kept = {key: value for key, value in recomputed.items() if key not in _OF_THE_PROGRAM}
+    yield from _differences("", stored, kept)
+    yield from _remark_differences(_remarks(stored), remarks)
+    yield from _file_differences(stored_files, files, folder)
+
+
+def _differences(where: str, stored: object, recomputed: object) -> Iterator[Difference]:
+    match stored, recomputed:
+        case dict(), dict():
+            for key, value in recomputed.items():
+                if key in stored:
+                    yield from _differences(f"{where}.{key}".lstrip("."), stored[key], value)
+        case list(), list() if len(stored) == len(recomputed):
+            for index, pair in enumerate(zip(stored, recomputed, strict=True)):
+                yield from _differences(f"{where}[{index}]", *pair)
+        case list(), list():
+            yield Difference(where, f"{len(stored)} entries", f"{len(recomputed)} entries")
+        case _ if stored != recomputed:
+            yield Difference(where, stored, recomputed)
+
+
+def _remarks(stored: Mapping[str, Any]) -> list[Any]:
+    quality = stored.get("quality")
+    remarks = quality.get("remarks") if isinstance(quality, dict) else None
+    return remarks if isinstance(remarks, list) else []
+
+
+def _remark_differences(stored: list[Any], recomputed: list[str]) -> Iterator[Difference]:
+    known = {_without_place(str(remark)) for remark in stored}
+    for remark in recomputed:
+        if _without_place(remark) not in known:
+            yield Difference("quality.remarks", None, remark)
+
+
+def _without_place(remark: str) -> str:
+    """A remark on a torn bag begins with a path, and results folders are moved."""
+    return remark.rpartition("/")[2]
+
+
+def _file_differences(
+    stored: object, found: Mapping[str, Any], folder: Path
+) -> Iterator[Difference]:
+    if stored is None:  # an older version: it wrote no digests
+        return
+    if not isinstance(stored, dict):
+        yield Difference("files", stored, "files with their digests")
+        return
+    for name, digest in stored.items():
+        if name in found:
+            yield from _differences(f"files.{name}", digest, found[name])
+        else:
+            there = (folder / Path(name).name).exists()
+            yield Difference(f"files.{name}", digest, "unreadable" if there else "missing")
+
+
+def _short(value: object) -> str:
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."

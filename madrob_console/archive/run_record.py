@@ -1,0 +1,81 @@
+"""What a bag says of its run, so that the bag alone can be scored again.
+
+It stands in the bag as the metadata record `madrob_run`; what happens afterwards stands in the
+journal, on `/madrob/referee/event`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.referee.run import RunSetup
+from scoring.evaluate import Assessment
+from scoring.protocol import Thresholds
+from scoring.rulesets import RulesetName, ruleset
+
+RECORD_NAME = "madrob_run"
+"""Name of the metadata record."""
+
+_KEY = "run"
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """Everything set for a run when its recording was opened.
+
+    Attributes:
+        setup: subject, condition, start pose and so on.
+        handle_zero: N.
+        thresholds: the testbed's numbers.
+        mappings: which topic carried which signal.
+        source: where the messages came from.
+        competition: its name.
+        version: of the software that recorded.
+    """
+
+    setup: RunSetup
+    handle_zero: float
+    thresholds: Thresholds
+    mappings: tuple[TopicMapping, ...]
+    source: SourceKind
+    competition: str
+    version: str
+
+    def to_metadata(self) -> dict[str, str]:
+        """The record as MCAP metadata."""
+        return {_KEY: msgspec.json.encode(self).decode()}
+
+    @classmethod
+    def from_metadata(cls, metadata: dict[str, str]) -> RunRecord:
+        """The record in a bag's metadata.
+
+        Raises:
+            MadrobError: it is damaged, or from a version with other fields.
+        """
+        try:
+            return msgspec.json.decode(metadata[_KEY], type=cls)
+        except KeyError:
+            raise MadrobError(f"metadata record {RECORD_NAME} has no '{_KEY}'") from None
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise MadrobError(f"metadata record {RECORD_NAME} is damaged: {error}") from None
+
+    def assessment(self, start: float, rules: RulesetName | None = None) -> Assessment:
+        """A new assessment of the run.
+
+        Args:
+            start: its (planned) start, s since the epoch.
+            rules: another ruleset than the run's.
+        """
+        return Assessment(
+            self.setup.condition,
+            start,
+            ruleset=ruleset(rules or self.setup.ruleset),
+            thresholds=self.thresholds,
+            lock_detection=self.setup.lock_detection,
+            handle_zero=self.handle_zero,
+        )

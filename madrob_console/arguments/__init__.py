@@ -1,1 +1,0 @@
-"""The command line of `madrob`: what each command takes. Imports nothing that is slow."""

@@ -1,0 +1,55 @@
+"""`python -m madrob_console.cli.aside ...`: work that gives way to everything else.
+
+`page FILE` writes the report of the scored run that comes pickled on the standard input; anything
+else is a `madrob` command.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from madrob_console.engine.process.reporting import PAGE
+
+COMMAND = (sys.executable, "-m", "madrob_console.cli.aside")
+"""What a process is started with that does such work."""
+
+NICENESS = 10
+"""Added to the niceness of who starts it: the engine, a run, a screen come first."""
+
+
+def main() -> int:
+    """Work with low priority; a TERM leaves no half file behind; returns the exit code."""
+    signal.signal(signal.SIGTERM, _end)
+    os.nice(NICENESS)
+    if sys.argv[1:2] == [PAGE]:
+        _page(Path(sys.argv[2]))
+        return 0
+    from madrob_console.cli.main import main as madrob
+
+    return madrob()
+
+
+def _page(file: Path) -> None:
+    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
+    from madrob_console.errors import MadrobError
+    from madrob_console.files.whole import atomic_write
+    from madrob_console.report.page import report_html
+    from madrob_console.version import software_version
+
+    try:
+        atomic_write(file, report_html(pickle.load(sys.stdin.buffer), software_version()).encode())
+    except MadrobError as error:
+        sys.exit(f"madrob: {error}")
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    sys.exit(128 + number)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,136 @@
+"""`madrob engine`: the process behind the screens."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from madrob_console.cli import aside
+from madrob_console.cli.attaching import TAKEN, engine_place, results_folder, who_am_i
+from madrob_console.config import load_settings
+from madrob_console.engine.process.place import Place, known_places
+from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.shown.client import Role
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.ui.look.words import PHASES
+
+PRACTICE_IDLE_TIME = 20.0
+"""A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Serve, or look after engines that run."""
+    match arguments.action:
+        case "serve":
+            return serve(arguments)
+        case "status":
+            return status()
+        case _:
+            return stop(force=arguments.force)
+
+
+def serve(arguments: argparse.Namespace) -> int:
+    """Be the engine of a testbed until nobody needs it."""
+    settings = load_settings(arguments.settings)
+    place = engine_place(arguments, settings)
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(place.taken())
+        except MadrobError as error:
+            print(f"madrob: {error}", file=sys.stderr)
+            return TAKEN
+        from madrob_console.cli.session import open_engine
+        from madrob_console.engine.process.local import LocalEngine
+        from madrob_console.engine.process.reporting import Papers
+        from madrob_console.engine.process.server import EngineServer
+
+        engine = open_engine(arguments, settings)
+        where = [f"--results={results_folder(arguments, settings)}"]
+        if arguments.settings is not None:
+            where.append(f"--settings={arguments.settings}")
+        papers = Papers(aside.COMMAND, lambda: engine.busy, where, reports=settings.results.reports)
+        local = LocalEngine(engine, papers)
+        try:
+            idle_time = arguments.idle_time or settings.engine.idle_time
+            if arguments.idle_time is None and engine.source.kind is not SourceKind.ROS:
+                idle_time = min(idle_time, PRACTICE_IDLE_TIME)
+            server = EngineServer(local, engine.source.label, idle_time, time.monotonic)
+            asyncio.run(_serve(server, place.socket))
+        finally:
+            local.close()
+    papers.close()  # another engine may begin meanwhile
+    return 0
+
+
+async def _serve(server: object, path: Path) -> None:
+    from madrob_console.engine.process.server import EngineServer
+
+    assert isinstance(server, EngineServer)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, server.stop)
+    await server.serve(path)
+
+
+def status() -> int:
+    """One line for each engine that runs; exit code 1 if there is none."""
+    found = 0
+    for place in known_places():
+        engine = _attached(place)
+        if engine is None:
+            continue
+        found += 1
+        snapshot = engine.snapshot()
+        run = snapshot.run
+        words = PHASES[run.phase]
+        if run.setup is not None:
+            words += f", run {run.setup.run_number} of subject {run.setup.subject}"
+        print(f"{snapshot.source_label}: pid {engine.pid}, {words}, runs in {engine.results}")
+        engine.close()
+    if not found:
+        print("no engine runs")
+    return 0 if found else 1
+
+
+def stop(*, force: bool) -> int:
+    """End every engine; one with a run only by force."""
+    code = 0
+    for place in known_places():
+        engine = _attached(place, Role.REFEREE)
+        if engine is None:
+            continue
+        label = engine.snapshot().source_label
+        engine.take_over()
+        refused = engine.stop_engine(force=force)
+        if refused is None:
+            _wait_for_end(place)
+            print(f"{label}: ended")
+        else:
+            print(f"{label}: goes on, {refused}; --force cuts it off and keeps it as interrupted")
+            code = 1
+        engine.close()
+    return code
+
+
+def _attached(place: Place, role: Role = Role.WATCH) -> RemoteEngine | None:
+    try:
+        return RemoteEngine(place.socket, role, who_am_i())
+    except (MadrobError, OSError):
+        return None  # it was killed, or is just ending
+
+
+def _wait_for_end(place: Place, patience: float = 10.0) -> None:
+    """Until a new engine could take the place."""
+    end = time.monotonic() + patience
+    while time.monotonic() < end:
+        try:
+            with place.taken():
+                return
+        except MadrobError:
+            time.sleep(0.05)

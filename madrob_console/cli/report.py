@@ -1,0 +1,117 @@
+"""`madrob report`: a page, or pictures, of recorded runs; of old ones too."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.archive.rescore import open_run, score_path
+from madrob_console.archive.results import Scored, ending_of
+from madrob_console.archive.run_paths import runs_at
+from madrob_console.cli.arguments_common import BAD_INPUT
+from madrob_console.errors import MadrobError
+from madrob_console.files.whole import atomic_write
+from madrob_console.names import terminal_safe
+from madrob_console.report import PictureFormat
+from madrob_console.report.page import report_html
+from madrob_console.version import software_version
+from scoring.evaluate import Rows, with_remarks
+from scoring.protocol import Thresholds
+from scoring.result import Result
+
+File = tuple[Path, bytes]
+"""Where it goes, and what is in it."""
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Make the files of every path; a bad one is named and does not stop the rest."""
+    written: set[Path] = set()
+    bad = 0
+    for path in arguments.paths:
+        for run in dict.fromkeys(run.path for run in runs_at(path)):
+            try:
+                _make(run, arguments.figures, arguments.output, written)
+            except MadrobError as error:
+                _complain(str(error))
+                bad += 1
+    return BAD_INPUT if bad else 0
+
+
+def scored_run(path: Path) -> Scored:
+    """Score a run folder or bag again, with what its stored result says of the data.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    opened = open_run(path)
+    record, run = opened.recorded.record, opened.recorded.run
+    result, rows = opened.assessment.result(ending_of(run), run.rulings)
+    return Scored(record, run, with_remarks(result, run.remarks()), rows)
+
+
+def _make(
+    path: Path, pictures: PictureFormat | None, output: Path | None, written: set[Path]
+) -> None:
+    files = _page(path, output) if pictures is None else _pictures(path, pictures, output)
+    for target, data in files:
+        if target in written:
+            raise MadrobError(f"{path}: {target} is another run's already: choose another --output")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MadrobError(
+                f"{target.parent}: cannot be made ({error.strerror}): choose another --output"
+            ) from None
+        atomic_write(target, data)
+        written.add(target)
+        print(terminal_safe(str(target)))
+
+
+def _page(path: Path, output: Path | None) -> Iterator[File]:
+    if _published(path):
+        raise MadrobError(
+            f"{path}: published files tell nothing of the referee: use `--figures svg` for them"
+        )
+    page = report_html(scored_run(path), software_version())
+    yield _target(path, output, REPORT_FILE), page.encode()
+
+
+def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[File]:
+    from scoring.figures.plots import figures_of, missing_figures, png, svg
+
+    for run, result, rows, thresholds in _results(path):
+        for name, figure in figures_of(result, rows, thresholds).items():
+            data = png(figure) if pictures is PictureFormat.PNG else svg(figure).encode()
+            yield _target(path, output, f"{run}{name}.{pictures}"), data
+        for name, reason in missing_figures(result, rows, thresholds).items():
+            _complain(f"{path}: {run}no figure {name.number}: {reason}")
+
+
+def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Thresholds]]:
+    """What the figures of a path show, and how the files of each run begin."""
+    if _published(path):
+        for published in score_path(path):
+            yield f"{published.path.name}_", published.result, published.rows, Thresholds()
+    else:
+        scored = scored_run(path)
+        yield "", scored.result, scored.rows, scored.record.thresholds
+
+
+def _published(path: Path) -> bool:
+    """Whether there are EUROBENCH files without a recording."""
+    return any(path.glob("*_event.csv")) and not any(path.glob("*.mcap"))
+
+
+def _target(path: Path, output: Path | None, name: str) -> Path:
+    """In the run's folder, or in `output` under the run's name; beside a bag that is a file."""
+    whole = path.absolute()
+    if whole.is_dir():
+        return whole / name if output is None else output / f"{whole.name}_{name}"
+    return (output or whole.parent) / f"{whole.stem}_{name}"
+
+
+def _complain(text: str) -> None:
+    print(f"madrob: {terminal_safe(text)}", file=sys.stderr)

@@ -1,0 +1,121 @@
+"""From the command line and the settings to an engine on its testbed."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+from madrob_console.clock import Clock, SystemClock, VirtualClock
+from madrob_console.config import Settings
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import MessageTypes
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import Source
+from madrob_console.version import software_version
+
+_SEARCH_TIME = 3.0
+
+
+def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:
+    """The engine that the command line asks for; not opened yet.
+
+    Raises:
+        MadrobError: the testbed does not exist or cannot be used.
+    """
+    kind, replayed = _testbed(arguments, settings)
+    types = MessageTypes()
+    results = arguments.results or settings.results.root
+    config = EngineConfig(
+        results=results.expanduser().absolute(),
+        mappings=settings.mappings(),
+        thresholds=settings.scoring_thresholds(),
+        limits=settings.sensor_limits(),
+        competition=settings.competition.name,
+        version=software_version(),
+        disk_needed=settings.checks.disk_space,
+        lossless=arguments.speed == 0,
+    )
+    if arguments.speed < 0 or arguments.speed > 1000:
+        raise MadrobError(f"--speed {arguments.speed:g}: use 0 to 1000")
+    if kind is SourceKind.REPLAY:
+        assert replayed is not None
+        return ReplayingEngine(replayed, config, types, arguments.speed)
+    if kind is SourceKind.SIMULATED:
+        clock: Clock = VirtualClock(time.time_ns())
+        if arguments.speed > 0:
+            clock = SystemClock(arguments.speed)
+        testbed = simulated_testbed(arguments, settings)
+        simulated = SimulatedSource(testbed, clock, types, config.mappings)
+        return Engine(simulated, clock, config, types)
+    if arguments.speed != 1:
+        raise MadrobError("--speed: a live testbed has its own; leave the option out")
+    clock = SystemClock()
+    return Engine(_ros_source(arguments, settings, types, clock), clock, config, types)
+
+
+def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:
+    """The simulated testbed of the settings, with the scenario of the command line."""
+    return SimulatedTestbed(
+        Scenario(arguments.scenario),
+        arguments.seed,
+        settings.door_geometry(),
+        settings.simulated.sensors.settings(),
+        settings.simulated.robot.settings(),
+    )
+
+
+def _ros_source(
+    arguments: argparse.Namespace, settings: Settings, types: MessageTypes, clock: Clock
+) -> Source:
+    from madrob_console.testbeds.ros import RosSource
+
+    domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
+    return RosSource(settings.mappings(), types, clock, domain)
+
+
+def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceKind, Path | None]:
+    if arguments.testbed is None:
+        kind = settings.testbed.kind
+        return (kind, None) if kind else (_find_testbed(arguments, settings), None)
+    name, *rest = arguments.testbed
+    try:
+        kind = SourceKind(name)
+    except ValueError:
+        raise MadrobError(
+            f"--testbed {name}: use `ros`, `simulated`, or `replay` and the path of a bag"
+        ) from None
+    wanted = 1 if kind is SourceKind.REPLAY else 0
+    if len(rest) != wanted:
+        need = "needs the path of one bag" if wanted else "takes nothing more"
+        raise MadrobError(f"--testbed {kind} {need}")
+    return kind, Path(rest[0]).expanduser() if rest else None
+
+
+def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKind:
+    """Take ROS where a testbed is alive; a simulation is never taken unasked."""
+    practise = "to practise, use `--testbed simulated`"
+    if find_spec("rclpy") is None:
+        raise MadrobError(
+            "no ROS here: source /opt/ros/jazzy/setup.bash or install the `ros` extra; " + practise
+        )
+    source = _ros_source(arguments, settings, MessageTypes(), SystemClock())
+    source.open()
+    try:
+        end = time.monotonic() + _SEARCH_TIME
+        while time.monotonic() < end:
+            source.take(0.1)
+            if any(status.publishers for status in source.status()):
+                return SourceKind.ROS
+    finally:
+        source.close()
+    raise MadrobError(
+        f"no testbed on {source.label}: start it, check the domain, or give `--testbed ros` to "
+        f"wait for it; {practise}"
+    )

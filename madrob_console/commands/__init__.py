@@ -1,1 +1,0 @@
-"""The subcommands of `madrob`, one a module; each is imported only when it is used."""

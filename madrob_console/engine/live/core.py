@@ -1,0 +1,501 @@
+"""The engine: joins source, recorder, detector and the referee's domain (design: data flow).
+
+It decides everything and waits for nobody. It is single-threaded: whoever owns it calls
+`step` again and again; `madrob_console.engine.process.local` does so in a thread of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from madrob_console.archive.folders import next_run_number
+from madrob_console.archive.rescore import OpenedRun
+from madrob_console.archive.results import Scored
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.archive.unfinished import Unfinished, find_unfinished
+from madrob_console.clock import Clock, seconds
+from madrob_console.engine.live.chronicle import Chronicle
+from madrob_console.engine.live.course import Course, Happening
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.event_log import EventLog
+from madrob_console.engine.live.fault_notes import FaultNotes
+from madrob_console.engine.live.observation import Observation
+from madrob_console.engine.live.pre_start import PreStart
+from madrob_console.engine.live.recording import Recording
+from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.live.view import refusals
+from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import MessageTypes
+from madrob_console.referee.acts import (
+    Abort,
+    Act,
+    DeclareTimeout,
+    Finalise,
+    RestartCountdown,
+    SetUp,
+    Situation,
+    Start,
+    ZeroHandle,
+)
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change, act_details
+from madrob_console.referee.run import Phase, Run, TestbedFault
+from madrob_console.referee.transitions import stop
+from madrob_console.testbeds.source import Source
+from recorder.message import RawMessage
+from scoring.protocol import Outcome
+
+POST_ROLL = 1.0
+"""Recording goes on this long after the stop is decided, s (protocol section 3)."""
+
+WATCH_PERIOD = 0.1
+"""Between two looks at the topics in a run, s."""
+
+
+class Engine:
+    """One testbed, one run after the other.
+
+    Args:
+        source: the testbed; opened with `open`.
+        clock: steady time.
+        config: what it needs to know.
+        types: the message types, shared with the source.
+
+    Attributes:
+        on_result: called with the run's folder and result when that is on disk; must not wait.
+    """
+
+    def __init__(
+        self, source: Source, clock: Clock, config: EngineConfig, types: MessageTypes
+    ) -> None:
+        self.source = source
+        self.config = config
+        self._clock = clock
+        self._chronicle = Chronicle(source, clock)
+        self._observation = Observation(config.mappings, config.thresholds, config.limits, types)
+        self._sensors = self._observation.sensors
+        self._pre_start = PreStart(config, self._sensors)
+        self._fault_notes = FaultNotes()
+        self._run = Run()
+        self._recording: Recording | None = None
+        self._recorder_view = RecorderView("closed")
+        self._record: RunRecord | None = None
+        self._folder: Path | None = None
+        self._opened: OpenedRun | None = None
+        self._unfinished: tuple[Unfinished, ...] = ()
+        self._kept_zero = 0.0
+        self._lost_before: dict[str, int] = {}
+        self._decided: float | None = None
+        self._scored: Scored | None = None
+        self.on_result: Callable[[Path, Scored], None] | None = None
+        self._keeper = ResultKeeper(self._written, self._tell)
+        self._looked: float | None = None
+        self._watched = 0.0
+
+    # ------------------------------------------------------------------ for the owner
+
+    @property
+    def log(self) -> EventLog:
+        """The event log."""
+        return self._chronicle.log
+
+    @property
+    def run(self) -> Run:
+        """The state of the run."""
+        return self._run
+
+    @property
+    def scored(self) -> Scored | None:
+        """The run's result, once it was computed."""
+        return self._scored
+
+    @property
+    def result_problem(self) -> str | None:
+        """Why the result is not on disk, in words; None when it is."""
+        return self._keeper.problem
+
+    @property
+    def folder(self) -> Path | None:
+        """The run's folder, once there is one."""
+        return self._folder
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run goes on or is still being recorded."""
+        return self._run.active or self._recording is not None
+
+    def now(self) -> float:
+        """Steady time, s since the epoch."""
+        return seconds(self._clock.now_ns())
+
+    def open(self) -> None:
+        """Connect to the testbed.
+
+        Raises:
+            MadrobError: it cannot be reached.
+        """
+        self.source.open()
+        self._chronicle.announce_state(self._run)
+        with suppress(
+            MadrobError
+        ):  # a folder that cannot be read blocks the start: a check says so
+            self._unfinished = find_unfinished(self.config.results)
+
+    def step(self, timeout: float) -> None:
+        """Take what the testbed sends within `timeout` s of clock time, and decide."""
+        self._looked = self.now()
+        for message in self.source.take(timeout):
+            self._receive(message)
+        self._advance()
+
+    def close(self) -> None:
+        """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
+        if self._run.active:
+            self._interrupt("the console was closed during the run")
+        if self._recording is not None:
+            self._finish()
+        self._try_again(self.now())
+        self._chronicle.close()
+        self.source.close()
+
+    def next_run_number(self, subject: int, condition_number: int) -> int:
+        """The next run number that was never used for this subject and condition.
+
+        Raises:
+            MadrobError: the results folder cannot be read, or all numbers are used.
+        """
+        return next_run_number(self.config.results, subject, condition_number)
+
+    def opening_refusal(self) -> str | None:
+        """Why no earlier run can be opened now, in words; None when one can."""
+        if self._run.active:
+            return "a run is going on"
+        if self._run.phase is Phase.STOPPED and self._scored is None:
+            return "the result of the last run is being written"
+        return None
+
+    def open_run(self, opened: OpenedRun, *, invalid: bool = False) -> str | None:
+        """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
+
+        A run that was cut off is stopped as interrupted, and scored.
+
+        Args:
+            opened: the run.
+            invalid: stop a run that was cut off as aborted: it does not count.
+
+        Returns:
+            Why that is not possible now, in words; None when it is done.
+
+        Raises:
+            MadrobError: another console works on it, or its folder refuses.
+        """
+        if (refused := self.opening_refusal()) is not None or opened.folder == self._folder:
+            return refused
+        if opened.folder in self._keeper:
+            return "its result waits for the disk"
+        recorded, unwritten = opened.recorded, self._unwritten()
+        self._chronicle.reopen(opened.folder, recorded.entries)
+        self._keeper.leave(unwritten)
+        if self._opened is None:
+            self._kept_zero = self._run.handle_zero
+        self._clear()
+        self._opened, self._record, self._folder = opened, recorded.record, opened.folder
+        self._observation.look_back(opened.assessment)
+        self._run = recorded.run
+        if self._run.active:
+            outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
+            reason = "the program or the machine failed"
+            self._interrupt(reason, recorded.entries[-1].time, outcome)
+            self._decided = None
+        left = (run for run in self._unfinished if run.folder != opened.folder.name)
+        self._unfinished = tuple(left)
+        written = self._run.issue > 0
+        self._run = replace(self._run, issue=max(1, self._run.issue))
+        self._score(write=not written)
+        return None
+
+    # ------------------------------------------------------------------ messages
+
+    def _receive(self, message: RawMessage) -> None:
+        if self._recording is not None:
+            self._recording.put(message)
+        self._observation.receive(message, recorded=self._recording is not None)
+
+    # ------------------------------------------------------------------ acts
+
+    def situation(self) -> Situation:
+        """What acts are judged against."""
+        now = self._sensors_now
+        return Situation(
+            run=self._run,
+            checks=self._pre_start.checks(self._run, self.source.status(), now),
+            handle_mean=self._sensors.handle_mean(now),
+            scored=self._scored is not None,
+        )
+
+    @property
+    def _sensors_now(self) -> float:
+        """Up to when messages were surely taken: a program held up makes no topic silent."""
+        return self.now() if self._looked is None else self._looked
+
+    def perform(self, act: Act) -> str | None:
+        """Do an act of the referee, if it is possible.
+
+        Args:
+            act: what to do.
+
+        Returns:
+            Why it was refused, in words; None when it took effect.
+        """
+        situation = self.situation()
+        if refused := act.refusal(situation):
+            return refused
+        if isinstance(act, Start):
+            self._clock.hold()
+        try:
+            self._take_effect(act, situation, self.now())
+        except MadrobError as error:
+            return str(error)
+        return None
+
+    def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
+        if isinstance(act, SetUp):
+            if self._opened is not None:  # its handle zero is of its day
+                situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
+            self._keeper.leave(self._unwritten())
+            self._chronicle.begin()
+            self._clear()
+        run = act.apply(situation, at)
+        try:
+            if isinstance(act, Start):
+                self._open_recording(run)
+            self._write_act(act, run, at)
+        except MadrobError:
+            if isinstance(act, Start):
+                self._discard_recording()
+            raise
+        before, self._run = self._run, run
+        self._follow_up(act, before)
+        self._advance()
+
+    def _follow_up(self, act: Act, before: Run) -> None:
+        """What an act brings with it, once it has taken effect."""
+        run = self._run
+        if isinstance(act, ZeroHandle):
+            self._kept_zero = run.handle_zero
+        if isinstance(act, SetUp):
+            self.source.configure(act.setup.condition)
+            self._chronicle.announce_start_pose(act.setup.start_pose)
+        if isinstance(act, Start):
+            assert self._record is not None
+            silence = self.config.limits.lost
+            course = Course(self._record, run, silence, self._sensors.newest())
+            self._observation.course = course
+        if isinstance(act, RestartCountdown):
+            assert self._observation.course is not None
+            self._observation.course.restart(run)
+        if run.phase is Phase.STOPPED and before.active:
+            self._decided = self.now()
+        if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
+            self._chronicle.announce_state(run)
+        if self._scored is not None and (
+            run.phase is Phase.STOPPED or isinstance(act, Finalise)
+        ):  # a final result stays as it was signed
+            self._score()
+
+    def _write_act(self, act: Act, run: Run, at: float) -> None:
+        referee = run.setup.referee if run.setup else ""
+        entry = Entry(at, Origin.REFEREE, act.name, referee, act.reason_given, act_details(act))
+        must = isinstance(act, (Abort, DeclareTimeout))
+        self._chronicle.write(entry, self._run.start, must_take_effect=must)
+
+    def _clear(self) -> None:
+        """A clean next run: nothing of the one before stays."""
+        self._record = None
+        self._folder = None
+        self._observation.look_back()
+        self._opened = None
+        self._scored = None
+        self._decided = None
+        self._fault_notes.clear()
+        self._recorder_view = RecorderView("closed")
+
+    def _open_recording(self, run: Run) -> None:
+        assert run.setup is not None
+        assert run.start is not None
+        record = RunRecord(
+            setup=run.setup,
+            handle_zero=run.handle_zero,
+            thresholds=self.config.thresholds,
+            mappings=self.config.mappings,
+            source=self.source.kind,
+            competition=self.config.competition,
+            version=self.config.version,
+        )
+        recording = Recording(
+            self.config.results,
+            record,
+            run.start,
+            self.source.topics(),
+            lossless=self.config.lossless,
+        )
+        try:
+            self._chronicle.attach(recording)
+        except MadrobError:
+            recording.close()
+            raise
+        self._recording, self._record, self._folder = recording, record, recording.folder
+        self._lost_before = self._lost()
+
+    def _discard_recording(self) -> None:
+        """A start that could not take effect: its folder stays, its number is used."""
+        self._chronicle.detach()
+        if self._recording is not None:
+            self._recording.close()
+        self._recording = self._record = self._folder = None
+        self._clock.release()
+
+    # ------------------------------------------------------------------ what time brings
+
+    def _advance(self) -> None:
+        now = self.now()
+        if self._recording is not None:
+            self._watch(now)
+        self._go_on(*self._observation.advance(self._run, now))
+        if self._decided is not None and now >= self._decided + POST_ROLL and self._recording:
+            self._finish()
+        if self._keeper.due(now):
+            self._try_again(now)
+
+    def _watch(self, now: float) -> None:
+        """Look at the topics, ten times a second."""
+        if 0 <= now - self._watched < WATCH_PERIOD:
+            return
+        self._watched = now
+        assert self._recording is not None
+        self._recording.add_topics(self.source.topics())
+        troubles = self._sensors.troubles(self.source.status(), self._sensors_now)
+        for words in self._fault_notes.due(troubles, now):
+            self._note(_fault(words, now))
+
+    def _try_again(self, now: float) -> None:
+        """Write what the disk refused before."""
+        self._chronicle.catch_up()
+        self._keeper.try_again(now, busy=self._run.active)
+
+    def _unwritten(self) -> Unwritten | None:
+        """The run at hand, if its result or its journal is not on disk."""
+        problem = self._keeper.problem or self._chronicle.problem
+        if problem is None or self._scored is None or self._folder is None:
+            return None
+        return Unwritten(self._folder, self._scored, self._chronicle.entries, problem)
+
+    def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
+        before, self._run = self._run, run
+        for one in happened:
+            self._note(one)
+        if before.active and run.phase is Phase.STOPPED:
+            self._decided = self.now()
+            self._observation.judge(run)
+        if run.phase is not before.phase:
+            self._chronicle.announce_state(run)
+
+    def _interrupt(
+        self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
+    ) -> None:
+        """The run is cut off by no decision of sensors, clock or referee; `at` = None: now."""
+        at = at or self.now()
+        details = {"outcome": outcome, "time": at}
+        stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
+        self._go_on(stop(self._run, outcome, at, reason), [stopped])
+
+    def _finish(self) -> None:
+        """The post-roll is over: close the bag, score, write."""
+        assert self._recording is not None
+        for message in self.source.take(0.0):  # what is still on its way
+            self._receive(message)
+        recording, self._recording = self._recording, None
+        self._chronicle.detach()
+        recording.close()
+        self._recorder_view = recording.view()
+        self._clock.release()
+        self._run = replace(self._run, issue=1)
+        self._score(recording.remarks())
+
+    def _score(self, missing: Sequence[str] | None = None, *, write: bool = True) -> None:
+        run, record, assessment = self._run, self._record, self._observation.assessment
+        assert record is not None
+        assert assessment is not None
+        for remark in missing or ():
+            assessment.report_problem(remark)
+        if missing is not None:
+            for topic, count in self._lost().items():
+                if lost := count - self._lost_before.get(topic, 0):
+                    assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
+        scored = Scored(record, run, *self._observation.result(run))
+        if write:
+            assert self._folder is not None
+            self._keeper.write(self._folder, scored)
+        self._scored = scored
+
+    def _written(self, _folder: Path, scored: Scored) -> None:
+        details = {"issue": scored.run.issue}
+        self._note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
+
+    def _tell(self, folder: Path, scored: Scored) -> None:
+        if self.on_result is not None:
+            self.on_result(folder, scored)
+
+    def _lost(self) -> dict[str, int]:
+        """Messages lost on the way since the source was opened, where that is known."""
+        return {status.topic: status.lost or 0 for status in self.source.status()}
+
+    def _note(self, happened: Happening) -> None:
+        """Write a line that takes effect whatever the disk says."""
+        if happened.change is Change.FAULT:
+            fault = TestbedFault(float(happened.details["time"]), happened.reason)
+            self._run = replace(self._run, faults=(*self._run.faults, fault))
+        entry = Entry(
+            self.now(),
+            happened.origin,
+            happened.change.value,
+            reason=happened.reason,
+            details=happened.details,
+        )
+        self._chronicle.write(entry, self._run.start, must_take_effect=True)
+
+    # ------------------------------------------------------------------ what it shows
+
+    def snapshot(self) -> Snapshot:
+        """Everything that a screen shows, now."""
+        recording, situation = self._recording, self.situation()
+        view = self._observation.view(
+            self.source,
+            self._run,
+            self.now(),
+            self._sensors_now,
+            recorder=recording.view() if recording else self._recorder_view,
+            dropped=recording.dropped() if recording else {},
+            problems=(self._chronicle.problem, self._keeper.problem, *self._keeper.problems),
+        )
+        return replace(
+            view,
+            sides_problem=self.source.sides_problem,
+            checks=situation.checks,
+            refusals=refusals(situation),
+            disk_free=self._pre_start.free_disk(self._sensors_now),
+            log=self.log.lines,
+            result=self._scored.result if self._scored else None,
+            result_source=self._scored.record.source if self._scored else None,
+            unfinished=self._unfinished,
+            opened=self._opened is not None,
+            folder=str(self._folder) if self._folder else None,
+        )
+
+
+def _fault(words: str, now: float) -> Happening:
+    return Happening(Origin.SYSTEM, Change.FAULT, words, {"time": now})

@@ -1,0 +1,35 @@
+"""What an engine needs to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.messages.codec import TopicMapping
+from scoring.protocol import Thresholds
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """What an engine needs to know.
+
+    Attributes:
+        results: the results folder.
+        mappings: which topic carries which signal.
+        thresholds: the testbed's numbers.
+        limits: what counts as a healthy testbed.
+        competition: its name.
+        version: of the software.
+        disk_needed: bytes that must be free before a start.
+        lossless: wait for the disk instead of dropping messages (virtual time).
+    """
+
+    results: Path
+    mappings: tuple[TopicMapping, ...]
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    limits: SensorLimits = field(default_factory=SensorLimits)
+    competition: str = ""
+    version: str = ""
+    disk_needed: int = 500_000_000
+    lossless: bool = False

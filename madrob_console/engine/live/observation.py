@@ -1,0 +1,161 @@
+"""What the testbed's messages say: the one path behind every source (design: one data flow)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from madrob_console.archive.results import ending_of
+from madrob_console.engine.live.course import Course, Happening
+from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.engine.live.sensors import Sensors
+from madrob_console.engine.live.view import NO_STEPS, elapsed, faults, question, remaining
+from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, TopicMapping
+from madrob_console.referee.run import Run
+from madrob_console.testbeds.source import TopicStatus
+from recorder.message import RawMessage
+from scoring.evaluate import Assessment, Rows, with_remarks
+from scoring.procedure import Procedure
+from scoring.protocol import Thresholds
+from scoring.result import Result
+
+
+class MessageOrigin(Protocol):
+    """Where messages come from, as screens name it."""
+
+    @property
+    def kind(self) -> SourceKind:
+        """What it is."""
+
+    @property
+    def label(self) -> str:
+        """For people."""
+
+    def status(self) -> Sequence[TopicStatus]:
+        """The state of every topic."""
+
+
+class Observation:
+    """Decodes messages, watches the topics, follows a run and judges it. Writes nothing.
+
+    Args:
+        mappings: which topic carries which signal.
+        thresholds: the testbed's numbers.
+        limits: what counts as healthy.
+        types: the message types, shared with the source.
+
+    Attributes:
+        sensors: the topics and what they said last.
+        course: of the run that is followed; None = none is.
+        procedure: the six steps as they were judged last; None = not yet.
+    """
+
+    def __init__(
+        self,
+        mappings: Sequence[TopicMapping],
+        thresholds: Thresholds,
+        limits: SensorLimits,
+        types: MessageTypes,
+    ) -> None:
+        self.sensors = Sensors(mappings, thresholds, limits)
+        self.course: Course | None = None
+        self.procedure: Procedure | None = None
+        self._past: Assessment | None = None
+        self._decoder = Decoder(mappings, types)
+
+    @property
+    def assessment(self) -> Assessment | None:
+        """Of the run that is followed or looked back on; None = there is none."""
+        return self._past if self.course is None else self.course.assessment
+
+    def look_back(self, assessment: Assessment | None = None) -> None:
+        """Follow no run; that of an earlier run may be shown instead."""
+        self.course, self.procedure, self._past = None, None, assessment
+
+    def receive(self, message: RawMessage, *, recorded: bool = True) -> None:
+        """A message came; what is not recorded says nothing of a run."""
+        sample, error = None, None
+        try:
+            sample = self._decoder.decode(message)
+        except MessageError as problem:
+            error = str(problem)
+        self.sensors.receive(message, sample, error)
+        if not recorded or self.course is None:
+            return
+        if error is not None:
+            self.course.assessment.report_problem(error)
+        if sample is not None:
+            self.course.feed(sample)
+
+    def advance(self, run: Run, now: float) -> tuple[Run, list[Happening]]:
+        """What has become of a run at `now` (s since the epoch), and what happened."""
+        if self.course is None or not run.active:
+            return run, []
+        found = self.course.advance(run, now)
+        self.procedure = self.course.procedure
+        return found
+
+    def judge(self, run: Run) -> None:
+        """What was live is judged as of the stop of the run."""
+        if (assessment := self.assessment) is not None:
+            self.procedure = assessment.procedure(run.rulings, run.stop)
+
+    def result(self, run: Run) -> tuple[Result, Rows]:
+        """The result of a run that is over, and the data behind it."""
+        assessment = self.assessment
+        assert assessment is not None
+        self.judge(run)
+        result, rows = assessment.result(ending_of(run), run.rulings)
+        return with_remarks(result, run.remarks()), rows
+
+    def view(
+        self,
+        origin: MessageOrigin,
+        run: Run,
+        now: float,
+        seen: float,
+        *,
+        recorder: RecorderView,
+        dropped: Mapping[str, int],
+        problems: Sequence[str | None],
+    ) -> Snapshot:
+        """What screens show of it: everything but what only the engine knows.
+
+        Args:
+            origin: where the messages come from.
+            run: the state of the run.
+            now: s since the epoch.
+            seen: up to when messages were surely taken, s since the epoch.
+            recorder: the recorder as screens show it.
+            dropped: messages that are not in the recording, by topic.
+            problems: what is wrong beside sensors and recorder, in words.
+        """
+        sensors, procedure, assessment = self.sensors, self.procedure, self.assessment
+        topics = sensors.topics(origin.status(), dropped, seen)
+        door, latch = sensors.door_view(seen), sensors.latch_view(seen)
+        largest_force = assessment.largest_force if assessment else None
+        return Snapshot(
+            time=now,
+            source_kind=origin.kind,
+            source_label=origin.label,
+            sides_problem=None,
+            run=run,
+            elapsed=elapsed(run, now),
+            remaining=remaining(run, now),
+            settling=procedure is not None and procedure.settling and run.active,
+            checks=(),
+            refusals={},
+            steps=procedure.steps if procedure else NO_STEPS,
+            ask_referee=question(run, procedure, latch),
+            door=door,
+            handle=sensors.handle_view(seen, run.handle_zero, largest_force),
+            latch=latch,
+            passage=sensors.passage_view(seen),
+            topics=topics,
+            recorder=recorder,
+            disk_free=None,
+            faults=faults(topics, recorder, door, run, problems),
+            provisional=assessment.provisional(procedure) if assessment and procedure else {},
+        )

@@ -1,0 +1,230 @@
+"""The testbed as it is now: newest values, freshness, rates, clock skew."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.engine.live.topic_watch import TopicWatch, Trouble
+from madrob_console.engine.shown.snapshot import (
+    DoorView,
+    HandleView,
+    LatchView,
+    SensorView,
+    TopicView,
+)
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.referee.health import Freshness
+from madrob_console.testbeds.source import TopicStatus
+from recorder.message import RawMessage
+from scoring.events import EventDetector
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    BenchmarkType,
+    Condition,
+    PassageSensor,
+    Side,
+    Signal,
+    Strip,
+    Thresholds,
+)
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+
+_ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
+
+
+class Sensors:
+    """Follows every sample of the testbed, in a run or not.
+
+    Args:
+        mappings: the configured topics.
+        thresholds: the testbed's numbers.
+        limits: what counts as healthy.
+    """
+
+    def __init__(
+        self, mappings: Sequence[TopicMapping], thresholds: Thresholds, limits: SensorLimits
+    ) -> None:
+        self.limits = limits
+        self._mappings = tuple(mappings)
+        self._thresholds = thresholds
+        self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
+        self._of_signal = {watch.signal: watch for watch in self._watches.values()}
+        self._force: float | None = None
+        self._forces: deque[tuple[float, float]] = deque()
+        self._newest: dict[Signal, Sample] = {}
+        self._heights: dict[tuple[Strip, int], float | None] = {}
+        # A start that never comes: this detector only keeps states.
+        self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
+
+    def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
+        """A message arrived; `sample` is what it says, `error` why it cannot be decoded."""
+        watch = self._watches.get(message.topic)
+        if watch is None:
+            return
+        now = message.receive_ns / 1e9
+        if error is not None:
+            error = error.removeprefix(f"{message.topic}: ")
+        watch.receive(now, sample, error, self._states.angle or 0.0)
+        if sample is None:
+            return
+        self._states.feed(sample)
+        self._newest[sample.signal] = sample
+        match sample:
+            case HandleSample() if math.isfinite(sample.force):
+                self._keep_force(now, sample.force)
+            case PassageSample():
+                for element, distance in enumerate(sample.ranges):
+                    height = self._thresholds.lintel_height - distance
+                    usable = sample.range_min <= distance <= sample.range_max
+                    self._heights[sample.strip, element] = height if usable else None
+            case DoorSample() | LatchSample() | HandleSample():
+                pass
+
+    def _keep_force(self, now: float, force: float) -> None:
+        self._force = force
+        if self._forces and now < self._forces[-1][0]:
+            self._forces.clear()  # the clock was stepped back
+        self._forces.append((now, force))
+        while self._forces[0][0] < now - self.limits.averaging:
+            self._forces.popleft()
+
+    def newest(self) -> tuple[Sample, ...]:
+        """The newest sample of each signal."""
+        return tuple(self._newest.values())
+
+    def freshness(self, signal: Signal, now: float) -> Freshness:
+        """State of a signal, by its newest reading: a message that says nothing is none."""
+        watch = self._of_signal.get(signal)
+        return watch.readings.freshness(now) if watch else Freshness.NEVER
+
+    def _fresh(self, signal: Signal, now: float) -> bool:
+        return self.freshness(signal, now) is Freshness.FRESH
+
+    def _sensor_freshness(self, sensor: PassageSensor, masked: bool, now: float) -> Freshness:
+        """State of a used passage sensor; one under the panel needs no reading of its own."""
+        watch = self._of_signal.get(Signal.of_strip(sensor.strip))
+        if watch is None:
+            return Freshness.NEVER
+        return (watch.messages if masked else watch.sensors[sensor]).freshness(now)
+
+    def _masked(self, sensor: PassageSensor) -> bool:
+        return self._thresholds.masked(sensor.side, sensor.index, self._states.angle or 0.0)
+
+    def angle(self, now: float) -> float | None:
+        """Door angle, rad; None unless fresh."""
+        return self._states.angle if self._fresh(Signal.DOOR, now) else None
+
+    def force(self, now: float) -> float | None:
+        """Raw handle force, N; None unless fresh."""
+        return self._force if self._fresh(Signal.HANDLE, now) else None
+
+    def handle_mean(self, now: float) -> float | None:
+        """Mean raw handle force of the last second, N; None unless fresh."""
+        recent = [force for time, force in self._forces if time >= now - self.limits.averaging]
+        if not recent or not self._fresh(Signal.HANDLE, now):
+            return None
+        mean = sum(recent) / len(recent)
+        return mean if math.isfinite(mean) else None  # forces no handle bears
+
+    def skew(self, now: float) -> float | None:
+        """Largest abs(stamp - log time) of the last second, s; None without samples."""
+        skews = (watch.skew(now) for watch in self._watches.values())
+        return max((abs(skew) for skew in skews if skew is not None), default=None)
+
+    def occupied(self, now: float) -> tuple[str, ...] | None:
+        """Names of the used sensors that see something; None if one of them says nothing."""
+        states = self._states.occupied
+        for sensor, state in states.items():
+            freshness = self._sensor_freshness(sensor, self._masked(sensor), now)
+            if freshness is not Freshness.FRESH or state is None:
+                return None
+        return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
+
+    def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
+        """One line per topic with which anything is wrong."""
+        views = self.topics(statuses, {}, now)
+        return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
+
+    def topics(
+        self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
+    ) -> tuple[TopicView, ...]:
+        """Every configured topic; `dropped` counts what the recorder had to drop."""
+        by_topic = {status.topic: status for status in statuses}
+        return tuple(
+            self._topic(m, by_topic.get(m.topic), dropped.get(m.topic, 0), now)
+            for m in self._mappings
+        )
+
+    def _topic(
+        self, mapping: TopicMapping, status: TopicStatus | None, dropped: int, now: float
+    ) -> TopicView:
+        watch = self._watches[mapping.topic]
+        return TopicView(
+            topic=mapping.topic,
+            type=status.type if status else mapping.type,
+            publishers=status.publishers if status else 0,
+            freshness=watch.messages.freshness(now),
+            age=watch.messages.age(now),
+            rate=watch.messages.rate(now),
+            received=watch.received,
+            lost=status.lost if status else None,
+            dropped=dropped,
+            optional=mapping.signal is Signal.LATCH,
+            problem="; ".join(watch.troubles(status, now).values()) or None,
+        )
+
+    def troubles(
+        self, statuses: Sequence[TopicStatus], now: float
+    ) -> dict[tuple[str, Trouble], str]:
+        """What is wrong at `now` with which topic, in words."""
+        by_topic = {status.topic: status for status in statuses}
+        return {
+            (topic, trouble): words
+            for topic, watch in self._watches.items()
+            for trouble, words in watch.troubles(by_topic.get(topic), now).items()
+        }
+
+    def door_view(self, now: float) -> DoorView:
+        """The panel."""
+        fresh = self._fresh(Signal.DOOR, now)
+        return DoorView(
+            angle=self.angle(now),
+            is_open=self._states.door_is_open if fresh else None,
+            freshness=self.freshness(Signal.DOOR, now),
+            closed_angle=self._thresholds.closed_angle,
+        )
+
+    def handle_view(self, now: float, zero: float, maximum: float | None) -> HandleView:
+        """The handle; `maximum` is the largest abs(force) of the run so far, N."""
+        freshness = self.freshness(Signal.HANDLE, now)
+        force = self.force(now)
+        return HandleView(force, zero, self._thresholds.touch_force, maximum, freshness)
+
+    def latch_view(self, now: float) -> LatchView:
+        """The latch."""
+        freshness = self.freshness(Signal.LATCH, now)
+        known = freshness in (Freshness.FRESH, Freshness.STALE)
+        return LatchView(self._states.latch_engaged if known else None, freshness)
+
+    def passage_view(self, now: float) -> tuple[SensorView, ...]:
+        """The ten used passage sensors."""
+        states = self._states.occupied
+        views = []
+        for sensor in PASSAGE_SENSORS:
+            masked = self._masked(sensor)
+            freshness = self._sensor_freshness(sensor, masked, now)
+            known = freshness is Freshness.FRESH
+            views.append(
+                SensorView(
+                    side=sensor.side,
+                    index=sensor.index,
+                    occupied=states[sensor] if known else None,
+                    masked=masked,
+                    height=self._heights.get((sensor.strip, sensor.element)) if known else None,
+                    freshness=freshness,
+                )
+            )
+        return tuple(views)

@@ -1,0 +1,170 @@
+"""A zip that is written file by file, whatever their size, with a sum for each."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Self
+
+from madrob_console.files.plain import open_plain, refusal
+
+SUMS_FILE = "SHA256SUMS"
+"""In the archive: what `sha256sum -c` reads."""
+
+_BLOCK = 1 << 20
+_FIRST, _LATEST = (1980, 1, 1, 0, 0, 0), 4.3e9  # what a zip can say, until the year 2106
+_MODE = 0o100644 << 16
+
+
+class Archive:
+    """Takes files in the order in which they come; memory does not grow with them.
+
+    Args:
+        file: where the zip goes.
+
+    Attributes:
+        count: files in it.
+        problems: what could not be read and why, in words.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.count = 0
+        self.problems: list[str] = []
+        self._zip = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED)
+        self._sums: list[str] = []
+
+    def add_folder(self, folder: Path, *, without: tuple[str, ...] = ()) -> list[str]:
+        """Add the files of a folder under its name; what cannot be read is a problem.
+
+        Links are not followed, hidden files are temporary ones.
+
+        Args:
+            folder: the folder.
+            without: files whose names have one of these parts are left out.
+
+        Returns:
+            The names of the files that are in the archive now.
+
+        Raises:
+            OSError: the archive cannot be written.
+        """
+        added = []
+        for found in _files_in(folder, self.problems):
+            if not any(part in found.name.rpartition("/")[2] for part in without):
+                added += [found.name] if self._add(found) else []
+        return added
+
+    def add(self, name: str, data: bytes, modified: float) -> None:
+        """Add a file that is not on disk.
+
+        Raises:
+            OSError: the archive cannot be written.
+        """
+        self._zip.writestr(_info(name, modified), data, zipfile.ZIP_DEFLATED)
+        self._count(name, hashlib.sha256(data).hexdigest())
+
+    def finish(self, modified: float) -> None:
+        """Add the sums; nothing can be added any more.
+
+        Raises:
+            OSError: the archive cannot be written.
+        """
+        self.add(SUMS_FILE, "".join(self._sums).encode(), modified)
+        self._zip.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        with suppress(OSError):  # whoever was cut short throws the file away
+            self._zip.close()
+
+    def _add(self, found: _Found) -> bool:
+        try:
+            found.name.encode()
+            number = open_plain(found.path, folder=found.folder)
+        except UnicodeEncodeError:
+            self.problems.append(f"{found.name}: its name is no text")
+            return False
+        except OSError as error:
+            self.problems.append(f"{found.name}: cannot be read ({refusal(error)})")
+            return False
+        with os.fdopen(number, "rb") as file:
+            return self._copy(found.name, file)
+
+    def _copy(self, name: str, file: BinaryIO) -> bool:
+        """Copy what the file holds now; of one that grows no more than that."""
+        state = os.fstat(file.fileno())
+        info = _info(name, state.st_mtime)
+        info.compress_type = zipfile.ZIP_DEFLATED
+        info.file_size = left = state.st_size  # a large one gets the fields of zip64
+        digest = hashlib.sha256()
+        why = "it became shorter"
+        with self._zip.open(info, "w") as member:
+            while left:
+                try:
+                    block = file.read(min(_BLOCK, left))
+                except OSError as error:
+                    why, block = refusal(error), b""
+                if not block:
+                    break
+                digest.update(block)
+                member.write(block)
+                left -= len(block)
+        if left:
+            self.problems.append(f"{name}: its last {left} bytes cannot be read ({why})")
+            return False
+        self._count(name, digest.hexdigest())
+        return True
+
+    def _count(self, name: str, digest: str) -> None:
+        self.count += 1
+        escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
+        mark = "\\" if escaped != name else ""
+        self._sums.append(f"{mark}{digest}  {escaped}\n")
+
+
+class _Found(NamedTuple):
+    """A file: its name in the archive, and where it is: a name in an open folder."""
+
+    name: str
+    path: str
+    folder: int
+
+
+def _files_in(folder: Path, problems: list[str]) -> Iterator[_Found]:
+    """The files below a folder, by name; folders that are links are problems."""
+
+    def tell(error: OSError) -> None:
+        problems.append(f"{folder.name}: cannot be read ({error.strerror})")
+
+    top = str(folder.parent)
+    for path, folders, names, number in _walk(folder, tell):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        under = os.path.relpath(path, top)
+        links = (name for name in folders if Path(path, name).is_symlink())
+        problems.extend(f"{under}/{name}: is a link" for name in links)
+        for name in sorted(names):
+            if not name.startswith("."):
+                yield _Found(f"{under}/{name}", name, number)
+
+
+def _walk(
+    folder: Path, tell: Callable[[OSError], None]
+) -> Iterator[tuple[str, list[str], list[str], int]]:
+    try:
+        yield from os.fwalk(folder, onerror=tell)
+    except OSError as error:  # of the folder itself
+        tell(error)
+
+
+def _info(name: str, modified: float) -> zipfile.ZipInfo:
+    stamp = time.localtime(min(max(modified, 0.0), _LATEST))[:6]
+    info = zipfile.ZipInfo(name, max(stamp, _FIRST))
+    info.external_attr = _MODE
+    return info

@@ -1,0 +1,35 @@
+"""Reads no more of a file than it may hold, and knows one version of it from the next."""
+
+from __future__ import annotations
+
+import os
+import stat
+
+from madrob_console.files.plain import open_plain
+
+Stamp = tuple[int, int]
+"""Time of the last change (ns) and size (bytes) of a file: another stamp, another content."""
+
+
+def stamp_of(path: str) -> Stamp | None:
+    """The stamp of a file; None for no file, a link or anything else."""
+    try:
+        found = os.stat(path, follow_symlinks=False)  # noqa: PTH116  ten thousand Paths take too long
+    except OSError:
+        return None
+    return (found.st_mtime_ns, found.st_size) if stat.S_ISREG(found.st_mode) else None
+
+
+def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
+    """The content of a file and its stamp; of a larger file only the first `limit` bytes.
+
+    Raises:
+        OSError: it cannot be read, or it is a link or no file.
+    """
+    number = open_plain(path)
+    try:
+        found = os.fstat(number)
+        with os.fdopen(number, "rb", closefd=False) as file:
+            return file.read(limit), (found.st_mtime_ns, found.st_size)
+    finally:
+        os.close(number)

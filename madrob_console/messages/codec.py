@@ -1,0 +1,315 @@
+"""The testbed's and the referee's messages: bytes to samples, words to bytes (protocol section 3).
+
+Which topic carries which signal is configuration (`TopicMapping`); nothing but this module
+knows about fields.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from madrob_console.clock import NS, seconds
+from madrob_console.errors import MadrobError
+from madrob_console.messages.cdr_layout import Layout, Numbers, Wanted
+from madrob_console.messages.field_paths import Field, find_field, find_stamp, parse_path
+from madrob_console.messages.message_types import Message, MessageError, MessageTypes
+from recorder.bag import Durability, Qos, Topic
+from recorder.message import RawMessage
+from scoring.protocol import Signal, StartPose, Strip
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+
+__all__ = [
+    "DEFAULT_MAPPINGS",
+    "REFEREE_EVENT_TOPIC",
+    "REFEREE_START_POSE_TOPIC",
+    "REFEREE_STATE_TOPIC",
+    "START_POSE_FRAME",
+    "Decoder",
+    "Message",
+    "MessageError",
+    "MessageTypes",
+    "TopicMapping",
+    "decode_text",
+    "describe_topic",
+    "encode_start_pose",
+    "encode_text",
+    "referee_topics",
+]
+
+REFEREE_STATE_TOPIC = "/madrob/referee/state"
+REFEREE_EVENT_TOPIC = "/madrob/referee/event"
+REFEREE_START_POSE_TOPIC = "/madrob/referee/start_pose"
+START_POSE_FRAME = "madrob_door"
+
+_STRING = "std_msgs/msg/String"
+_POSE = "geometry_msgs/msg/PoseStamped"
+_STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+_SENSORS_PER_STRIP = 4
+_STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
+_MOST_MISSES = 20
+"""So many messages in a row that are laid out unlike the one before: the next will be, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicMapping:
+    """Where the testbed publishes one signal (protocol section 3).
+
+    A sample's value is `field * scale + offset`, in rad, N or m. For strips it applies to each
+    range and to the limits; a latch is engaged from 0.5 upwards.
+
+    Attributes:
+        signal: what the topic carries.
+        topic: full topic name.
+        type: full message type name.
+        field: path in the message, names separated by dots, each with an optional [index].
+        scale: factor from the published to the protocol's unit; not 0.
+        offset: added after scaling, in the protocol's unit.
+
+    Raises:
+        MadrobError: the path is malformed, or scale or offset are of no use.
+    """
+
+    signal: Signal
+    topic: str
+    type: str
+    field: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        parse_path(self.field)
+        if self.scale == 0 or not math.isfinite(self.scale):
+            raise MadrobError(f"{self.topic}: scale {self.scale} loses the signal; use another")
+        if not math.isfinite(self.offset):
+            raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
+
+
+DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
+    TopicMapping(
+        Signal.DOOR, "/madrob/door/angle", "sensor_msgs/msg/JointState", field="position[0]"
+    ),
+    TopicMapping(
+        Signal.HANDLE,
+        "/madrob/handle/force",
+        "geometry_msgs/msg/WrenchStamped",
+        field="wrench.force.x",
+    ),
+    *(
+        TopicMapping(signal, f"/madrob/passage/{strip}", "sensor_msgs/msg/LaserScan", "ranges")
+        for signal, strip in _STRIPS.items()
+    ),
+    TopicMapping(Signal.LATCH, "/madrob/door/locked", "std_msgs/msg/Bool", field="data"),
+)
+"""The topics of protocol section 3."""
+
+_Build = Callable[[float, float, Sequence[Numbers]], Sample]
+"""(time, log time, the value's numbers and those of its limits) -> sample."""
+
+
+class Decoder:
+    """Turns the configured topics' bytes into samples.
+
+    Args:
+        mappings: one per signal and topic.
+        types: the types known; types registered later are found when a message comes.
+
+    Raises:
+        MadrobError: a topic or a signal is mapped twice.
+    """
+
+    def __init__(self, mappings: Sequence[TopicMapping], types: MessageTypes) -> None:
+        self._types = types
+        self._mappings: dict[str, TopicMapping] = {}
+        for mapping in mappings:
+            if mapping.topic in self._mappings:
+                raise MadrobError(f"{mapping.topic} is mapped twice: give each signal its topic")
+            if any(m.signal is mapping.signal for m in self._mappings.values()):
+                raise MadrobError(f"{mapping.signal.value} is mapped twice: keep one topic")
+            self._mappings[mapping.topic] = mapping
+        self._readers: dict[str, _Reader] = {}
+
+    def decode(self, message: RawMessage) -> Sample | None:
+        """The sample in a message; None if no mapping names its topic.
+
+        Its time is the header's stamp, or the receive time where the type has no header.
+
+        Raises:
+            MessageError: the type is another or unknown, or the bytes are no message of it.
+        """
+        mapping = self._mappings.get(message.topic)
+        if mapping is None:
+            return None
+        try:
+            return self._sample(message, mapping)
+        except MessageError as error:
+            raise MessageError(f"{message.topic}: {error}") from None
+
+    def _sample(self, message: RawMessage, mapping: TopicMapping) -> Sample:
+        if message.type != mapping.type:
+            raise MessageError(f"it sends {message.type}, not {mapping.type}; correct the settings")
+        reader = self._readers.get(message.topic) or self._reader(mapping)
+        return reader.sample(message)
+
+    def _reader(self, mapping: TopicMapping) -> _Reader:
+        reader = self._readers[mapping.topic] = _Reader(mapping, self._types)
+        return reader
+
+
+class _Reader:
+    """Reads the messages of one topic.
+
+    Raises:
+        MessageError: its type or field is unknown, or of the wrong kind.
+    """
+
+    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
+        field = find_field(types, mapping.type, mapping.field)
+        if field.numbers != (mapping.signal in _STRIPS):
+            wanted = "an array" if mapping.signal in _STRIPS else "one number"
+            raise MessageError(
+                f"{mapping.field} of {mapping.type} is not {wanted}; correct the settings"
+            )
+        self._types = types
+        self._type = mapping.type
+        self._stamped = find_stamp(types, mapping.type) is not None
+        self._wanted = (
+            *(_STAMP if self._stamped else ()),
+            Wanted(field.steps, _SENSORS_PER_STRIP),
+            *_limits(mapping, field, types),
+        )
+        self._getters = tuple(one.getter() for one in self._wanted)
+        self._build = _builder(mapping)
+        self._layout: Layout | None = None
+        self._misses = 0
+
+    def sample(self, message: RawMessage) -> Sample:
+        """What a message says.
+
+        Raises:
+            MessageError: the bytes are no message of the type.
+        """
+        numbers = None if self._layout is None else self._layout.read(message.data)
+        if numbers is None:
+            numbers = self._read_whole(message.data)
+        else:
+            self._misses = 0
+        log_time = seconds(message.receive_ns)
+        if not self._stamped:
+            return self._build(log_time, log_time, numbers)
+        time = seconds(int(numbers[0][0]) * NS + int(numbers[1][0]))
+        return self._build(time, log_time, numbers[2:])
+
+    def _read_whole(self, data: bytes) -> tuple[Numbers, ...]:
+        message = self._types.decode(self._type, data)
+        if self._misses < _MOST_MISSES:  # else no message is laid out like the one before
+            self._misses += 1
+            with suppress(ValueError, struct.error):
+                self._layout = Layout(self._types, self._type, data, self._wanted)
+        return tuple(get(message) for get in self._getters)
+
+
+def _limits(mapping: TopicMapping, field: Field, types: MessageTypes) -> tuple[Wanted, ...]:
+    """The smallest and the largest range that are readings, where the type tells both."""
+    if mapping.signal not in _STRIPS:
+        return ()
+    found = [field.sibling(name, types) for name in ("range_min", "range_max")]
+    limits = [Wanted(one.steps) for one in found if one is not None]
+    return tuple(limits) if len(limits) == len(found) else ()
+
+
+def _builder(mapping: TopicMapping) -> _Build:
+    if mapping.signal in _STRIPS:
+        return _passage_builder(mapping)
+    scale, offset = mapping.scale, mapping.offset
+
+    def number(numbers: Sequence[Numbers]) -> float:
+        (value,) = numbers
+        return float(value[0]) * scale + offset if value else math.nan  # an empty array says none
+
+    if mapping.signal is Signal.DOOR:
+        return lambda time, log, numbers: DoorSample(time, log, number(numbers))
+    if mapping.signal is Signal.HANDLE:
+        return lambda time, log, numbers: HandleSample(time, log, number(numbers))
+
+    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+        state = number(numbers)
+        if math.isnan(state):
+            raise MessageError(f"{mapping.field} says nothing about the latch")
+        return LatchSample(time, log_time, state >= 0.5)
+
+    return latch
+
+
+def _passage_builder(mapping: TopicMapping) -> _Build:
+    strip = _STRIPS[mapping.signal]
+    scale, offset = mapping.scale, mapping.offset
+    as_is = scale == 1.0 and offset == 0.0
+
+    def passage(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+        ranges, low, high = numbers[0], 0.0, math.inf
+        if limited := len(numbers) > 1:
+            low, high = numbers[1][0], numbers[2][0]
+        if not as_is:
+            ranges = tuple(r * scale + offset for r in ranges)
+            if limited:
+                low, high = sorted((low * scale + offset, high * scale + offset))
+        return PassageSample(time, log_time, strip, ranges, low, high)
+
+    return passage
+
+
+def describe_topic(types: MessageTypes, name: str, type_name: str, qos: Qos | None = None) -> Topic:
+    """What a bag must know of a topic.
+
+    Raises:
+        MessageError: the type is unknown.
+    """
+    return Topic(
+        name, type_name, types.definition(type_name), types.type_hash(type_name), qos or Qos()
+    )
+
+
+def referee_topics(types: MessageTypes) -> tuple[Topic, ...]:
+    """The console's own topics: state, event and start pose (protocol section 3)."""
+    qos = Qos(durability=Durability.TRANSIENT_LOCAL)
+    return (
+        describe_topic(types, REFEREE_STATE_TOPIC, _STRING, qos),
+        describe_topic(types, REFEREE_EVENT_TOPIC, _STRING, qos),
+        describe_topic(types, REFEREE_START_POSE_TOPIC, _POSE, qos),
+    )
+
+
+def encode_text(types: MessageTypes, text: str) -> bytes:
+    """A `std_msgs/msg/String` with this text."""
+    return types.encode(_STRING, types.make(_STRING, data=text))
+
+
+def decode_text(types: MessageTypes, data: bytes) -> str:
+    """The text of a `std_msgs/msg/String`.
+
+    Raises:
+        MessageError: the bytes are no such message.
+    """
+    return str(types.decode(_STRING, data).data)
+
+
+def encode_start_pose(types: MessageTypes, pose: StartPose, time_ns: int) -> bytes:
+    """The start pose as `geometry_msgs/msg/PoseStamped` in the frame `madrob_door`.
+
+    Args:
+        types: the types known.
+        pose: x, y in m and yaw in degrees.
+        time_ns: stamp, ns since the epoch.
+    """
+    half_yaw = math.radians(pose.yaw) / 2
+    message = types.make(_POSE)
+    message.header.frame_id = START_POSE_FRAME
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time_ns, NS)
+    message.pose.position.x, message.pose.position.y = pose.x, pose.y
+    message.pose.orientation.z = math.sin(half_yaw)
+    message.pose.orientation.w = math.cos(half_yaw)
+    return types.encode(_POSE, message)

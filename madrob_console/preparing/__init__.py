@@ -1,0 +1,1 @@
+"""A new testbed: what is installed and found, and its calibration."""

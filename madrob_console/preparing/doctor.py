@@ -1,0 +1,165 @@
+"""What `madrob doctor` says: whether this machine can referee, and what stands in the way."""
+
+from __future__ import annotations
+
+import codecs
+import locale
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.preparing.finding import Finding, Level
+
+if TYPE_CHECKING:
+    from madrob_console.messages.codec import TopicMapping
+
+PACKAGES = ("mcap", "msgspec", "numpy", "pandas", "PyYAML", "rosbags", "scipy", "textual")
+"""Libraries without which the console does not run."""
+
+OLDEST_PYTHON = (3, 11)
+SMALLEST_TERMINAL = (80, 24)
+SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
+
+
+def doctor(
+    mappings: Sequence[TopicMapping],
+    results: Path,
+    *,
+    domain: int | None = None,
+    disk_space: int = 500_000_000,
+    listen: float = 2.0,
+    environment: Mapping[str, str] = os.environ,
+) -> Iterator[Finding]:
+    """Look at everything the console needs, one after the other; never raises.
+
+    Args:
+        mappings: the configured topics.
+        results: the folder in which runs are kept.
+        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
+        disk_space: bytes that should be free.
+        listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
+            takes 3 s at most.
+        environment: environment variables.
+    """
+
+    def testbed() -> Iterator[Finding]:
+        from madrob_console.preparing.doctor_ros import look_at_ros
+
+        return look_at_ros(mappings, domain, listen, environment)
+
+    checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
+        ("python", look_at_python),
+        ("results", lambda: look_at_results(results, disk_space)),
+        ("terminal", lambda: look_at_terminal(environment)),
+        ("ros", testbed),
+    )
+    for subject, check in checks:
+        yield from _safely(subject, check)
+
+
+def usable(findings: Sequence[Finding]) -> bool:
+    """Whether the console runs here."""
+    return all(finding.level is not Level.ERROR for finding in findings)
+
+
+def line(finding: Finding) -> str:
+    """A finding as a line of plain text."""
+    return f"{finding.level.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """What all findings come to, as a line."""
+    if not usable(findings):
+        return "not usable: see the errors above"
+    warnings = sum(finding.level is Level.WARNING for finding in findings)
+    return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
+
+
+def look_at_python() -> Iterator[Finding]:
+    """Python and the libraries."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        needed = ".".join(map(str, OLDEST_PYTHON))
+        yield Finding(Level.ERROR, "python", f"{version}: install {needed} or newer")
+    else:
+        yield Finding(Level.OK, "python", f"{version}, {sys.prefix}")
+    found = []
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            yield Finding(
+                Level.ERROR, "packages", f"{package} is missing: install madrob-console again"
+            )
+    yield Finding(Level.OK, "packages", ", ".join(found))
+
+
+def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
+    """The results folder: whether it can be written, and how much fits."""
+    place = folder
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+        yield Finding(
+            Level.ERROR, "results", f"{folder} cannot be written: set results.folder to another"
+        )
+        return
+    free = shutil.disk_usage(place).free
+    text = f"{folder}: {free / 1e9:.1f} GB free"
+    if free < disk_space:
+        needed = f"{disk_space / 1e9:.1f} GB"
+        yield Finding(Level.WARNING, "results", f"{text}, less than {needed}: make room")
+    else:
+        yield Finding(Level.OK, "results", text)
+
+
+def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """The terminal: kind, colours, size, characters."""
+    kind = environment.get("TERM", "")
+    if not sys.stdout.isatty():
+        yield Finding(Level.OK, "terminal", "none: the output goes elsewhere")
+    elif kind in ("", "dumb", "unknown"):
+        yield Finding(
+            Level.WARNING, "terminal", f"TERM={kind} draws no screens: use TERM=xterm-256color"
+        )
+    else:
+        size = shutil.get_terminal_size()
+        text = f"{kind}, {_colours(kind, environment)}, {size.columns}x{size.lines}"
+        small = size.columns < SMALLEST_TERMINAL[0] or size.lines < SMALLEST_TERMINAL[1]
+        if small:
+            text += f": enlarge it to {SMALLEST_TERMINAL[0]}x{SMALLEST_TERMINAL[1]}"
+        yield Finding(Level.WARNING if small else Level.OK, "terminal", text)
+    encoding = getattr(sys.stdout, "encoding", None) or locale.getpreferredencoding(False)
+    if _is_utf8(encoding):
+        yield Finding(Level.OK, "characters", "UTF-8")
+    else:
+        yield Finding(Level.WARNING, "characters", f"{encoding}: use a UTF-8 locale (LANG=C.UTF-8)")
+
+
+def _colours(kind: str, environment: Mapping[str, str]) -> str:
+    if environment.get("NO_COLOR"):
+        return "no colours (NO_COLOR)"
+    if environment.get("COLORTERM", "") in ("truecolor", "24bit"):
+        return "16 million colours"
+    return "256 colours" if "256" in kind else "16 colours"
+
+
+def _is_utf8(encoding: str) -> bool:
+    try:
+        return codecs.lookup(encoding).name == "utf-8"
+    except LookupError:
+        return False
+
+
+def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Finding]:
+    findings: list[Finding] = []
+    try:
+        findings.extend(check())
+    except Exception as error:  # noqa: BLE001  # the doctor must get to the end on a sick machine
+        first = next(iter(str(error).splitlines()), "") or type(error).__name__
+        findings.append(Finding(Level.WARNING, subject, f"could not be looked at ({first})"))
+    return findings

@@ -1,0 +1,187 @@
+"""The doctor's look at ROS 2 and at the testbed's topics."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from madrob_console.clock import SystemClock
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes, TopicMapping
+from madrob_console.preparing.finding import Finding, Level
+from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.loading import (
+    REMEDY,
+    domain_id,
+    load_module,
+    load_rclpy,
+)
+from madrob_console.testbeds.ros.parameters import DOOR_NODE, SET_PARAMETERS
+from madrob_console.testbeds.source import TopicStatus
+from scoring.protocol import Signal
+
+SYSTEM_ROS = Path("/opt/ros")
+_WHEELS = "ros-jazzy-rclpy"
+_DISCOVERY = 3.0
+"""Seconds to find everything; less where everything is there."""
+
+
+def look_at_ros(
+    mappings: Sequence[TopicMapping],
+    domain: int | None,
+    listen: float,
+    environment: Mapping[str, str],
+) -> Iterator[Finding]:
+    """Which ROS is here, how it is set up, and what the testbed sends."""
+    yield from look_at_installation(environment)
+    try:
+        number = domain_id(domain, environment)
+    except MadrobError as error:
+        yield Finding(Level.ERROR, "ros domain", str(error))
+        return
+    yield _domain(number)
+    yield _discovery(environment)
+    if importlib.util.find_spec("rclpy") is None:
+        return
+    try:
+        load_rclpy()
+        utilities = load_module("rclpy.utilities")
+        rmw = utilities.get_rmw_implementation_identifier()
+        yield Finding(Level.OK, "middleware", str(rmw))
+        if listen > 0:
+            yield from look_at_testbed(mappings, number, listen, environment)
+    except MadrobError as error:
+        yield Finding(Level.WARNING, "ros", str(error))
+
+
+def look_at_installation(
+    environment: Mapping[str, str], system: Path = SYSTEM_ROS
+) -> Iterator[Finding]:
+    """The system's ROS, the wheels, both, or none.
+
+    Args:
+        environment: environment variables.
+        system: the folder with the system's ROS distributions.
+    """
+    distributions = sorted(path.name for path in system.glob("*/") if (path / "share").is_dir())
+    try:
+        wheels = metadata.version(_WHEELS)
+    except metadata.PackageNotFoundError:
+        wheels = None
+    spec = importlib.util.find_spec("rclpy")
+    if spec is None:
+        hint = f"{system}/{distributions[-1]} is not sourced; " if distributions else ""
+        yield Finding(Level.WARNING, "ros", f"not found, {hint}only simulated: {REMEDY}")
+        return
+    where = Path(spec.origin or "").parent
+    distribution = environment.get("ROS_DISTRO") or "jazzy"
+    kind = "system" if where.is_relative_to(system) or not wheels else f"wheels {wheels}"
+    yield Finding(Level.OK, "ros", f"{distribution}, {kind}, {where}")
+    if distributions and wheels:
+        yield Finding(
+            Level.WARNING,
+            "ros",
+            f"both {system}/{distributions[-1]} and wheels are installed, their libraries clash: "
+            f"use an environment without {_WHEELS}",
+        )
+
+
+def look_at_testbed(
+    mappings: Sequence[TopicMapping],
+    domain: int,
+    listen: float,
+    environment: Mapping[str, str],
+) -> Iterator[Finding]:
+    """Listen to every configured topic for `listen` s.
+
+    Raises:
+        MadrobError: ROS does not start.
+    """
+    needed = {m.topic for m in mappings if m.signal is not Signal.LATCH}
+    source = RosSource(mappings, MessageTypes(), SystemClock(), domain, environment=environment)
+    connection = Connection(domain)
+    try:
+        source.open()
+        node = connection.node("doctor")
+        door = node.create_client(load_module("rcl_interfaces.srv").SetParameters, SET_PARAMETERS)
+        ends = time.monotonic() + _DISCOVERY
+        while time.monotonic() < ends and not (
+            door.service_is_ready() and _all_matched(source, needed)
+        ):
+            source.take(0.05)
+        found = any(status.publishers for status in source.status())
+        counts = _take(source, listen if found else 0.0)
+        statuses = source.status()
+        has_door = door.service_is_ready()
+        consoles = node.count_publishers(REFEREE_STATE_TOPIC) - 1
+    finally:
+        source.close()
+        connection.close()
+    for status in statuses:
+        yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+    yield _door(present=has_door)
+    if consoles > 0:
+        yield Finding(
+            Level.WARNING, "console", f"another one runs in domain {domain}: end it, or take turns"
+        )
+
+
+def _all_matched(source: RosSource, topics: set[str]) -> bool:
+    return all(status.publishers for status in source.status() if status.topic in topics)
+
+
+def _take(source: RosSource, duration: float) -> Counter[str]:
+    """How many messages came on each topic within `duration` s."""
+    counts: Counter[str] = Counter()
+    ends = time.monotonic() + duration
+    while (left := ends - time.monotonic()) > 0:
+        counts.update(message.topic for message in source.take(left))
+    return counts
+
+
+def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:
+    if status.problem is not None:
+        return Finding(Level.WARNING, status.topic, status.problem)
+    if status.publishers == 0:
+        if optional:
+            return Finding(Level.OK, status.topic, "no publisher (optional)")
+        return Finding(Level.WARNING, status.topic, "no publisher: start the testbed")
+    found = f"{status.publishers} publisher{'s' if status.publishers > 1 else ''}, {status.type}"
+    if rate == 0 and not optional:
+        return Finding(Level.WARNING, status.topic, f"{found}, but silent: look at its sensor")
+    if status.publishers > 1:
+        return Finding(Level.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
+    return Finding(Level.OK, status.topic, f"{found}, {rate:.1f} Hz")
+
+
+def _door(*, present: bool) -> Finding:
+    if present:
+        return Finding(Level.OK, DOOR_NODE, "takes the sides and the brake")
+    return Finding(Level.WARNING, DOOR_NODE, "not there: the sides must be set by hand")
+
+
+def _domain(number: int) -> Finding:
+    # above, its ports lie among those that Linux gives to any connection
+    if 101 < number < 215:
+        return Finding(
+            Level.WARNING, "ros domain", f"{number}: its ports may be taken, use 0 to 101"
+        )
+    return Finding(Level.OK, "ros domain", str(number))
+
+
+def _discovery(environment: Mapping[str, str]) -> Finding:
+    given = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() or "SUBNET"
+    if environment.get("ROS_LOCALHOST_ONLY") == "1":
+        given = "LOCALHOST"
+    peers = environment.get("ROS_STATIC_PEERS", "")
+    text = f"{given}, peers {peers}" if peers else given
+    if given == "OFF" and not peers:
+        return Finding(Level.WARNING, "discovery", f"{text}: nobody is found, unset it")
+    if given == "LOCALHOST" and not peers:
+        return Finding(Level.OK, "discovery", f"{text}: only testbeds on this machine")
+    return Finding(Level.OK, "discovery", text)

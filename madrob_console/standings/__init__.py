@@ -1,0 +1,1 @@
+"""Teams and conditions compared: table, files, page; the list of teams."""

@@ -1,0 +1,171 @@
+"""A competition's standings for programs: csv and json."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from madrob_console.kinds import SourceKind
+from madrob_console.names import terminal_safe
+from madrob_console.report.explanations import UNOFFICIAL
+from madrob_console.standings.competition import (
+    NOTES,
+    CompetitionStandings,
+    RulesetStandings,
+    figures,
+)
+from madrob_console.standings.tally import Tally
+from scoring.protocol import Condition
+from scoring.result import UNITS, IndicatorName
+
+FORMAT = 1
+"""Version of the layout of the json file."""
+
+ALL = "all"
+"""Stands in the csv file for all conditions together."""
+
+COLUMNS = (
+    *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
+    *("subject", "team", "completed", "timeout", "invalid", "interrupted"),
+    *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
+)
+"""Of the csv file."""
+
+_FORMULA = ("=", "+", "-", "@")
+
+
+def standings_csv(found: CompetitionStandings) -> str:
+    """One row for each team, condition (and all of them) and indicator, comma-separated.
+
+    A row names its unit and a filter of a spreadsheet on condition and indicator shows a table of
+    teams; a row for each team would have forty columns of numbers. Numbers have all their digits.
+    Empty = no value, or none that EUROBENCH tells. A team's name that a spreadsheet would take for
+    a formula gets an apostrophe before it.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for group in found.groups:
+        for condition, tally in _tallies(group):
+            writer.writerows(_rows(found, condition, tally))
+    return text.getvalue()
+
+
+def standings_json(found: CompetitionStandings, software: str) -> bytes:
+    """All of it, with units and with the runs that are left out and why.
+
+    Args:
+        found: the standings.
+        software: the version that makes the file.
+    """
+    document = {
+        "format": FORMAT,
+        "software": f"madrob-console {software}",
+        "made": found.made,
+        "competitions": found.competitions,
+        "source": _source(found),
+        "official": found.official,
+        "best_runs": found.best or None,
+        "provisional": found.provisional,
+        "protested": found.protested,
+        "remarks": (*_warning(found), *found.remarks, found.basis, *NOTES),
+        "units": dict(UNITS),
+        "rulesets": [
+            {
+                "ruleset": group.ruleset,
+                "overall": [
+                    {"conditions": tally.conditions, **_tally(tally)} for tally in group.overall
+                ],
+                "conditions": [
+                    {
+                        "condition": condition.number,
+                        "benchmark_type": condition.benchmark_type,
+                        "opening_side": condition.opening_side,
+                        "starting_side": condition.starting_side,
+                        "teams": [_tally(standing) for standing in standings],
+                    }
+                    for condition, standings in group.conditions.items()
+                ],
+            }
+            for group in found.groups
+        ],
+        "left_out": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "team": run.team,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "start": run.started,
+                "outcome": run.outcome,
+                "damaged": run.problem is not None,
+                "why": why,
+            }
+            for run, why in found.left_out
+        ],
+    }
+    return msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n"
+
+
+def _tallies(group: RulesetStandings) -> Iterator[tuple[Condition | None, Tally]]:
+    """Every team in all conditions together, then in each."""
+    for tally in group.overall:
+        yield None, tally
+    for condition, standings in group.conditions.items():
+        for standing in standings:
+            yield condition, standing
+
+
+def _rows(
+    found: CompetitionStandings, condition: Condition | None, tally: Tally
+) -> Iterator[list[object]]:
+    number: tuple[object, ...] = (ALL, "", "", "")
+    if condition is not None:
+        sides = condition.opening_side, condition.starting_side
+        number = (condition.number, condition.benchmark_type, *sides)
+    of = [_source(found), _cell(tally.ruleset), *number, tally.subject, _cell(tally.team)]
+    of += [tally.completed, tally.timeout, tally.aborted, tally.interrupted]
+    for name in IndicatorName:
+        aggregate = tally.aggregates.get(name)
+        values = figures(aggregate, name)
+        numbers = [values.get(column) for column in COLUMNS[-5:]]
+        yield [*of, name, UNITS[name], aggregate.count if aggregate else 0, *numbers]
+
+
+def _tally(tally: Tally) -> dict[str, Any]:
+    return {
+        "subject": tally.subject,
+        "team": tally.team,
+        "completed": tally.completed,
+        "timeout": tally.timeout,
+        "invalid": tally.aborted,
+        "interrupted": tally.interrupted,
+        "counted": tally.counted,
+        "indicators": {
+            name: {
+                "unit": UNITS[name],
+                "runs": aggregate.count if aggregate else 0,
+                **figures(aggregate, name),
+            }
+            for name in IndicatorName
+            for aggregate in [tally.aggregates.get(name)]
+        },
+    }
+
+
+def _source(found: CompetitionStandings) -> str:
+    return "official" if found.official else "SIMULATED"
+
+
+def _warning(found: CompetitionStandings) -> tuple[str, ...]:
+    return () if found.official else (UNOFFICIAL[SourceKind.SIMULATED],)
+
+
+def _cell(text: str) -> str:
+    """A name on one line that no spreadsheet takes for a formula."""
+    plain = terminal_safe(text)
+    return f"'{plain}" if plain.startswith(_FORMULA) else plain

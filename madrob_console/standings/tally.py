@@ -1,0 +1,213 @@
+"""Standings: the indicators of each team, in each condition and in all, over its valid runs.
+
+Only completed and timed-out runs enter, and the execution time only of completed ones.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from madrob_console.archive.history import RunSummary
+from scoring.protocol import Outcome
+from scoring.result import IndicatorName
+
+PRACTICE = "simulated"
+"""The source of practice runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aggregate:
+    """The values of one indicator over several runs, in its unit.
+
+    Attributes:
+        mean, median: of the values.
+        deviation: the sample standard deviation (n - 1 in the denominator); None for one value.
+        smallest, largest: of the values.
+        count: how many values; at least 1.
+    """
+
+    mean: float
+    median: float
+    deviation: float | None
+    smallest: float
+    largest: float
+    count: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Aggregate | None:
+        """The aggregate; None without values, or beyond the range of numbers."""
+        if not values:
+            return None
+        try:
+            mean = statistics.fmean(values)
+            deviation = _deviation(values, mean) if len(values) > 1 else None
+            median = float(statistics.median(values))
+        except OverflowError:
+            return None
+        if not math.isfinite(median):
+            return None
+        return cls(mean, median, deviation, min(values), max(values), len(values))
+
+
+def _deviation(values: Sequence[float], mean: float) -> float:
+    """As `statistics.stdev`, which computes with fractions and takes ten times as long."""
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """The runs of one team, counted and aggregated.
+
+    Runs under different rulesets stand apart: their numbers do not compare (section 9).
+
+    Attributes:
+        subject, team, ruleset: whose runs.
+        completed, timeout: valid runs.
+        aborted: invalid runs.
+        interrupted: runs cut off by a failure, and runs without a result yet.
+        counted: how many runs the aggregates are of.
+        aggregates: by indicator; missing = no run has a value.
+    """
+
+    subject: int
+    team: str
+    ruleset: str
+    completed: int = 0
+    timeout: int = 0
+    aborted: int = 0
+    interrupted: int = 0
+    counted: int = 0
+    aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing(Tally):
+    """One team in one condition, by its number."""
+
+    condition: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overall(Tally):
+    """One team in all its conditions together, by their numbers; every run weighs the same."""
+
+    conditions: tuple[int, ...]
+
+
+class _Key(NamedTuple):
+    subject: int
+    condition: int
+    team: str
+    ruleset: str
+
+
+_Groups = Mapping[_Key, Sequence[RunSummary]]
+
+
+def standings(
+    runs: Iterable[RunSummary], *, official: bool = True, best: int = 0
+) -> tuple[Standing, ...]:
+    """The standings by subject and condition.
+
+    A run with a damaged result never counts, nor does a replay. A run without a result does not
+    say where it came from: it is counted as interrupted wherever its team has a standing.
+
+    Args:
+        runs: from a history.
+        official: runs on the real testbed; else the simulated ones. The two are never mixed.
+        best: how many valid runs enter the aggregates: those with the highest capability level,
+            completed before timed out, then with the least execution time. 0 = all. The counts
+            are of all runs.
+    """
+    groups = _grouped(runs, official=official)
+    return tuple(
+        Standing(condition=key.condition, **_tally(key, [groups[key]], best))
+        for key in sorted(groups)
+    )
+
+
+def overall(
+    runs: Iterable[RunSummary], *, official: bool = True, best: int = 0
+) -> tuple[Overall, ...]:
+    """The standings by subject, over all conditions.
+
+    Args:
+        runs: from a history.
+        official: as for `standings`.
+        best: how many valid runs of each condition enter; 0 = all.
+    """
+    groups = _grouped(runs, official=official)
+    of_team: dict[tuple[int, str, str], list[_Key]] = defaultdict(list)
+    for key in sorted(groups):
+        of_team[key.subject, key.team, key.ruleset].append(key)
+    return tuple(
+        Overall(
+            conditions=tuple(key.condition for key in keys),
+            **_tally(keys[0], [groups[key] for key in keys], best),
+        )
+        for keys in of_team.values()
+    )
+
+
+def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
+    groups: dict[_Key, list[RunSummary]] = defaultdict(list)
+    unfinished: list[RunSummary] = []
+    for run in runs:
+        if run.problem is not None:
+            continue
+        if run.outcome is None:
+            unfinished.append(run)
+        elif run.official if official else run.source == PRACTICE:
+            groups[_key(run)].append(run)
+    for run in unfinished:
+        if _key(run) in groups:
+            groups[_key(run)].append(run)
+    return groups
+
+
+def _key(run: RunSummary) -> _Key:
+    return _Key(run.subject, run.condition, run.team, run.ruleset)
+
+
+def _tally(key: _Key, groups: Iterable[Sequence[RunSummary]], best: int) -> dict[str, Any]:
+    """The fields of a tally over groups of runs; the best are taken of each group."""
+    outcomes: list[Outcome | None] = []
+    counted: list[RunSummary] = []
+    for runs in groups:
+        outcomes += [run.outcome for run in runs]
+        valid = sorted((run for run in runs if run.valid), key=_rank)
+        counted += valid[:best] if best else valid
+    found = {name: Aggregate.of(_values(counted, name)) for name in IndicatorName}
+    return {
+        "subject": key.subject,
+        "team": key.team,
+        "ruleset": key.ruleset,
+        "completed": outcomes.count(Outcome.COMPLETED),
+        "timeout": outcomes.count(Outcome.TIMEOUT),
+        "aborted": outcomes.count(Outcome.ABORTED),
+        "interrupted": outcomes.count(Outcome.INTERRUPTED) + outcomes.count(None),
+        "counted": len(counted),
+        "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
+    }
+
+
+def _rank(run: RunSummary) -> tuple[float, bool, float, float]:
+    """Smaller is better; of equals the earlier run."""
+    values = run.values
+    return (
+        -values.get(IndicatorName.CAPABILITY_LEVEL, -1),
+        run.outcome is Outcome.TIMEOUT,
+        values.get(IndicatorName.EXECUTION_TIME, float("inf")),
+        run.started,
+    )
+
+
+def _values(runs: Iterable[RunSummary], name: IndicatorName) -> list[float]:
+    if name is IndicatorName.EXECUTION_TIME:
+        runs = (run for run in runs if run.outcome is Outcome.COMPLETED)
+    return [run.values[name] for run in runs if name in run.values]

@@ -1,0 +1,153 @@
+"""A competition's standings as one HTML page without scripts, and nothing from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.kinds import SourceKind
+from madrob_console.report.explanations import (
+    FROM_THE_START,
+    MANUAL_START,
+    NONE,
+    UNOFFICIAL,
+    date_text,
+    plain,
+    task_text,
+    unit_text,
+)
+from madrob_console.report.markup import (
+    Content,
+    Markup,
+    element,
+    listed,
+    said,
+    section,
+    table,
+)
+from madrob_console.standings.competition import (
+    CONDITION_NUMBERS,
+    NOTES,
+    CompetitionStandings,
+    RulesetStandings,
+    figures,
+)
+from madrob_console.standings.tally import Overall, Tally
+from scoring.result import UNITS, IndicatorName, value_text
+
+_STYLES = (("madrob_console.report", "report.css"), (__package__, "standings.css"))
+
+
+def standings_html(found: CompetitionStandings, software: str) -> str:
+    """The standings as a page, readable on a phone and on paper.
+
+    Args:
+        found: the standings.
+        software: the version that makes the page.
+    """
+    several = len(found.groups) > 1
+    body = [
+        _top(found),
+        [_group(group, several=several) for group in found.groups],
+        element("p", "No run counts yet.") if not found.groups else (),
+        section("Runs that do not count", listed(_left_out(found), "None.")),
+        _foot(software),
+    ]
+    page = element("html", _head(found), element("body", body), lang="en")
+    return f"<!DOCTYPE html>\n{page}"
+
+
+def _head(found: CompetitionStandings) -> Markup:
+    style = "".join(files(room).joinpath(name).read_text("utf-8") for room, name in _STYLES)
+    kind = "standings" if found.official else "SIMULATED standings"
+    return element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", f"MADROB {kind} {found.title}".rstrip()),
+        element("style", Markup(style)),
+    )
+
+
+def _top(found: CompetitionStandings) -> Markup:
+    banner = element("p", UNOFFICIAL[SourceKind.SIMULATED], class_="banner")
+    return element(
+        "header",
+        () if found.official else banner,
+        element("p", "MADROB ", said(found.title), class_="competition"),
+        element("h1", "Standings" if found.official else "SIMULATED standings"),
+        element("p", f"As of {date_text(found.made)}"),
+        [element("p", element("strong", said(remark))) for remark in found.remarks],
+        element("p", found.basis),
+        element("p", "Bold: the mean. n: how many runs have a value, where not all have."),
+        [element("p", note) for note in (*NOTES, MANUAL_START)],
+    )
+
+
+def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
+    yield section(f"All conditions together, ruleset {group.ruleset}", _teams(group.overall))
+    rules = f", ruleset {group.ruleset}" if several else ""
+    for condition, standings in group.conditions.items():
+        title = f"Condition {condition.number}, {condition.benchmark_type}{rules}"
+        yield section(title, element("p", task_text(condition)), _teams(standings))
+
+
+def _teams(tallies: Iterable[Tally]) -> Markup:
+    heads = [
+        f"{plain(name)}{' *' if name in FROM_THE_START else ''}, {unit_text(UNITS[name])}"
+        for name in IndicatorName
+    ]
+    return table(("team", "runs", *heads), map(_row, tallies), class_="standings")
+
+
+def _row(tally: Tally) -> Iterator[Content]:
+    yield element("b", str(tally.subject), " ", said(tally.team))
+    lines = list(counts(tally))
+    if isinstance(tally, Overall):
+        lines.append(f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions")
+    yield [element("small", line) for line in lines]
+    for name in IndicatorName:
+        yield _indicator(tally, name)
+
+
+def counts(tally: Tally) -> Iterator[str]:
+    """How many runs ended how: `3 completed`, `1 timeout`."""
+    for count, word in (
+        (tally.completed, "completed"),
+        (tally.timeout, "timeout"),
+        (tally.aborted, "INVALID"),
+        (tally.interrupted, "INTERRUPTED"),
+    ):
+        if count:
+            yield f"{count} {word}"
+
+
+def _indicator(tally: Tally, name: IndicatorName) -> Content:
+    """The mean large, the others small below it."""
+    aggregate = tally.aggregates.get(name)
+    if aggregate is None:
+        return NONE
+    found = figures(aggregate, name)
+    lines = [f"median {value_text(aggregate.median)}"]
+    if aggregate.deviation is not None:
+        lines.append(f"std {value_text(aggregate.deviation)}")
+    lines += [f"{word} {value_text(found[word] or 0)}" for word in ("min", "max") if word in found]
+    if aggregate.count != tally.counted:
+        lines.append(f"n = {aggregate.count}")
+    return element("b", value_text(aggregate.mean)), [element("small", line) for line in lines]
+
+
+def _left_out(found: CompetitionStandings) -> Iterator[Content]:
+    for run, why in found.left_out:
+        yield f"{which(run)}: ", element("strong", run.outcome_word), ": ", said(why)
+
+
+def which(run: RunSummary) -> str:
+    """A run in words: `run 2 of subject 3 in condition 7, 21 Nov 14:28`."""
+    of = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
+    return f"{of}, {run.started_text}"
+
+
+def _foot(software: str) -> Markup:
+    return element("footer", f"Made with madrob-console {software or 'unknown'}.")

@@ -1,0 +1,262 @@
+"""The testbed over ROS 2, as the engine sees it."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import threading
+import time
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from operator import attrgetter
+from typing import TypeVar
+
+from madrob_console.clock import NS, Clock
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import MessageTypes, TopicMapping, referee_topics
+from madrob_console.testbeds.ros.announcer import Announcer
+from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.definitions import prefixes
+from madrob_console.testbeds.ros.inbox import Received, can_take
+from madrob_console.testbeds.ros.intake import Intake
+from madrob_console.testbeds.ros.loading import domain_id
+from madrob_console.testbeds.ros.mailbox import Mailbox
+from madrob_console.testbeds.ros.parameters import DoorParameters
+from madrob_console.testbeds.source import RefereeState, TopicStatus
+from recorder.bag import Topic
+from recorder.message import RawMessage
+from scoring.protocol import Condition, StartPose
+
+_T = TypeVar("_T")
+_receive_ns = attrgetter("receive_ns")
+
+_PERIOD = 0.02
+"""Seconds between two takes; DDS notes itself when a message came."""
+
+_DISCOVERY = 0.25
+"""Seconds between two looks at the publishers."""
+
+
+class RosSource:
+    """The testbed over ROS 2.
+
+    A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for
+    ROS. Discovery range and middleware are the user's environment.
+
+    Args:
+        mappings: the configured topics; several mappings may share one.
+        types: the types known; the configured ones are made known when the source is opened.
+        clock: labels the messages.
+        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
+        direct: take messages without an executor, where rclpy can.
+        environment: where `ROS_DOMAIN_ID` and `AMENT_PREFIX_PATH` are looked up.
+
+    Raises:
+        MadrobError: a topic is mapped with two types, or the domain does not exist.
+    """
+
+    def __init__(
+        self,
+        mappings: Sequence[TopicMapping],
+        types: MessageTypes,
+        clock: Clock,
+        domain: int | None = None,
+        *,
+        direct: bool = True,
+        environment: Mapping[str, str] = os.environ,
+    ) -> None:
+        self._configured = _topic_types(mappings)
+        self._types = types
+        self._own_topics = referee_topics(types)
+        self._clock = clock
+        self._domain = domain_id(domain, environment)
+        self._direct = direct
+        self._environment = environment
+        self._mailbox = Mailbox()
+        self._connection: Connection | None = None
+        self._announcer: Announcer | None = None
+        self._door: DoorParameters | None = None
+        self._intakes: tuple[Intake, ...] = ()
+        self._late: list[RawMessage] = []
+        self._failing: str | None = None
+        self._failure: str | None = None
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def kind(self) -> SourceKind:
+        """Where the messages come from."""
+        return SourceKind.ROS
+
+    @property
+    def label(self) -> str:
+        """For people: `LIVE ros domain 0`."""
+        return f"LIVE ros domain {self._domain}"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more can come: closed, and everything taken."""
+        return self._stop.is_set() and not self._mailbox
+
+    def open(self) -> None:
+        """Join the ROS domain and start to listen.
+
+        Raises:
+            MadrobError: ROS is not installed or does not start; the message names the remedy.
+        """
+        if self._thread is not None or self._stop.is_set():
+            return
+        connection = Connection(self._domain)
+        try:
+            door = self._join(connection)
+        except BaseException:
+            connection.close()
+            raise
+        self._connection = connection
+        self._thread = threading.Thread(
+            target=self._run, args=(connection, door), name="ros take", daemon=True
+        )
+        # A thread that is in ROS when the interpreter ends aborts the process.
+        atexit.register(self.close)
+        self._thread.start()
+
+    def _join(self, connection: Connection) -> DoorParameters:
+        """Create everything that speaks and listens."""
+        self._direct = self._direct and can_take()
+        console = connection.node("console")
+        listener = connection.node("console_intake", spun=not self._direct)
+        self._announcer = Announcer(console, self._types, self._clock)
+        self._door = DoorParameters(console)
+        places = prefixes(self._environment)
+        self._intakes = tuple(
+            Intake(
+                listener,
+                name,
+                type_name,
+                types=self._types,
+                prefixes=places,
+                direct=self._direct,
+            )
+            for name, type_name in self._configured.items()
+        )
+        return self._door
+
+    def take(self, timeout: float) -> list[RawMessage]:
+        """Messages since the last call, by receive time; waits at most `timeout` s."""
+        return self._mailbox.take(timeout)
+
+    def topics(self) -> Sequence[Topic]:
+        """Topics whose types can be used here, and the console's own."""
+        found = [i.topic for i in self._intakes if i.topic is not None]
+        return (*found, *self._own_topics)
+
+    def status(self) -> Sequence[TopicStatus]:
+        """The state of every configured topic."""
+        if not self._intakes:
+            return tuple(
+                TopicStatus(name, type_name, 0) for name, type_name in self._configured.items()
+            )
+        states = (i.status(self._mailbox.dropped(i.name)) for i in self._intakes)
+        if self._failure is None:
+            return tuple(states)
+        return tuple(replace(s, problem=s.problem or self._failure) for s in states)
+
+    def configure(self, condition: Condition) -> None:
+        """Set the testbed's parameters for a condition; returns at once."""
+        if self._door is not None:
+            self._door.request(condition)
+
+    @property
+    def sides_problem(self) -> str | None:
+        """Why the sides must be set by hand; None when the testbed confirmed them."""
+        return self._door.problem if self._door is not None else "ROS is not connected"
+
+    def announce_state(self, state: RefereeState) -> list[RawMessage]:
+        """Publish the state; returns what was published."""
+        return [self._announcer.state(state.text)] if self._announcer else []
+
+    def announce_event(self, text: str) -> list[RawMessage]:
+        """Publish one event as JSON text; returns what was published."""
+        return [self._announcer.event(text)] if self._announcer else []
+
+    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
+        """Publish the start pose; returns what was published."""
+        return [self._announcer.start_pose(pose)] if self._announcer else []
+
+    def close(self) -> None:
+        """Leave the ROS domain; what arrived before can still be taken."""
+        self._stop.set()
+        thread, connection = self._thread, self._connection
+        if thread is None or connection is None:
+            return
+        self._thread = self._connection = self._announcer = None
+        thread.join()
+        for intake in self._intakes:
+            intake.close()
+        connection.close()
+        atexit.unregister(self.close)
+        self._mailbox.wake()
+
+    def _run(self, connection: Connection, door: DoorParameters) -> None:
+        discover_at = 0.0
+        while not self._stop.is_set():
+            self._failing = None
+            if time.monotonic() >= discover_at:
+                discover_at = time.monotonic() + _DISCOVERY
+                for intake in self._intakes:
+                    self._try(intake.discover)
+                self._try(door.poll)
+            self._mailbox.put(self._take())
+            self._failure = self._failing
+            if self._direct and not door.pending:
+                self._stop.wait(_PERIOD)
+            else:
+                self._try(partial(connection.spin, _PERIOD))
+        self._mailbox.put(self._take())
+        self._mailbox.put(self._late)
+
+    def _try(self, action: Callable[[], _T]) -> _T | None:
+        """Do something that may fail without ending the thread, and all other topics with it."""
+        try:
+            return action()
+        except Exception as error:  # noqa: BLE001  # whatever rclpy raises is shown
+            first = next(iter(str(error).splitlines()), type(error).__name__)
+            self._failing = f"ROS fails ({first}): start the console again"
+            return None
+
+    def _take(self) -> list[RawMessage]:
+        """What arrived by the beginning of this call, by receive time.
+
+        What arrives while the topics are being emptied waits for the next call: a topic that
+        was emptied early may hold something older.
+        """
+        begin = self._clock.now_ns()
+        taken = [(i, received) for i in self._intakes for received in self._try(i.take) or ()]
+        now, wall = self._clock.now_ns(), time.time_ns()
+        messages = self._late + [_message(intake, r, now, wall) for intake, r in taken]
+        messages.sort(key=_receive_ns)
+        ready = bisect_right(messages, begin, key=_receive_ns)
+        self._late = messages[ready:]
+        return messages[:ready]
+
+
+def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
+    types: dict[str, str] = {}
+    for mapping in mappings:
+        if types.setdefault(mapping.topic, mapping.type) != mapping.type:
+            raise MadrobError(
+                f"{mapping.topic} is mapped as {types[mapping.topic]} and as {mapping.type}: "
+                "a topic has one type"
+            )
+    return types
+
+
+def _message(intake: Intake, received: Received, now: int, wall: int) -> RawMessage:
+    """A message with its arrival, in the system's time, carried over to steady time."""
+    age = wall - received.received_ns
+    if not 0 <= age <= NS:
+        age = 0  # the system's clock was stepped
+    return RawMessage(intake.name, intake.type, received.data, received.source_ns, now - age)

@@ -1,0 +1,25 @@
+"""The simulated testbed: a model, not random numbers.
+
+`SimulatedTestbed` is the door to it; `Truth` is what a run's events and steps truly are. Bodies
+do not collide: where a robot's way and the panel's swing meet, neither gives way.
+"""
+
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.plan import MotionPlan, Scenario
+from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
+from madrob_console.testbeds.simulated.truth import Truth, truth_of
+
+__all__ = [
+    "DoorGeometry",
+    "MotionPlan",
+    "RobotBody",
+    "RobotSettings",
+    "Scenario",
+    "SensorSettings",
+    "SimulatedTestbed",
+    "Truth",
+    "plan_run",
+    "truth_of",
+]

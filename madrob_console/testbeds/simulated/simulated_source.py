@@ -1,0 +1,228 @@
+"""The simulated testbed as a source: the same bytes on the same topics as a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from random import Random
+
+from madrob_console.clock import Clock, nanoseconds
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    MessageTypes,
+    TopicMapping,
+    describe_topic,
+    referee_topics,
+)
+from madrob_console.testbeds.announcements import Announcements
+from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
+from madrob_console.testbeds.simulated.truth import Truth
+from madrob_console.testbeds.source import RefereeState, TopicStatus
+from recorder.bag import Topic
+from recorder.message import RawMessage
+from scoring.protocol import Condition, StartPose
+
+_LARGEST_JITTER = 0.2
+"""Of the period between two readings."""
+_PUBLISHING_NS = 50_000
+"""From a reading to its publication."""
+_LEAST_LATENCY = 0.0003
+_MEAN_EXTRA_LATENCY = 0.0002
+_LARGEST_EXTRA_LATENCY = 0.003
+_LONGEST_BACKLOG = 60.0
+"""s of messages to catch up with; after a longer sleep of the machine they are lost."""
+
+
+class SimulatedSource:
+    """A simulated testbed that lives on the engine's clock.
+
+    The robot sets out when a run starts: `announce_state` with the phase `countdown` or
+    `running` names the instant, `idle` or `ready` sends it back for the next run.
+
+    Args:
+        testbed: the model; None = a nominal one.
+        clock: real, scaled or virtual.
+        types: the types known.
+        mappings: topics, types and units; those of the protocol by default.
+
+    Raises:
+        MadrobError: a mapping names a type or a field that cannot be simulated.
+    """
+
+    def __init__(
+        self,
+        testbed: SimulatedTestbed | None,
+        clock: Clock,
+        types: MessageTypes,
+        mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
+    ) -> None:
+        self.testbed = testbed or SimulatedTestbed()
+        self._clock = clock
+        signals = self.testbed.signals
+        self._mappings = tuple(m for m in mappings if m.signal in signals)
+        self._streams = tuple(_Stream(m, types, self.testbed) for m in self._mappings)
+        self._topics = (
+            *(describe_topic(types, m.topic, m.type) for m in self._mappings),
+            *referee_topics(types),
+        )
+        self._announcements = Announcements(types, clock)
+        self._problem: str | None = None
+        self._opened = False
+        self._closed = False
+
+    @property
+    def kind(self) -> SourceKind:
+        """Where the messages come from."""
+        return SourceKind.SIMULATED
+
+    @property
+    def label(self) -> str:
+        """For people: `SIMULATED nominal`."""
+        return f"SIMULATED {self.testbed.scenario}"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more can come: only once closed."""
+        return self._closed
+
+    def truth(self, timeout: float = 300.0) -> Truth | None:
+        """What truly happens in the run that has been started, in s since the epoch.
+
+        Args:
+            timeout: s after the start at which the run ends.
+        """
+        return self.testbed.truth(timeout)
+
+    def open(self) -> None:
+        """Switch the sensors on."""
+        if not self._opened:
+            self._opened = True
+            self._switch_on()
+
+    def take(self, timeout: float) -> list[RawMessage]:
+        """Messages since the last call, by receive time; `timeout` s of clock time pass."""
+        self._clock.sleep(timeout)
+        if not self._opened or self._closed:
+            return []
+        now = self._clock.now_ns()
+        if not self._in_step(now):
+            self._switch_on()
+        messages = [message for stream in self._streams for message in stream.until(now)]
+        messages.sort(key=_receive_ns)
+        return messages
+
+    def topics(self) -> Sequence[Topic]:
+        """The testbed's topics and the console's own."""
+        return self._topics
+
+    def status(self) -> Sequence[TopicStatus]:
+        """The state of every topic."""
+        publishers = int(self._opened and not self._closed)
+        return tuple(
+            TopicStatus(m.topic, m.type, publishers, problem=self._problem) for m in self._mappings
+        )
+
+    def configure(self, condition: Condition) -> None:
+        """Set the testbed for a condition."""
+        self.testbed.set_condition(condition)
+
+    @property
+    def sides_problem(self) -> str | None:
+        """Nothing has to be set by hand."""
+        return None
+
+    def announce_state(self, state: RefereeState) -> list[RawMessage]:
+        """Tell testbed and robot the state; returns the message to be recorded."""
+        if state.phase in ("idle", "ready"):
+            self.testbed.reset()
+        if state.condition is not None:
+            self.testbed.set_condition(state.condition)
+        if state.phase in ("countdown", "running") and state.start_time is not None:
+            self._start(nanoseconds(state.start_time))
+        return self._announcements.state(state.text)
+
+    def announce_event(self, text: str) -> list[RawMessage]:
+        """Announce one event as JSON text; returns the message to be recorded."""
+        return self._announcements.event(text)
+
+    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
+        """Announce the start pose, where the robot then stands if no sensor sees it there."""
+        self.testbed.set_start_distance(abs(pose.x))
+        return self._announcements.start_pose(pose)
+
+    def close(self) -> None:
+        """Switch the sensors off; safe to call twice."""
+        self._closed = True
+
+    def _start(self, start_ns: int) -> None:
+        try:
+            self.testbed.start(start_ns)
+            self._problem = None
+        except MadrobError as error:
+            self._problem = str(error)
+
+    def _switch_on(self) -> None:
+        now = self._clock.now_ns()
+        for stream in self._streams:
+            stream.begin(now)
+
+    def _in_step(self, now: int) -> bool:
+        """Whether the clock has not been stepped away from what comes next."""
+        due = min((stream.receive_ns for stream in self._streams), default=now)
+        return now - nanoseconds(_LONGEST_BACKLOG) < due < now + nanoseconds(1.0)
+
+
+class _Stream:
+    """The messages of one topic, one after the other."""
+
+    def __init__(
+        self, mapping: TopicMapping, types: MessageTypes, testbed: SimulatedTestbed
+    ) -> None:
+        self._mapping = mapping
+        self._encoder = Encoder(mapping, types)
+        self._testbed = testbed
+        self._rng = Random(f"{testbed.seed}/timing/{mapping.signal.name}")
+        self._period = nanoseconds(1 / testbed.sensors.rate)
+        self._phase = self._rng.randrange(self._period)
+        self._nominal = 0
+        self._stamp_ns = 0
+        self.receive_ns = 0
+
+    def begin(self, now: int) -> None:
+        """Start, or start anew, at `now`."""
+        self._nominal, self.receive_ns = now + self._phase, now
+        self._draw()
+
+    def until(self, now: int) -> list[RawMessage]:
+        """What has been received by `now` since the last call."""
+        messages = []
+        while self.receive_ns <= now:
+            messages.append(self._message())
+            self._nominal += self._period
+            self._draw()
+        return messages
+
+    def _message(self) -> RawMessage:
+        reading = self._testbed.read(self._mapping.signal, self._stamp_ns)
+        return RawMessage(
+            self._mapping.topic,
+            self._mapping.type,
+            self._encoder.encode(self._stamp_ns, reading),
+            self._stamp_ns + _PUBLISHING_NS,
+            self.receive_ns,
+        )
+
+    def _draw(self) -> None:
+        """Draw when the next reading is taken and received."""
+        largest = round(_LARGEST_JITTER * self._period)
+        jitter = nanoseconds(self._rng.gauss(0.0, self._testbed.sensors.jitter))
+        extra = min(_LARGEST_EXTRA_LATENCY, self._rng.expovariate(1 / _MEAN_EXTRA_LATENCY))
+        self._stamp_ns = self._nominal + max(-largest, min(largest, jitter))
+        received = self._stamp_ns + nanoseconds(_LEAST_LATENCY + extra)
+        self.receive_ns = max(received, self.receive_ns + 1)
+
+
+def _receive_ns(message: RawMessage) -> int:
+    return message.receive_ns

@@ -1,0 +1,134 @@
+"""The simulated testbed: door, sensors and a robot that plays a scenario.
+
+It knows no messages and no clock, so that the console's simulated source and a ROS 2 node can
+both drive it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from random import Random
+
+from madrob_console.clock import NS, seconds
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
+from madrob_console.testbeds.simulated.plan import MotionPlan, Scenario
+from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
+from madrob_console.testbeds.simulated.sensor_model import (
+    Reading,
+    Scene,
+    SensorModel,
+    SensorSettings,
+)
+from madrob_console.testbeds.simulated.truth import Truth, truth_of
+from scoring.protocol import Condition, Signal
+
+_NOBODY = Scene()
+_SLOWEST_PANEL = 0.5
+"""rad/s at which the panel must be able to turn without showing itself to an unmasked sensor."""
+
+
+class SimulatedTestbed:
+    """A testbed in which a robot plays one scenario over and over.
+
+    Args:
+        scenario: what the robot does.
+        seed: of everything random; the n-th run of a seed is always the same.
+        geometry: the doorway.
+        sensors: how the sensors behave.
+        robot: what is fixed of the robot.
+
+    Raises:
+        MadrobError: the panel would pass under sensors that the protocol does not mask.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario = Scenario.NOMINAL,
+        seed: int = 0,
+        geometry: DoorGeometry | None = None,
+        sensors: SensorSettings | None = None,
+        robot: RobotSettings | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.seed = seed
+        self.geometry = geometry or DoorGeometry()
+        self.sensors = sensors or SensorSettings()
+        self.robot = robot or RobotSettings()
+        if self.geometry.fastest_panel < _SLOWEST_PANEL:
+            raise MadrobError(
+                "the simulated panel passes under sensors outside of their masks: "
+                "correct the simulated door's measures or the masks"
+            )
+        self.condition: Condition | None = None
+        self._model = SensorModel(self.geometry, self.sensors, seed)
+        self._repetition = 0
+        self._start_ns = 0
+        self._plan: MotionPlan | None = None
+
+    @property
+    def plan(self) -> MotionPlan | None:
+        """The run that has been started; None before."""
+        return self._plan
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """What its sensors deliver."""
+        return tuple(s for s in Signal if self.sensors.latch or s is not Signal.LATCH)
+
+    def set_condition(self, condition: Condition) -> None:
+        """Set the condition of the runs to come; None at first: each run draws one."""
+        self.condition = condition
+
+    def set_start_distance(self, distance: float) -> None:
+        """Set how far from the threshold the robot starts, m; at least clear of the sensors."""
+        self.robot = replace(self.robot, start_distance=distance)
+
+    def start(self, start_ns: int) -> None:
+        """Let a run start at an instant, ns since the epoch; another instant moves it.
+
+        Raises:
+            MadrobError: the doorway leaves no plan for the robot.
+        """
+        if self._plan is None:
+            self._plan = plan_run(
+                self.scenario,
+                self.condition,
+                self.geometry,
+                Random(f"{self.seed}/{self._repetition}"),
+                self.robot,
+                latch=self.sensors.latch,
+            )
+        self._start_ns = start_ns
+
+    def reset(self) -> None:
+        """Shut the door and send the robot back to its start pose, for the next repetition."""
+        if self._plan is not None:
+            self._repetition += 1
+        self._plan = None
+
+    def truth(self, timeout: float = 300.0, *, latch_decides: bool | None = None) -> Truth | None:
+        """The truth of the started run in s since the epoch; None before a start.
+
+        Args:
+            timeout: s after the start at which the run ends.
+            latch_decides: as for `truth_of`.
+        """
+        if self._plan is None:
+            return None
+        truth = truth_of(self._plan, self.geometry, timeout, latch_decides=latch_decides)
+        return truth.since(seconds(self._start_ns))
+
+    def scene(self, time_ns: int) -> Scene:
+        """What is in the doorway at an instant, ns since the epoch."""
+        plan = self._plan
+        if plan is None:
+            return _NOBODY
+        time = (time_ns - self._start_ns) / NS
+        return Scene(
+            plan.body, plan.robot.at(time), plan.angle(time), plan.contact(time), plan.latched(time)
+        )
+
+    def read(self, signal: Signal, time_ns: int) -> Reading:
+        """What one of its sensors reads at an instant, ns since the epoch."""
+        return self._model.read(signal, self.scene(time_ns))

@@ -1,0 +1,259 @@
+"""The simulated testbed as a ROS 2 node: what a console sees as a live testbed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from madrob_console.clock import SystemClock
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
+    MessageTypes,
+    TopicMapping,
+)
+from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.inbox import qos_profile
+from madrob_console.testbeds.ros.loading import (
+    RosObject,
+    domain_id,
+    load_message_class,
+    load_module,
+)
+from madrob_console.testbeds.ros.parameters import ParameterValue, door_parameters
+from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import RefereeState
+from recorder.bag import Durability, Qos
+from scoring.errors import ScoringError
+from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+
+_PERIOD = 0.005
+"""Seconds between two looks at what is due."""
+
+_POST_ROLL = 3.0
+"""Seconds for which it stays after its last run, unless the referee goes on before."""
+
+_NEVER = 1e9
+"""Seconds: the start of a robot that stands and waits."""
+
+_LATE = 1.0
+"""Seconds: a robot that hears of its start later than this sets out when it hears of it."""
+
+_KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
+_DEFAULT_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
+
+Say = Callable[[str], None]
+"""Takes one line for people."""
+
+
+def serve_testbed(
+    testbed: SimulatedTestbed,
+    condition: Condition | None,
+    repeat: int,
+    *,
+    say: Say,
+    domain: int | None = None,
+    mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
+    stop: threading.Event | None = None,
+) -> None:
+    """Be the testbed until its runs are over, a signal comes or `stop` is set.
+
+    Args:
+        testbed: the model; its scenario is played in every run.
+        condition: of the runs until the referee sets another; None = each run draws one.
+        repeat: how many runs; 0 = no end.
+        say: is told what happens.
+        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
+        mappings: topics, types and units.
+        stop: ends it from another thread.
+
+    Raises:
+        MadrobError: ROS is not there, or a topic cannot be simulated.
+    """
+    number = domain_id(domain, os.environ)
+    ended = stop or threading.Event()
+    source = SimulatedSource(testbed, SystemClock(), MessageTypes(), mappings)
+    connection = Connection(number)
+    try:
+        node = DoorNode(connection, source, condition, say)
+        say(f"simulated testbed {testbed.scenario} in ROS domain {number}: waits for the referee")
+        with _ended_by_signals(ended):
+            while not ended.is_set() and not (repeat and node.has_done(repeat)):
+                connection.spin(_PERIOD)
+                node.publish()
+        for topic, count in node.published.items():
+            say(f"{count} messages on {topic}")
+    finally:
+        connection.close()
+
+
+class DoorNode:
+    """The node `/madrob/door`: the testbed's topics, its parameters and its robot.
+
+    Args:
+        connection: the ROS domain; who owns it spins it.
+        source: the model.
+        condition: at first; None = each run draws one.
+        say: is told what happens.
+    """
+
+    def __init__(
+        self, connection: Connection, source: SimulatedSource, condition: Condition | None, say: Say
+    ) -> None:
+        self.published: Counter[str] = Counter()
+        self._source = source
+        self._say = say
+        self._condition = condition or _DEFAULT_CONDITION
+        self._phase = ""
+        self._start: float | None = None
+        self._runs = 0
+        self._over_at = 0.0
+        if condition is not None:
+            source.configure(condition)
+        self._node = connection.node("door", parameter_services=True)
+        for name, value in door_parameters(self._condition).items():
+            self._node.declare_parameter(name, value)
+        self._node.add_on_set_parameters_callback(self._on_parameters)
+        self._publishers = {
+            topic.topic: self._node.create_publisher(
+                load_message_class(topic.type), topic.topic, qos_profile(Qos(), 100)
+            )
+            for topic in source.status()
+        }
+        self._listen(REFEREE_STATE_TOPIC, "std_msgs/msg/String", self._on_state)
+        self._listen(REFEREE_START_POSE_TOPIC, "geometry_msgs/msg/PoseStamped", self._on_pose)
+        source.open()
+
+    def has_done(self, runs: int) -> bool:
+        """Whether so many runs are over, and the last one's recording too."""
+        if self._runs < runs or self._phase == "running":
+            return False
+        return self._phase != "stopped" or time.monotonic() > self._over_at + _POST_ROLL
+
+    def publish(self) -> None:
+        """Publish what the sensors have read since the last call."""
+        for message in self._source.take(0):
+            self._publishers[message.topic].publish(message.data)
+            self.published[message.topic] += 1
+
+    def _listen(self, topic: str, type_name: str, heard: Callable[[RosObject], None]) -> None:
+        self._node.create_subscription(
+            load_message_class(type_name), topic, heard, qos_profile(_KEPT, 10)
+        )
+
+    def _on_parameters(self, parameters: Sequence[RosObject]) -> RosObject:
+        result = load_module("rcl_interfaces.msg").SetParametersResult
+        for parameter in parameters:
+            reason = refusal(parameter.name, parameter.value)
+            if reason is not None:
+                return result(successful=False, reason=reason)
+        for parameter in parameters:
+            self._set(parameter.name, parameter.value)
+        return result(successful=True)
+
+    def _set(self, name: str, value: ParameterValue) -> None:
+        before = self._condition
+        if name == "opening_side":
+            self._condition = replace(before, opening_side=Side(str(value).lower()))
+        elif name == "benchmark_type":
+            self._condition = replace(before, benchmark_type=BenchmarkType(str(value)))
+        self._source.configure(self._condition)
+        if self._condition != before:
+            self._say(f"{name.replace('_', ' ')} set to {value}")
+
+    def _on_pose(self, message: RosObject) -> None:
+        position, turn = message.pose.position, message.pose.orientation
+        yaw = math.degrees(2 * math.atan2(turn.z, turn.w))
+        self._source.announce_start_pose(StartPose(position.x, position.y, yaw))
+
+    def _on_state(self, message: RosObject) -> None:
+        try:
+            state = parse_state(message.data)
+        except MadrobError as error:
+            self._say(str(error))
+            return
+        before, self._phase = self._phase, state.phase
+        self._start = self._start_of(state, before)
+        if state.condition is not None and state.condition != self._condition:
+            self._condition = condition = state.condition
+            self._say(
+                f"condition {condition.number}: {condition.benchmark_type}, opens to "
+                f"{condition.opening_side.upper()}, robot on {condition.starting_side.upper()}"
+            )
+        self._source.announce_state(replace(state, start_time=self._start))
+        if state.phase == "running" != before:
+            self._say("robot sets out")
+        elif before == "running" != state.phase:
+            self._runs += 1
+            self._over_at = time.monotonic()
+            self._say("run over")
+
+    def _start_of(self, state: RefereeState, before: str) -> float | None:
+        """When the robot sets out, s since the epoch; None outside a run.
+
+        Nobody knows in the countdown that it will be: the robot takes its place and waits.
+        """
+        if state.phase == "countdown":
+            return _NEVER + time.time()
+        if state.phase != "running":
+            return None
+        if before == "running":
+            return self._start
+        now = time.time()
+        due = state.start_time
+        return due if due is not None and abs(now - due) < _LATE else now
+
+
+def refusal(name: str, value: ParameterValue) -> str | None:
+    """Why the testbed does not take a parameter, in words; None when it does."""
+    if name == "opening_side" and value not in ("CW", "CCW"):
+        return f"{value!r} is neither CW nor CCW"
+    if name == "benchmark_type" and value not in {b.value for b in BenchmarkType}:
+        return f"{value!r} is no benchmark type"
+    if name.startswith("brake_lut") and isinstance(value, Sequence) and len(value) != 181:
+        return f"{len(value)} braking forces instead of 181"
+    return None
+
+
+def parse_state(text: str) -> RefereeState:
+    """What the referee says on `/madrob/referee/state`.
+
+    Raises:
+        MadrobError: it is no JSON object with a `phase`.
+    """
+    try:
+        content = json.loads(text)
+        phase, start, number = (
+            content.get(key) for key in ("phase", "start_time", "condition_number")
+        )
+        condition = None if number is None else Condition.from_number(number)
+        return RefereeState(str(phase), condition, None if start is None else float(start), text)
+    except (ValueError, TypeError, AttributeError, ScoringError):
+        shown = text if len(text) < 60 else f"{text[:60]}..."
+        raise MadrobError(f"{REFEREE_STATE_TOPIC}: not understood: {shown!r}") from None
+
+
+@contextmanager
+def _ended_by_signals(ended: threading.Event) -> Iterator[None]:
+    """SIGINT and SIGTERM set `ended` instead of killing; in the main thread only."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(s, lambda *_: ended.set()) for s in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,208 @@
+"""Text that changes often and costs few bytes: only changed cells are written.
+
+A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live
+widgets draw lines of spans, compare them with what is on screen and refresh the cells between
+the first and the last difference. A span carries a tone, not markup: text from outside shows
+as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
+from textual import events
+from textual.color import Color
+from textual.geometry import Region, Size
+from textual.strip import Strip
+from textual.widget import Widget
+
+from madrob_console.names import terminal_safe
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+
+class Tone(StrEnum):
+    """What a span means; `console_screen.tcss` says how it looks. Never the only carrier of it."""
+
+    PLAIN = "plain"
+    DIM = "dim"
+    STRONG = "strong"
+    GOOD = "good"
+    WARN = "warn"
+    BAD = "bad"
+    CAP = "cap"
+    LIVE = "live"
+    NOTICE = "notice"
+    ALARM = "alarm"
+    CURSOR = "cursor"
+
+
+TONE_CLASSES = {f"tone--{tone}" for tone in Tone}
+"""Component classes of every screen that holds lines."""
+
+
+class Span(NamedTuple):
+    """A stretch of text in one tone."""
+
+    text: str
+    tone: Tone = Tone.PLAIN
+
+
+Line = tuple[Span, ...]
+
+
+def line(*parts: str | Span) -> Line:
+    """A line of parts; plain text becomes a plain span."""
+    return tuple(part if isinstance(part, Span) else Span(part) for part in parts if part)
+
+
+def width_of(spans: Line) -> int:
+    """The cells that a line takes."""
+    return sum(cell_len(terminal_safe(span.text)) for span in spans)
+
+
+class Lines(Widget):
+    """A widget made of lines of spans."""
+
+    ALLOW_SELECT = False
+
+    _drawn: tuple[Line, ...] = ()
+    _base: Style | None = None
+    _tones: dict[Tone, Style] = {}  # noqa: RUF012  each widget makes its own with its first style
+
+    @property
+    def ascii_only(self) -> bool:
+        """Whether to draw shapes that are made for ASCII; single signs are brought down anyway."""
+        return self.is_attached and bool(getattr(self.app, "ascii", False))
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """What to show in `width` cells."""
+        raise NotImplementedError
+
+    def redraw(self) -> None:
+        """Ask for the lines again and refresh the cells that differ."""
+        width = self.content_size.width
+        if not width:
+            return
+        old, new = self._drawn, tuple(self.lines(width))
+        if new == old:
+            return
+        self._drawn = new
+        height = self.content_size.height
+        auto = self.styles.height is not None and self.styles.height.is_auto
+        if auto and len(new) not in (len(old), height):
+            self.refresh(layout=True)
+            return
+        blank: Line = ()
+        for y in range(min(max(len(old), len(new)), height)):
+            before = old[y] if y < len(old) else blank
+            after = new[y] if y < len(new) else blank
+            if before != after:
+                self.refresh(changed_cells(before, after, y, width))
+
+    def on_resize(self, _event: events.Resize) -> None:
+        """Lines may depend on the width."""
+        self.redraw()
+
+    def watch_has_focus(self, has_focus: bool) -> None:
+        """Lines may depend on the focus."""
+        super().watch_has_focus(has_focus)
+        self.redraw()
+
+    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
+        """As many rows as there are lines."""
+        return len(self.lines(width))
+
+    def render_line(self, y: int) -> Strip:
+        """One row, cropped with an ellipsis where it is too long."""
+        if self._base is None:
+            self._base = self.rich_style
+        base, width = self._base, self.content_size.width
+        if y >= len(self._drawn):
+            return Strip.blank(width, base)
+        strip = Strip(
+            Segment(terminal_safe(span.text), self._toned(span.tone, base))
+            for span in self._drawn[y]
+        )
+        if strip.cell_length > width:
+            strip = Strip([*strip.crop(0, width - 1), Segment("…", base)])
+        return strip.adjust_cell_length(width, base)
+
+    def notify_style_update(self) -> None:
+        """Theme or focus have changed: look the styles up again."""
+        super().notify_style_update()
+        self._base = None
+        self._tones = {}
+
+    def _toned(self, tone: Tone, base: Style) -> Style:
+        """The style of a tone; kept, for most of a frame's time went into looking it up."""
+        style = self._tones.get(tone)
+        if style is None:
+            _, background = self.background_colors
+            style = self._tones[tone] = base + self._style(tone, background)
+        return style
+
+    def _style(self, tone: Tone, background: Color) -> Style:
+        """How a tone looks here.
+
+        The tones are component classes of the screen, styled once: a set of them in each widget
+        would take a third of the start.
+        """
+        styles = self.screen.get_component_styles(f"tone--{tone}")
+        color = styles.color
+        if styles.auto_color:
+            color = background.get_contrast_text(color.a)
+        return styles.text_style + Style.from_color((background + color).rich_color)
+
+
+class View(Lines):
+    """Lines that show a snapshot."""
+
+    _snapshot: Snapshot | None = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Show a newer snapshot."""
+        self._snapshot = snapshot
+        self.redraw()
+
+    def forget(self) -> None:
+        """Show nothing until the next snapshot: what is out of view grows old."""
+        self._snapshot, self._drawn = None, ()
+        self.refresh()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The lines of the latest snapshot."""
+        return () if self._snapshot is None else self.draw(self._snapshot, width)
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """What a snapshot looks like in `width` cells."""
+        raise NotImplementedError
+
+
+def changed_cells(before: Line, after: Line, y: int, width: int) -> Region:
+    """The cells of row `y` between the first and the last difference of two lines."""
+    old, new = _characters(before), _characters(after)
+    longest = max(len(old), len(new))
+    if longest > width or not _one_cell_each(old + new):
+        return Region(0, y, width, 1)
+    pairs = list(zip(old, new, strict=False))
+    first = next((i for i, (a, b) in enumerate(pairs) if a != b), len(pairs))
+    end = longest
+    if len(old) == len(new):
+        while end > first + 1 and old[end - 1] == new[end - 1]:
+            end -= 1
+    return Region(first, y, max(1, end - first), 1)
+
+
+def _characters(spans: Line) -> list[tuple[str, Tone]]:
+    return [(char, span.tone) for span in spans for char in terminal_safe(span.text)]
+
+
+def _one_cell_each(characters: list[tuple[str, Tone]]) -> bool:
+    return all(char.isascii() or cell_len(char) == 1 for char, _ in characters)

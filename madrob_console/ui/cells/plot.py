@@ -1,0 +1,240 @@
+"""A curve over time, drawn into cells: braille dots, or plain ASCII.
+
+Everything here is a pure function of the data and the room. Plots with the same window and
+gutter stand exactly under each other, so that one time axis serves them all.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from madrob_console.engine.shown.curves import Curve
+from madrob_console.ui.cells.axes import LARGEST, Axis, Window
+from madrob_console.ui.cells.gauge import joined, ruler
+from madrob_console.ui.cells.lines import Line, Span, Tone
+
+_LEFT_DOTS, _RIGHT_DOTS = (0x40, 0x04, 0x02, 0x01), (0x80, 0x20, 0x10, 0x08)
+_ASCII_LEVELS = "_-'"
+
+
+@dataclass(frozen=True, slots=True)
+class Ink:
+    """The characters of a plot; `wide` x `high` dots a cell."""
+
+    wide: int
+    high: int
+    top: str
+    zone: str
+    event: str
+    border: str
+    tick: str
+    corner: str
+    axis: str
+    axis_tick: str
+
+
+BRAILLE = Ink(2, 4, "●", "·", "┊", "│", "┤", "└", "─", "┴")
+ASCII = Ink(1, 3, "*", ".", ":", "|", "+", "+", "-", "+")
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An event: a vertical line with a letter below; `time` in s since the start."""
+
+    time: float
+    letter: str
+
+
+@dataclass(frozen=True, slots=True)
+class Extreme:
+    """The datum with the largest absolute value; `time` in s since the start."""
+
+    time: float
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """One curve and how it is drawn.
+
+    Attributes:
+        stretches: the curve; between two stretches nothing is drawn.
+        least: the y axis spans at least this much.
+        absolute: absolute values are drawn.
+        clip: a larger value is drawn at this one.
+        zone: the band from -zone to zone is dotted; None = no band.
+    """
+
+    stretches: tuple[Curve, ...]
+    least: float
+    absolute: bool = False
+    clip: float = LARGEST
+    zone: float | None = None
+
+    def drawn(self, value: float) -> float:
+        """Where on the y axis a value is drawn."""
+        value = abs(value) if self.absolute else value
+        return max(-self.clip, min(self.clip, value))
+
+    def extreme(self) -> Extreme | None:
+        """The first datum with the largest absolute value, not clipped; None without data."""
+        tops = [
+            max(zip(stretch.time, stretch.value, strict=True), key=lambda point: abs(point[1]))
+            for stretch in self.stretches
+        ]
+        return Extreme(*max(tops, key=lambda point: abs(point[1]))) if tops else None
+
+    def axis(self, height: int) -> Axis:
+        """The y axis in `height` >= 3 rows; it does not depend on the window."""
+        ends = [self.drawn(end(stretch.value)) for stretch in self.stretches for end in (min, max)]
+        return Axis.over(min(ends, default=0.0), max(ends, default=0.0), self.least, height)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What all plots of a figure have in common.
+
+    Attributes:
+        window: the time that is shown.
+        width: cells in all.
+        gutter: cells for the labels of the y axis.
+        marks: events, as lines and letters.
+        ink: the characters.
+    """
+
+    window: Window
+    width: int
+    gutter: int
+    marks: Sequence[Mark] = ()
+    ink: Ink = BRAILLE
+
+    @property
+    def columns(self) -> int:
+        """Cells of the curve, beside the y axis."""
+        return max(1, self.width - self.gutter - 1)
+
+    def plot(self, plot: Plot, height: int) -> list[Line]:
+        """The curve, its largest absolute value, the events and the y axis in `height` rows."""
+        ink, columns, axis = self.ink, self.columns, plot.axis(height)
+        cells = [[Span(" ")] * columns for _ in range(height)]
+        if plot.zone is not None:
+            for y in range(
+                self._row(axis, plot.zone, height), self._row(axis, -plot.zone, height) + 1
+            ):
+                cells[y] = [Span(ink.zone, Tone.DIM)] * columns
+        for cell in {self.window.column(mark.time, columns) for mark in self.marks}:
+            for row in cells if 0 <= cell < columns else ():
+                row[cell] = Span(ink.event, Tone.DIM)
+        _draw_curve(cells, plot, axis, self.window, ink)
+        top = plot.extreme()
+        if top is not None and top.time in self.window:
+            row = cells[self._row(axis, plot.drawn(top.value), height)]
+            row[self.window.column(top.time, columns)] = Span(ink.top, Tone.WARN)
+        labels = {
+            self._row(axis, tick, height): label
+            for tick, label in zip(axis.ticks, axis.labels, strict=True)
+        }
+        return [
+            joined([Span(self._border(labels.get(y)), Tone.DIM), *row])
+            for y, row in enumerate(cells)
+        ]
+
+    def time_axis(self) -> list[Line]:
+        """Two rows under the plots: the axis with its ticks and the events' letters, and times."""
+        ticks = self.window.ticks(self.columns)
+        cells = [Span(self.ink.axis, Tone.DIM)] * self.columns
+        for cell, _ in ticks:
+            cells[cell] = Span(self.ink.axis_tick, Tone.DIM)
+        for cell, letter in self._letters().items():
+            cells[cell] = Span(letter, Tone.STRONG)
+        begin = " " * self.gutter
+        return [
+            joined([Span(begin + self.ink.corner, Tone.DIM), *cells]),
+            (Span(f"{begin} {ruler(self.columns, ticks)}", Tone.DIM),),
+        ]
+
+    def _row(self, axis: Axis, value: float, height: int) -> int:
+        """The row of a value, from the top."""
+        return height - 1 - axis.dot(value, height * self.ink.high) // self.ink.high
+
+    def _border(self, label: str | None) -> str:
+        if label is None:
+            return " " * self.gutter + self.ink.border
+        return f"{label:>{self.gutter}}{self.ink.tick}"
+
+    def _letters(self) -> dict[int, str]:
+        """The letters under their lines, or a cell or two further where that one is taken."""
+        letters: dict[int, str] = {}
+        for mark in sorted(self.marks, key=lambda mark: mark.time):
+            cell = self.window.column(mark.time, self.columns)
+            near = range(cell, min(self.columns, cell + 3)) if cell >= 0 else ()
+            free = next((at for at in near if at not in letters), None)
+            if free is not None:
+                letters[free] = mark.letter
+        return letters
+
+
+def _draw_curve(
+    cells: Sequence[list[Span]], plot: Plot, axis: Axis, window: Window, ink: Ink
+) -> None:
+    """Fill the cells that the curve passes."""
+    columns, dots = len(cells[0]) * ink.wide, len(cells) * ink.high
+    for column, reach in enumerate(_reaches(plot, window, columns)):
+        if reach is None:
+            continue
+        low, high = (axis.dot(value, dots) for value in reach)
+        for level in range(low // ink.high, high // ink.high + 1):
+            first = max(0, low - level * ink.high)
+            last = min(ink.high - 1, high - level * ink.high)
+            row, cell = cells[-1 - level], column // ink.wide
+            if ink is BRAILLE:
+                row[cell] = _braille(row[cell].text, first, last, column % ink.wide)
+            else:
+                row[cell] = Span("|" if last - first == 2 else _ASCII_LEVELS[(first + last) // 2])
+
+
+def _braille(was: str, first: int, last: int, column: int) -> Span:
+    """A cell with the dots from `first` to `last`, counted from below, in one of its columns."""
+    dots = ord(was) & 0xFF if 0x2800 <= ord(was) < 0x2900 else 0
+    return Span(chr(0x2800 | dots | sum((_LEFT_DOTS, _RIGHT_DOTS)[column][first : last + 1])))
+
+
+def _reaches(plot: Plot, window: Window, columns: int) -> list[tuple[float, float] | None]:
+    """For each column the lowest and the highest value drawn; None where there is no data."""
+    low, high = [math.inf] * columns, [-math.inf] * columns
+    for stretch in plot.stretches:
+        begin = max(0, bisect_left(stretch.time, window.start) - 1)
+        end = bisect_right(stretch.time, window.end) + 1
+        scale, start = columns / window.width, window.start
+        points = [
+            ((time - start) * scale, plot.drawn(value))
+            for time, value in zip(stretch.time[begin:end], stretch.value[begin:end], strict=True)
+        ]
+        for x, y in points:
+            if 0 <= x <= columns:
+                column = min(columns - 1, int(x))
+                low[column], high[column] = min(low[column], y), max(high[column], y)
+        for before, after in pairwise(points):
+            for column, bottom, top in _crossed(before, after, columns):
+                low[column] = min(low[column], bottom)
+                high[column] = max(high[column], top)
+    return [None if bottom > top else (bottom, top) for bottom, top in zip(low, high, strict=True)]
+
+
+def _crossed(
+    before: tuple[float, float], after: tuple[float, float], columns: int
+) -> Iterable[tuple[int, float, float]]:
+    """What the straight line between two points reaches in each of the columns that it crosses."""
+    (x, y), (next_x, next_y) = before, after
+    first, last = math.floor(x), math.floor(next_x)
+    if first == last:
+        return
+    slope = (next_y - y) / (next_x - x)
+    for column in range(max(0, first), min(columns, last + 1)):
+        ends = (y + (at - x) * slope for at in (max(x, column), min(next_x, column + 1)))
+        bottom, top = sorted(ends)
+        yield column, bottom, top

@@ -1,0 +1,1 @@
+"""What is always there: the screen around the panes, its lines on top and at the bottom."""

@@ -1,0 +1,57 @@
+"""What is wrong now; it stays until it is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.cells import cell_len
+
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+from madrob_console.ui.look.words import fitted, wrapped
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+MOST_ROWS = 3
+"""Rows that faults may take from the screen."""
+
+
+_ROOMY = 100
+
+
+class FaultLine(View):
+    """The faults, one a row; the last row counts those that found no room."""
+
+    def __init__(self, where: str = "") -> None:
+        super().__init__()
+        self._where = where
+
+    trouble: str | None = None
+    """Why the snapshot cannot be trusted, in words; None = it can."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """Up to three rows."""
+        faults = list(snapshot.faults)
+        if self.trouble is not None:
+            faults.insert(0, self.trouble)
+        if not faults:
+            roomy = width >= _ROOMY  # else the top line has no room for it
+            where = "" if roomy else fitted(self._where, min(cell_len(self._where), width - 10))
+            left = fitted("no faults", width - cell_len(where))
+            return [line(Span(left + where, Tone.DIM))]
+        rows: list[str] = []
+        shown = 0
+        for fault in faults:
+            lines = wrapped(fault, width - 7)
+            if rows and len(rows) + len(lines) > MOST_ROWS:
+                break
+            rows.extend(lines[:MOST_ROWS])
+            shown += 1
+        if hidden := len(faults) - shown:
+            rows[-1] = f"{rows[-1][: width - 24]} (and {hidden} more: F3)"
+        marks = [" FAULT "] + ["       "] * (len(rows) - 1)
+        return [
+            line(Span(mark, Tone.ALARM), Span(row, Tone.BAD))
+            for mark, row in zip(marks, rows, strict=True)
+        ]

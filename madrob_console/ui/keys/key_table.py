@@ -1,0 +1,222 @@
+"""The keys: fixed, the same on every screen.
+
+Function keys work while a text is typed, letters when none is. Start and Abort never move. The
+footer's second row shows the letters that matter for the pane; all of them work everywhere.
+On a replay the keys that move it take their place: no act is possible there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from textual.binding import Binding
+
+from madrob_console.engine.shown.playback import (
+    CONTROL,
+    LONG_STEP,
+    SAMPLE_STEP,
+    AnyCommand,
+    Faster,
+    PlayOrPause,
+    Skip,
+    Slower,
+)
+from madrob_console.referee import acts
+from madrob_console.ui.keys import asks
+from madrob_console.ui.keys.questions import Ask, Leave
+from scoring.protocol import Step
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+Answer = acts.Act | AnyCommand | Ask | Leave | str
+"""What a key gives: an act, a move of a replay, a dialog, the way out, or a refusal in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of the console.
+
+    Attributes:
+        name: for the program.
+        keys: as textual names them, separated by commas.
+        cap: as the footer shows it.
+        label: what it does, in a word.
+        help: what it does, in a sentence.
+        act: name of the act whose refusal dims the key; empty = always possible.
+        answer: what it gives; None = the screen itself does it.
+        pane: the pane that it shows; empty = none.
+        where: the panes whose footer shows it where there is no room for all; empty = every.
+        commits: what is typed in the set-up counts before the act.
+        over: it works while a dialog is open.
+    """
+
+    name: str
+    keys: str
+    cap: str
+    label: str
+    help: str
+    act: str = ""
+    answer: Callable[[Snapshot, str], Answer] | None = None
+    pane: str = ""
+    where: frozenset[str] = frozenset()
+    commits: bool = False
+    over: bool = False
+
+    def refusal(self, snapshot: Snapshot) -> str | None:
+        """Why the key does nothing now; None when it does."""
+        return snapshot.refusals.get(self.act) if self.act else None
+
+
+FUNCTION_KEYS = (
+    Key(
+        "help", "f1,question_mark", "F1", "Help", "this page; also ?; again or Escape goes back",
+        pane="help",
+    ),
+    Key("setup", "f2", "F2", "Set-up", "set up a run, pre-start checks", pane="setup"),
+    Key("live", "f3", "F3", "Live", "the run as it goes", pane="live"),
+    Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
+    Key(
+        "start", "f5", "F5", "START", "open the recording and begin the countdown",
+        acts.Start.name, lambda _s, _k: acts.Start(), commits=True,
+    ),
+    Key(
+        "pose", "f6", "F6", "Pose", "confirm: the robot stands at its start pose",
+        acts.ConfirmPose.name, lambda _s, _k: acts.ConfirmPose(), commits=True,
+    ),
+    Key(
+        "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
+        acts.ZeroHandle.name, lambda _s, _k: acts.ZeroHandle(),
+    ),
+    Key(
+        "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
+        acts.Abort.name, lambda _s, _k: asks.ABORT, over=True,
+    ),
+    Key(
+        "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
+        acts.DeclareTimeout.name, lambda _s, _k: asks.TIMEOUT,
+    ),
+    Key(
+        "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
+        answer=lambda s, _k: asks.ask_leave(s), over=True,
+    ),
+)  # fmt: skip
+
+_SETUP = frozenset({"setup"})
+_LIVE = frozenset({"live"})
+_RESULTS = frozenset({"results"})
+_NOWHERE = frozenset({"nowhere"})  # seldom: the help and the palette know them
+_AFTER = frozenset({"results", "figures", "history", "standings", "help"})
+
+LETTER_KEYS = (
+    Key(
+        "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
+        acts.Rule.name, lambda s, k: asks.ask_ruling(s, Step(int(k))), where=_LIVE | _RESULTS,
+    ),
+    Key(
+        "incident", "i", "i", " Incident", "mark an incident; the second key says which",
+        acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT, where=_LIVE,
+    ),
+    Key(
+        "withdraw", "d", "d", " Withdraw", "take back the last incident, with a reason",
+        acts.WithdrawIncident.name, lambda _s, _k: asks.WITHDRAW, where=_NOWHERE,
+    ),
+    Key(
+        "note", "n", "n", " Note", "write a note beside the run",
+        acts.AddNote.name, lambda _s, _k: asks.NOTE, where=_SETUP | _LIVE | _RESULTS,
+    ),
+    Key(
+        "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
+        acts.Waive.name, lambda s, _k: asks.ask_waiver(s), where=_SETUP,
+    ),
+    Key(
+        "accept", "a", "a", " Accept", "accept a false start, with a reason",
+        acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START, where=_LIVE,
+    ),
+    Key(
+        "restart", "r", "r", " Restart", "begin the countdown again",
+        acts.RestartCountdown.name, lambda s, _k: asks.ask_restart(s), where=_LIVE,
+    ),
+    Key(
+        "finalise", "f", "f", " Finalise", "close the result with the team's word",
+        acts.Finalise.name, lambda s, _k: asks.ask_finalise(s), where=_RESULTS,
+    ),
+    Key(
+        "reissue", "u", "u", " Redo", "open a final result again; its next issue gets a number",
+        acts.Reissue.name, lambda _s, _k: asks.REISSUE, where=_RESULTS,
+    ),
+    Key(
+        "next", "x", "x", " Next", "set up the next run; from the history: one like the marked",
+        acts.SetUp.name, where=_SETUP | _AFTER,
+    ),
+    Key(
+        "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",
+        pane="figures", where=_AFTER,
+    ),
+    Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
+    Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
+    Key(
+        "export", "e", "e", " Export",
+        "pack all runs of the team, or of the marked one, into a zip",
+        "export the team's runs", where=frozenset({"history"}),
+    ),
+    Key(
+        "take", "t", "t", " Take", "take the right to act from another console",
+        "take over", where=_NOWHERE,
+    ),
+    Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
+)  # fmt: skip
+
+_PLAYED = _LIVE | _RESULTS
+
+PLAYBACK_KEYS = (
+    Key(
+        "play", "space", "Spc", " Pause", "pause the replay, go on",
+        CONTROL, lambda _s, _k: PlayOrPause(), where=_PLAYED,
+    ),
+    Key(
+        "sample", "full_stop,comma", ",.", " 20ms", "one door sample back, or on; pauses",
+        CONTROL, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
+    ),
+    Key(
+        "second", "greater_than_sign,less_than_sign", "<>", " 1s", "a second back, or on; pauses",
+        CONTROL, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
+    ),
+    Key(
+        "speed", "plus,equals_sign,minus", "+-", " Speed", "from half to ten times as fast",
+        CONTROL, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
+    ),
+    Key(
+        "jump", "j", "j", " Jump", "to a time of the run",
+        CONTROL, lambda _s, _k: asks.JUMP, where=_PLAYED,
+    ),
+)  # fmt: skip
+"""Keys of a replay; anywhere else they are not there, and left to the panes."""
+
+
+def _skip(pressed: str, duration: float) -> Skip:
+    return Skip(-duration if pressed in ("comma", "less_than_sign") else duration)
+
+
+KEYS = {key.name: key for key in (*FUNCTION_KEYS, *LETTER_KEYS, *PLAYBACK_KEYS)}
+
+
+def bindings() -> list[Binding]:
+    """Textual's bindings.
+
+    All come before the widgets', so that keys act in the order in which they are typed; a
+    text field keeps the letters for itself (`check_consume_key`).
+    """
+    return [
+        Binding(
+            pressed,
+            f"press('{key.name}', '{pressed}')",
+            key.label.strip(),
+            show=False,
+            priority=True,
+        )
+        for key in KEYS.values()
+        for pressed in key.keys.split(",")
+    ]

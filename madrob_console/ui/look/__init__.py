@@ -1,0 +1,1 @@
+"""Colours, signs and words of the screens."""

@@ -1,0 +1,221 @@
+"""The themes, and which of them a terminal can show.
+
+Each exists in full colours and, for terminals with 16 of them, in colours of the terminal's own
+palette: brought down by arithmetic, a green may end as white and a grey on its background. The
+full ones keep to what 256-colour terminals have or nearly have, as most do over SSH.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.segment import Segment
+from rich.style import Style
+from textual.color import Color
+from textual.filter import LineFilter
+from textual.theme import Theme
+
+from madrob_console.kinds import ThemeName
+
+COLOURLESS = "colourless"
+"""Bold, dim, underlined and reversed text in the terminal's own two colours."""
+
+_OF_16 = "-16"
+
+
+class _Palette(NamedTuple):
+    """Backgrounds of the screen, of dialogs, of lines and fields, of the field in use; inks."""
+
+    background: str
+    surface: str
+    panel: str
+    focus: str
+    foreground: str
+    muted: str
+    good: str
+    warning: str
+    bad: str
+    accent: str
+    thumb: str
+
+
+_PALETTES = {
+    ThemeName.DARK: _Palette(
+        background="#121212",
+        surface="#1c1c1c",
+        panel="#262626",
+        focus="#444444",
+        foreground="#e4e4e4",
+        muted="#a8a8a8",
+        good="#87d787",
+        warning="#ffd75f",
+        bad="#ff8787",
+        accent="#5fafff",
+        thumb="#767676",
+    ),
+    ThemeName.LIGHT: _Palette(
+        background="#ffffff",
+        surface="#f2f2f2",
+        panel="#e8e8e8",
+        focus="#c6c6c6",
+        foreground="#1c1c1c",
+        muted="#4e4e4e",
+        good="#005f00",
+        warning="#875f00",
+        bad="#af0000",
+        accent="#005faf",
+        thumb="#767676",
+    ),
+    ThemeName.HIGH_CONTRAST: _Palette(
+        background="#000000",
+        surface="#000000",
+        panel="#1c1c1c",
+        focus="#00005f",
+        foreground="#ffffff",
+        muted="#d0d0d0",
+        good="#5fff5f",
+        warning="#ffff00",
+        bad="#ff8787",
+        accent="#5fffff",
+        thumb="#d0d0d0",
+    ),
+}
+
+_ON_BLACK = _Palette(
+    background="ansi_black",
+    surface="ansi_black",
+    panel="ansi_black",
+    focus="ansi_black",
+    foreground="ansi_bright_white",
+    muted="ansi_white",
+    good="ansi_bright_green",
+    warning="ansi_bright_yellow",
+    bad="ansi_bright_red",
+    accent="ansi_bright_cyan",
+    thumb="ansi_white",
+)
+_PALETTES_OF_16 = {
+    ThemeName.DARK: _ON_BLACK,
+    ThemeName.LIGHT: _Palette(
+        background="ansi_bright_white",
+        surface="ansi_bright_white",
+        panel="ansi_bright_white",
+        focus="ansi_bright_white",
+        foreground="ansi_black",
+        muted="ansi_black",  # greys, greens and yellows of most palettes are faint on white
+        good="ansi_blue",
+        warning="ansi_magenta",
+        bad="ansi_red",
+        accent="ansi_blue",
+        thumb="ansi_bright_black",
+    ),
+    ThemeName.HIGH_CONTRAST: _ON_BLACK._replace(muted="ansi_bright_white"),
+}
+
+
+def theme_for(name: ThemeName, environ: Mapping[str, str]) -> str:
+    """Which theme of `THEMES` to use for a terminal.
+
+    Args:
+        name: what the referee wants.
+        environ: with NO_COLOR, which counts unless it is empty, TERM and COLORTERM.
+    """
+    if environ.get("NO_COLOR") or environ.get("TERM", "").startswith("vt"):
+        return COLOURLESS  # a VT100 and its kin have no colours either
+    colours = environ.get("TEXTUAL_COLOR_SYSTEM", "auto")
+    if colours == "auto":  # as textual finds it out
+        console = Console(
+            color_system="auto", force_terminal=True, legacy_windows=False, _environ=environ
+        )
+        colours = console.color_system or ""
+    return f"{name}{_OF_16}" if colours == "standard" else name.value
+
+
+class NoColours(LineFilter):
+    """Leaves out every colour, the terminal's own too: not one code for colours is written."""
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """The same segments without colours."""
+        return [Segment(text, style and _bare(style), control) for text, style, control in segments]
+
+
+NO_COLOURS = NoColours()
+"""The one to add in `App.get_line_filters` for the theme `COLOURLESS`."""
+
+
+@lru_cache(1024)
+def _bare(style: Style) -> Style:
+    """Only the attributes, and what the mouse does there."""
+    bare = style.without_color
+    return bare + Style.from_meta(style.meta) if style.meta else bare
+
+
+def _theme(name: str, palette: _Palette, *, dark: bool, ansi: bool) -> Theme:
+    p = palette
+    return Theme(
+        name,
+        primary=p.accent,
+        secondary=p.accent,
+        accent=p.accent,
+        warning=p.warning,
+        error=p.bad,
+        success=p.good,
+        foreground=p.foreground,
+        background=p.background,
+        surface=p.surface,
+        panel=p.panel,
+        dark=dark,
+        ansi=ansi,
+        variables={
+            "surface": p.surface,  # textual takes ansi ones for transparent
+            "panel": p.panel,
+            "panel-lighten-2": p.focus,
+            "surface-active": p.focus,
+            "ansi-background": p.background,
+            "ansi-foreground": p.foreground,
+            "text": p.foreground,
+            "text-muted": p.muted,
+            "text-disabled": p.muted,
+            "foreground-muted": p.muted,
+            "foreground-disabled": p.muted,
+            "text-success": p.good,
+            "text-warning": p.warning,
+            "text-error": p.bad,
+            "border": p.accent,
+            "border-blurred": p.muted,
+            "block-cursor-foreground": p.background,
+            "block-cursor-background": p.accent,
+            "block-cursor-text-style": "bold reverse" if name == COLOURLESS else "bold",
+            "block-hover-background": p.panel,
+            "input-cursor-foreground": p.background,
+            "input-cursor-background": p.foreground,
+            "input-cursor-text-style": "none",
+            "input-selection-foreground": p.background,
+            "input-selection-background": p.accent,
+            "screen-selection-foreground": p.background,
+            "screen-selection-background": p.accent,
+            "scrollbar": p.thumb,
+            "scrollbar-hover": p.foreground,
+            "scrollbar-active": p.foreground,
+            "scrollbar-background": p.panel,
+            "scrollbar-background-hover": p.panel,
+            "scrollbar-background-active": p.panel,
+            "scrollbar-corner-color": p.panel,
+        },
+    )
+
+
+def _all() -> Iterator[Theme]:
+    for name in ThemeName:
+        dark = name is not ThemeName.LIGHT
+        yield _theme(name.value, _PALETTES[name], dark=dark, ansi=False)
+        yield _theme(f"{name}{_OF_16}", _PALETTES_OF_16[name], dark=dark, ansi=True)
+    terminals_own = _Palette(*["ansi_default"] * len(_Palette._fields))
+    yield _theme(COLOURLESS, terminals_own, dark=True, ansi=True)
+
+
+THEMES = tuple(_all())
+"""All themes, for `App.register_theme`."""

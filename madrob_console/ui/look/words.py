@@ -1,0 +1,150 @@
+"""How the screens say things: times, sizes, outcomes, lines that fit."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from rich.cells import cell_len
+
+from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp, Waive
+from madrob_console.referee.run import Phase
+from scoring.protocol import Outcome
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import ExportView
+
+_LONGEST_REASON = 60
+
+OUTCOMES = {
+    Outcome.COMPLETED: "COMPLETED",
+    Outcome.TIMEOUT: "TIMEOUT",
+    Outcome.ABORTED: "ABORTED: the run is invalid",
+    Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, left out of every aggregate",
+}
+RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
+"""What a ruling says of a step."""
+
+PHASES = {
+    Phase.IDLE: "NO RUN SET UP",
+    Phase.READY: "READY",
+    Phase.COUNTDOWN: "COUNTDOWN",
+    Phase.RUNNING: "RUNNING",
+    Phase.STOPPED: "STOPPED",
+    Phase.FINAL: "FINAL",
+}
+
+
+def clock_text(seconds: float) -> str:
+    """Minutes, seconds and tenths, cut and never rounded up: `-0:04.2`, `12:03.9`."""
+    tenths = math.floor(abs(seconds) * 10 + 1e-6)
+    sign = "-" if seconds < 0 and tenths else ""
+    return f"{sign}{tenths // 600}:{tenths // 10 % 60:02d}.{tenths % 10}"
+
+
+def minutes_text(seconds: float) -> str:
+    """Minutes and seconds of a time to go, rounded up so that 0:00 means none is left."""
+    whole = math.ceil(max(0.0, seconds) - 1e-6)
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def time_of_day(epoch: float) -> str:
+    """The local time of day of a time in s since the epoch."""
+    return time.strftime("%H:%M:%S", time.localtime(epoch))
+
+
+def relative_text(at: float | None, start: float | None) -> str:
+    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
+    if at is None or start is None:
+        return "-"
+    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
+
+
+def seconds_of(text: str) -> float | None:
+    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
+    minutes, colon, rest = text.strip().rpartition(":")
+    sign = -1.0 if minutes.startswith("-") else 1.0
+    try:
+        whole = abs(int(minutes)) if colon else 0
+        return sign * (60.0 * whole + float(rest))
+    except ValueError:
+        return None
+
+
+def size_text(size: float) -> str:
+    """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 999.5:
+            return f"{size:.0f} {unit}" if unit == "B" or size >= 99.95 else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} TB"
+
+
+def done_text(act: Act) -> str:
+    """What an act that took effect did."""
+    match act:
+        case SetUp(setup):
+            return f"Done: run {setup.run_number} of subject {setup.subject} is set up"
+        case Rule(step, confirmed):
+            what = f"step {step} {RULED[confirmed]}"
+        case Waive(check):
+            what = f"'{check}' waived"
+        case MarkIncident(kind):
+            what = f"{kind} marked"
+        case Finalise(team_word):
+            what = f"the result is final, {team_word} by the team"
+        case _:
+            what = act.name
+    reason = act.reason_given
+    return f"Done: {what}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
+
+
+def export_text(export: ExportView, results: PurePath) -> str:
+    """What has become of an export; a zip below the results folder is named from there."""
+    if not export.path:
+        if not export.problem:
+            return f"Packing the runs of team {export.subject} in the background ..."
+        return f"No zip of team {export.subject}: {export.problem}"
+    path = PurePath(export.path)
+    where = str(path)
+    if path.is_relative_to(results):
+        where = f"{path.relative_to(results)} in the results folder"
+    missing = f"; not all: {export.problem}" if export.problem else ""
+    return f"Packed: {where}{missing}"
+
+
+def fitted(text: str, width: int) -> str:
+    """The text in exactly `width` cells; what is cut shows an ellipsis."""
+    missing = width - cell_len(text)
+    if missing >= 0:
+        return text + " " * missing
+    while text and cell_len(text) > width - 1:
+        text = text[:-1]
+    return fitted(text + "…", width) if width > 0 else ""
+
+
+def shortened(text: str, width: int) -> str:
+    """The text in at most `width` cells; what is cut shows an ellipsis."""
+    return text if cell_len(text) <= width else fitted(text, width).rstrip()
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """The text in lines of at most `width` cells, broken at blanks where there are any."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and cell_len(lines[-1]) + 1 + cell_len(word) <= width:
+            lines[-1] += f" {word}"
+        else:
+            lines.extend(_pieces(word, max(2, width)))
+    return lines or [""]
+
+
+def _pieces(word: str, width: int) -> list[str]:
+    pieces = [""]
+    for char in word:
+        if cell_len(pieces[-1] + char) > width:
+            pieces.append("")
+        pieces[-1] += char
+    return pieces

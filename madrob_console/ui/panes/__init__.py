@@ -1,0 +1,1 @@
+"""One file a pane, and the views that only panes use."""

@@ -1,0 +1,48 @@
+"""The panes, made once the first screen can be seen: they are most of the program's imports."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from madrob_console.archive.history import History
+from madrob_console.ui.panes.figures_pane import FiguresPane
+from madrob_console.ui.panes.help_pane import HelpPane
+from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.live_pane import LivePane
+from madrob_console.ui.panes.result_pane import ResultsPane
+from madrob_console.ui.panes.setup_pane import SetupPane
+from madrob_console.ui.panes.standings_pane import StandingsPane
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from madrob_console.ui.defaults import ConsoleDefaults
+    from madrob_console.ui.link import EngineLink
+
+Pane = SetupPane | LivePane | ResultsPane | FiguresPane | HistoryPane | StandingsPane | HelpPane
+
+
+class Panes:
+    """One of each, by name.
+
+    Args:
+        link: to the engine.
+        defaults: what the first run's set-up proposes.
+    """
+
+    def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
+        history = History(defaults.results)
+        self.setup = SetupPane(link, defaults)
+        self.live = LivePane()
+        self.results = ResultsPane(history.refresh)
+        self.figures = FiguresPane(link.curves)
+        self.history = HistoryPane(history.refresh)
+        self.standings = StandingsPane(history.refresh, defaults.best_runs)
+        self.help = HelpPane()
+
+    def __getitem__(self, name: str) -> Pane:
+        pane: Pane = getattr(self, name)
+        return pane
+
+    def __iter__(self) -> Iterator[Pane]:
+        return iter(vars(self).values())

@@ -1,0 +1,97 @@
+"""The columns of the history."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.ui.cells.columns import Column
+from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.panes.indicator_columns import MISSING, indicator_column
+from scoring.protocol import Outcome
+from scoring.result import IndicatorName
+
+_OUTCOME_TONES = {
+    Outcome.COMPLETED: Tone.GOOD,
+    Outcome.TIMEOUT: Tone.PLAIN,
+    Outcome.ABORTED: Tone.BAD,
+    Outcome.INTERRUPTED: Tone.BAD,
+    None: Tone.WARN,
+}
+_SOURCES = {
+    "ros": Span("ros"),
+    "simulated": Span("SIM", Tone.NOTICE),
+    "replay": Span("rep", Tone.WARN),
+}
+_CLOSING_TONES = {"open": Tone.DIM, "final": Tone.PLAIN, "protested": Tone.WARN}
+
+
+def columns() -> list[Column[RunSummary]]:
+    """Every column, the most important first."""
+    indicators = {name: _indicator(name) for name in IndicatorName}
+    first = [
+        indicators.pop(IndicatorName.CAPABILITY_LEVEL),
+        indicators.pop(IndicatorName.EXECUTION_TIME),
+        indicators.pop(IndicatorName.TIME_TO_HANDLE),
+    ]
+    return [
+        Column(
+            "started", "start", lambda r: Span(r.started_text), lambda r: r.started, 12,
+            falling=True,
+        ),
+        _number("sub", "subject", lambda r: r.subject, 4),
+        Column(
+            "team", "team", lambda r: Span(r.team), lambda r: r.team.casefold() or None, 9,
+            ample=18,
+        ),
+        _number("run", "run number", lambda r: r.run_number, 4),
+        _number("cond", "condition", lambda r: r.condition, 5),
+        Column(
+            "task", "task", lambda r: Span(_way(r)), lambda r: _way(r) or None, 20, comfort=True,
+        ),
+        Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), 12),
+        Column("src", "source", _source, lambda r: r.source, 3),
+        *first,
+        *indicators.values(),
+        Column("door", "benchmark type", lambda r: Span(_door(r)), lambda r: _door(r) or None, 14),
+        _number("issue", "issue of the result", lambda r: r.issue or None, 6),
+        Column("closed", "what is final", _closing, lambda r: r.closing, 9),
+        Column("ruleset", "ruleset", lambda r: Span(r.ruleset), lambda r: r.ruleset or None, 14),
+        Column("folder", "folder", lambda r: Span(r.folder, Tone.DIM), lambda r: r.folder, 44),
+    ]  # fmt: skip
+
+
+def _indicator(name: IndicatorName) -> Column[RunSummary]:
+    return indicator_column(name, lambda run: run.values.get(name))
+
+
+def _number(
+    title: str, meaning: str, value: Callable[[RunSummary], int | None], width: int
+) -> Column[RunSummary]:
+    def cell(run: RunSummary) -> Span:
+        found = value(run)
+        return MISSING if found is None else Span(str(found))
+
+    return Column(title, meaning, cell, value, width, right=True)
+
+
+def _way(run: RunSummary) -> str:
+    return condition_words(run.condition).way
+
+
+def _door(run: RunSummary) -> str:
+    return condition_words(run.condition).door
+
+
+def _outcome(run: RunSummary) -> Span:
+    unsigned = "*" if run.issue and not run.final and run.outcome is not Outcome.ABORTED else ""
+    tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
+    return Span(run.outcome_word + unsigned, tone)
+
+
+def _source(run: RunSummary) -> Span:
+    return _SOURCES.get(run.source or "", MISSING)
+
+
+def _closing(run: RunSummary) -> Span:
+    return Span(run.closing, _CLOSING_TONES[run.closing]) if run.issue else MISSING

@@ -1,0 +1,201 @@
+"""The history pane: all runs, filtered and sorted, open to be looked at again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import ClassVar
+
+from textual.actions import SkipAction
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.message import Message
+from textual.widgets import Input
+
+from madrob_console.archive.history import RunSummary, condition_words, matches
+from madrob_console.ui.cells.field import Field
+from madrob_console.ui.cells.label import Label
+from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.history_columns import columns
+from madrob_console.ui.panes.runs_pane import Load, RunsPane
+
+KEYS = "Enter opens, x next like it, / filter, v which, o O sort, <- -> more, * open"
+
+
+class Which(StrEnum):
+    """Which runs are shown."""
+
+    ALL = "all"
+    OPEN = "not final"
+    NOT_COUNTED = "invalid and interrupted"
+
+    def takes(self, run: RunSummary) -> bool:
+        """Whether it shows a run."""
+        match self:
+            case Which.ALL:
+                return True
+            case Which.OPEN:
+                return not run.final
+            case Which.NOT_COUNTED:
+                return not run.valid
+
+
+class FilterField(Field):
+    """One line to look for runs."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "clear", show=False),
+        Binding("down", "submit", show=False),
+    ]
+
+    def action_clear(self) -> None:
+        """Look for nothing."""
+        self.value = ""
+        self.post_message(self.Submitted(self, ""))
+
+
+class HistoryPane(RunsPane[Sequence[RunSummary]]):
+    """Newest first; a filter and `v` choose which."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("slash", "filter", show=False),
+        Binding("v", "which", show=False),
+        Binding("escape", "unfilter", show=False),
+    ]
+
+    class Opened(Message):
+        """The referee wants to see a run."""
+
+        def __init__(self, summary: RunSummary) -> None:
+            super().__init__()
+            self.summary = summary
+
+    def __init__(self, load: Load) -> None:
+        self._table = Table(columns(), lambda run: run.folder, fixed=5)
+        super().__init__(load, self._table, id="history")
+        self._runs: Sequence[RunSummary] = ()
+        self._which = Which.ALL
+        self._field = FilterField(id="history-filter")
+        self._row = Horizontal(Label("filter", id="filter-name"), self._field, id="filter-row")
+        self._about = Label(id="history-about")
+
+    def compose(self) -> ComposeResult:
+        """What is shown, the filter, the table, the marked run, the keys."""
+        yield self.head
+        yield self._row
+        yield self._table
+        yield self._about
+        yield Label(KEYS)
+
+    @property
+    def selected(self) -> RunSummary | None:
+        """The marked run."""
+        return self._table.selected
+
+    def look_for(self, text: str) -> None:
+        """Show the runs that pass a filter, as if it had been typed."""
+        self._field.value = text
+        self._which = Which.ALL
+        self._show_rows()
+
+    def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
+        """Newest first, where nothing else decides."""
+        return tuple(reversed(runs))
+
+    def take(self, content: Sequence[RunSummary]) -> None:
+        """Other runs."""
+        self._runs = content
+        self._show_rows(from_top=False)
+
+    def action_filter(self) -> None:
+        """Open the filter."""
+        self._row.display = True
+        self.screen.set_focus(self._field)
+
+    def action_which(self) -> None:
+        """All, those not final, those that do not count."""
+        order = list(Which)
+        self._which = order[(order.index(self._which) + 1) % len(order)]
+        self._show_rows()
+
+    def action_unfilter(self) -> None:
+        """Show all runs again.
+
+        Raises:
+            SkipAction: all are shown; the key goes on.
+        """
+        if not self._field.value.strip() and self._which is Which.ALL:
+            raise SkipAction
+        self.look_for("")
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Filter while typing."""
+        event.stop()
+        self._show_rows()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """The filter stays as it is."""
+        event.stop()
+        self.screen.set_focus(self._table)
+
+    def on_input_blurred(self, event: Input.Blurred) -> None:
+        """The field goes, its text stays in the head line."""
+        event.stop()
+        self._row.display = False
+
+    def on_table_marked(self, event: Table.Marked) -> None:
+        """Say what does not fit into the row."""
+        event.stop()
+        run = self.selected
+        self._about.say("" if run is None else about(run), Tone.WARN if _odd(run) else Tone.DIM)
+
+    def on_table_chosen(self, event: Table.Chosen) -> None:
+        """Open the marked run."""
+        event.stop()
+        if self.selected is not None:
+            self.post_message(self.Opened(self.selected))
+
+    def _show_rows(self, *, from_top: bool = True) -> None:
+        text = self._field.value
+        shown = [run for run in self._runs if self._which.takes(run) and matches(run, text)]
+        self._table.empty = "no run passes the filter" if self._runs else "no runs yet"
+        self._table.set_rows(shown, from_top=from_top)
+        if len(shown) == len(self._runs) and self._which is Which.ALL and not text.strip():
+            self.say(summary(self._runs))
+            return
+        wanted = [] if self._which is Which.ALL else [str(self._which)]
+        wanted += [f"filter '{text.strip()}' (Escape clears it)"] if text.strip() else []
+        self.say(f"{len(shown)} of {len(self._runs)} runs: {', '.join(wanted)}", Tone.STRONG)
+
+
+def summary(runs: Sequence[RunSummary]) -> str:
+    """How many runs there are of each kind."""
+    if not runs:
+        return "no runs in the results folder"
+    words = Counter("valid" if run.valid else run.outcome_word for run in runs)
+    parts = [f"{count} {word}" for word, count in words.most_common()]
+    simulated = sum(run.source == "simulated" for run in runs)
+    among = f" ({simulated} SIMULATED)" if simulated else ""
+    plural = "s" if len(runs) > 1 else ""
+    return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
+
+
+def about(run: RunSummary) -> str:
+    """One run in words: what its condition asks, what is wrong with it, where it lies."""
+    if run.problem is not None:
+        return f"{run.problem} (folder {run.folder})"
+    task = ", ".join(word for word in condition_words(run.condition) if word)
+    told = [task or f"condition {run.condition} does not exist", run.outcome_word]
+    if run.outcome is None:
+        told.append("it goes on, or it was cut off")
+    else:
+        told += [f"issue {run.issue}", run.closing, run.ruleset]
+    team = f"{run.team}: " if run.team else ""
+    return f"{team}{'; '.join(told)}; {run.folder}"
+
+
+def _odd(run: RunSummary | None) -> bool:
+    return run is not None and (run.problem is not None or run.outcome is None)

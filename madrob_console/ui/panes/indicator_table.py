@@ -1,0 +1,78 @@
+"""The eight indicators: a value with its unit, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+from madrob_console.ui.look.words import fitted, wrapped
+from scoring.result import value_text
+
+if TYPE_CHECKING:
+    from madrob_console.archive.history import RunSummary
+    from madrob_console.engine.shown.snapshot import Snapshot
+    from scoring.result import Indicator
+
+_NAME = 29
+_ROOMY = 75
+
+FROM_THE_START = ("execution_time", "time_to_handle")
+"""They include the delay of a start made by hand (protocol section 8)."""
+
+
+class IndicatorTable(View):
+    """One row each; a long reason takes more.
+
+    Attributes:
+        earlier: runs of the same team in the same condition, to compare with.
+    """
+
+    earlier: Sequence[RunSummary] = ()
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """A header and the indicators."""
+        if snapshot.result is None:
+            return ()
+        roomy = width >= _ROOMY
+        count = len(self.earlier)
+        against = f"against mean of {count} earlier" if count else "no earlier run to compare"
+        delay = "* with the manual start's delay"
+        head = fitted(f"indicators  {delay}", _NAME + 20) if roomy else fitted("indicators", _NAME)
+        lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
+        for indicator in snapshot.result.indicators:
+            lines += _rows(indicator, self._means(indicator), width)
+        return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
+
+    def _means(self, indicator: Indicator) -> tuple[float, int] | None:
+        """Mean of the earlier runs that have a value, and how many have."""
+        values = [v for run in self.earlier if (v := run.values.get(indicator.name)) is not None]
+        return (fmean(values), len(values)) if values else None
+
+
+def _rows(indicator: Indicator, mean: tuple[float, int] | None, width: int) -> list[Line]:
+    star = " *" if indicator.name in FROM_THE_START else ""
+    name = str(indicator.name).replace("_", " ") + star
+    if indicator.value is None:
+        texts = wrapped(f"none: {indicator.reason}", max(10, width - _NAME))
+        first = line(f"{name:<{_NAME}}", Span(texts[0], Tone.WARN))
+        return [first, *(line(" " * _NAME, Span(text, Tone.WARN)) for text in texts[1:])]
+    return [
+        line(
+            f"{name:<{_NAME}}",
+            Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
+            Span(f" {indicator.unit:<8}", Tone.DIM),
+            _compared(indicator.value, mean, width >= _ROOMY),
+        )
+    ]
+
+
+def _compared(value: float, mean: tuple[float, int] | None, roomy: bool) -> str:
+    """The difference to the mean; where there is room the mean, and of how many runs it is."""
+    if mean is None:
+        return ""
+    earlier, count = mean
+    difference = value - earlier
+    text = f"{difference:+.4f}" if abs(difference) < 1e4 else f"{difference:+.2e}"
+    return f"{text:>10} to {value_text(earlier)} ({count})" if roomy else f"{text:>10}"

@@ -1,0 +1,43 @@
+"""What is known before the result, and how many sources deliver, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.referee.health import Freshness
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot, TopicView
+
+_NAMES = {
+    "time_to_handle": "to handle",
+    "door_occupation_time": "occupation",
+    "passage_time": "passage",
+}
+
+
+class Provisional(View):
+    """The time indicators as they become known; the run can still change them."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """One row; two when a source is silent or the recorder has a problem."""
+        spans = [Span("so far ", Tone.STRONG)]
+        for name, words in _NAMES.items():
+            value = snapshot.provisional.get(name)
+            text = "-" if value is None else f"{value:.3f} s"
+            spans += [Span(f" {words} ", Tone.DIM), Span(text)]
+        wanted = [topic for topic in snapshot.topics if not topic.optional]
+        silent = [topic for topic in wanted if topic.freshness is not Freshness.FRESH]
+        fresh = f"  {len(wanted) - len(silent)} of {len(wanted)} fresh"
+        rows = [line(*spans, Span(fresh, Tone.BAD if silent else Tone.GOOD))]
+        if snapshot.recorder.problem:
+            rows.append(line(Span(snapshot.recorder.problem, Tone.BAD)))
+        elif silent:
+            rows.append(line(Span("  ".join(map(_silence, silent)), Tone.BAD)))
+        return rows
+
+
+def _silence(topic: TopicView) -> str:
+    return f"{topic.topic} {topic.freshness}"

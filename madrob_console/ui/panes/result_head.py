@@ -1,0 +1,85 @@
+"""What a result says first: outcome, whose, under which rules, final or not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
+from madrob_console.ui.look.words import OUTCOMES, wrapped
+from madrob_console.ui.panes.run_summary import TONES, who_text
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+    from scoring.procedure import StepRecord
+    from scoring.result import Result
+
+
+class ResultHead(View):
+    """Three rows; more for long reasons."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """Outcome, run, state of the result."""
+        result = snapshot.result
+        if result is None:
+            return [line(_no_result(snapshot))]
+        tone = TONES[result.ending.outcome]
+        outcome = f"{OUTCOMES[result.ending.outcome]} ({result.ending.reason})"
+        if denied := [str(int(s.step)) for s in result.steps if _denied(s)]:
+            outcome += f"; the referee denies step {', '.join(denied)}"
+        condition = result.condition
+        what = (
+            f"{who_text(snapshot.run)}, condition {condition.number}:"
+            f" {condition.benchmark_type}, {condition.way}"
+        )
+        return [
+            *_marked([line(Span(row, tone)) for row in wrapped(outcome, width)], snapshot, width),
+            *(line(row) for row in wrapped(what, width)),
+            *_state(snapshot, result, width),
+        ]
+
+
+def _denied(record: StepRecord) -> bool:
+    return record.ruling is not None and record.ruling.confirmed is False
+
+
+def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
+    """With a notice where the result is no official one: beside the outcome, else below it."""
+    source = snapshot.result_source
+    if source is None or source == "ros":
+        return lines
+    notice = line(Span(f" {source.upper()}: not an official result ", Tone.NOTICE))
+    if width_of(lines[-1]) + 2 + width_of(notice) > width:
+        return [*lines, notice]
+    return [*lines[:-1], line(*lines[-1], "  ", *notice)]
+
+
+def _no_result(snapshot: Snapshot) -> str:
+    if snapshot.playback is not None:
+        return "The result comes at the end of the recording."
+    if snapshot.run.phase is Phase.STOPPED:
+        return "The result is being written."
+    return "No result yet: it appears here by itself when a run has stopped."
+
+
+def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
+    run = snapshot.run
+    issue = f"ruleset {result.ruleset}, issue {run.issue}"
+    if run.closure is None:
+        then = "" if snapshot.playback else ": f finalises it"
+        text, tone = f"{issue}, not final yet{then}", Tone.WARN
+    else:
+        closure = run.closure
+        note = f" ({closure.note})" if closure.note else ""
+        text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
+        tone = Tone.GOOD
+    lines = [line(Span(row, tone)) for row in wrapped(text, width)]
+    if (playback := snapshot.playback) is not None:
+        tone = Tone.DIM if playback.agrees else Tone.BAD
+        lines += [line(Span(row, tone)) for row in wrapped(playback.comparison, width)]
+    if snapshot.opened:
+        day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
+        lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))
+    return lines

@@ -1,0 +1,107 @@
+"""What the panes about all runs have in common: they read in the background."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from textual.containers import Vertical
+from textual.message import Message
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.errors import MadrobError
+from madrob_console.ui.cells.label import Label
+from madrob_console.ui.cells.lines import Lines, Tone
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+Content = TypeVar("Content")
+
+Load = Callable[[], Sequence[RunSummary]]
+"""Reads all runs; may take a while and may raise `MadrobError`."""
+
+
+class RunsPane(Vertical, Generic[Content]):
+    """Reads all runs when it comes into view and whenever a result changes.
+
+    Args:
+        load: called in a thread.
+        focus: what has the focus in the pane.
+        id: of the pane.
+
+    Attributes:
+        head: says what is shown, or what is wrong.
+    """
+
+    class Read(Message):
+        """The runs are read, or a problem in words."""
+
+        def __init__(self, number: int, content: object, problem: str = "") -> None:
+            super().__init__()
+            self.number = number
+            self.content = content
+            self.problem = problem
+
+    def __init__(self, load: Load, focus: Lines, *, id: str) -> None:  # noqa: A002 - textual's name
+        super().__init__(id=id)
+        self._load = load
+        self._focus = focus
+        self._number = 0
+        self._reading = False
+        self._seen: object = None
+        self.head = Label(id=f"{id}-head")
+
+    @abstractmethod
+    def prepare(self, runs: Sequence[RunSummary]) -> Content:
+        """What the pane needs of the runs; done in a thread."""
+
+    @abstractmethod
+    def take(self, content: Content) -> None:
+        """Show what was prepared."""
+
+    def enter(self) -> None:
+        """Take the focus and read."""
+        self.screen.set_focus(self._focus)
+        self._seen = None
+        self.reload()
+
+    def reload(self) -> None:
+        """Read in the background; what was shown stays until then."""
+        self._number += 1
+        self._reading = True
+        self.head.say("reading the results folder ...", Tone.DIM)
+        self.run_worker(partial(self._read, self._number), thread=True, exclusive=True)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Read again when a result has come or changed."""
+        run = snapshot.run
+        seen = (run.start, run.issue, run.closure, run.rulings, snapshot.result is not None)
+        if self._seen not in (None, seen):
+            self.reload()
+        self._seen = seen
+
+    def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
+        """Say what is shown; not while other runs are on their way."""
+        if not self._reading:
+            self.head.say(text, tone)
+
+    def on_runs_pane_read(self, event: Read) -> None:
+        """Show what was read last; what an earlier reading brings is old."""
+        event.stop()
+        if event.number != self._number:
+            return
+        self._reading = False
+        if event.problem:
+            self.head.say(event.problem, Tone.BAD)
+        else:
+            self.take(event.content)  # type: ignore[arg-type]  # what `prepare` made
+
+    def _read(self, number: int) -> None:
+        try:
+            read = self.Read(number, self.prepare(self._load()))
+        except MadrobError as error:
+            read = self.Read(number, None, str(error))
+        self.post_message(read)

@@ -1,0 +1,217 @@
+"""The fields of a run's set-up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import TypeVar
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widget import Widget
+
+from madrob_console.errors import MadrobError
+from madrob_console.names import clean_name
+from madrob_console.referee.run import RunSetup
+from madrob_console.ui.cells.choice import Choice
+from madrob_console.ui.cells.field import Field, NumberField
+from madrob_console.ui.cells.label import Label
+from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.look.words import shortened
+from madrob_console.ui.panes.top_view import TopView
+from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
+from scoring.rulesets import RulesetName
+
+E_ = TypeVar("E_", bound=StrEnum)
+_OWN_POSE = "numbers below"
+
+
+class SetupForm(Horizontal):
+    """Fields and a view of the start pose; reads and writes `RunSetup`s, knows no rule."""
+
+    def __init__(self, defaults: ConsoleDefaults) -> None:
+        super().__init__(id="setup-form")
+        self._poses = {preset.name: preset.pose for preset in defaults.poses}
+        condition = defaults.condition
+        self.subject = NumberField(id="subject")
+        self.team = Field(id="team")
+        self.run_number = NumberField(id="run-number")
+        self.referee = Field(id="referee")
+        self.opening = _choice(Side, condition.opening_side, "opening", str.upper)
+        self.starting = _choice(Side, condition.starting_side, "starting", str.upper)
+        self.benchmark = _choice(BenchmarkType, condition.benchmark_type, "benchmark")
+        self.condition_label = Label("")
+        self.preset = Choice([(name, name) for name in (_OWN_POSE, *self._poses)], "", id="preset")
+        self.x, self.y, self.yaw = (
+            NumberField(id=name) for name in ("pose-x", "pose-y", "pose-yaw")
+        )
+        self.timeout = NumberField(id="timeout")
+        self.countdown = NumberField(id="countdown")
+        self.ruleset = _choice(RulesetName, defaults.ruleset, "ruleset")
+        self.lock_detection = _choice(LockDetection, defaults.lock_detection, "lock")
+        self.top_view = TopView()
+
+    def compose(self) -> ComposeResult:
+        """Who and in which condition, the rest, the pose seen from above."""
+        yield Vertical(
+            _row("Subject", self.subject, "  run ", self.run_number),
+            _row("Team", self.team),
+            _row("Referee", self.referee),
+            _row("Opening side", self.opening),
+            _row("Starting side", self.starting),
+            _row("Benchmark", self.benchmark),
+            _row("Condition", self.condition_label),
+            classes="who",
+        )
+        yield Vertical(
+            _row("Start pose", self.preset),
+            _row("  x, y", self.x, " ", self.y, " m"),
+            _row("  yaw", self.yaw, " deg"),
+            _row("Timeout", self.timeout, " s"),
+            _row("Countdown", self.countdown, " s"),
+            _row("Ruleset", self.ruleset),
+            _row("Lock by", self.lock_detection),
+            classes="how",
+        )
+        yield self.top_view
+
+    @property
+    def condition(self) -> Condition:
+        """The condition chosen."""
+        return Condition(self.benchmark.value, self.opening.value, self.starting.value)
+
+    def load(self, setup: RunSetup) -> None:
+        """Show a set-up."""
+        condition = setup.condition
+        self.subject.value = str(setup.subject)
+        self.team.value = setup.team
+        self.run_number.value = str(setup.run_number)
+        self.referee.value = setup.referee
+        self.opening.value = condition.opening_side
+        self.starting.value = condition.starting_side
+        self.benchmark.value = condition.benchmark_type
+        self.timeout.value = f"{setup.timeout:g}"
+        self.countdown.value = f"{setup.countdown:g}"
+        self.ruleset.value = setup.ruleset
+        self.lock_detection.value = setup.lock_detection
+        self.show_pose(setup.start_pose)
+
+    def show_names(self, setup: RunSetup) -> None:
+        """Show the names as they were cleaned, so that nothing changes unseen."""
+        for field, name in ((self.team, setup.team), (self.referee, setup.referee)):
+            if field.value != name:
+                field.value = name
+
+    def show_pose(self, pose: StartPose) -> None:
+        """Write a pose into its fields."""
+        for field, value in ((self.x, pose.x), (self.y, pose.y), (self.yaw, pose.yaw)):
+            field.value = f"{value:g}"
+        self.show_derived()
+
+    def show_derived(self) -> None:
+        """What follows from the fields: the condition in words, the preset that they match."""
+        condition = self.condition
+        way = condition.way.replace("from ", "")
+        self.condition_label.say(f"{condition.number}: {way}")
+        pose = self.pose()
+        self.top_view.show_setup(condition, pose if isinstance(pose, StartPose) else None)
+        names = (name for name, preset in self._poses.items() if preset == pose)
+        self.preset.value = next(names, _OWN_POSE)
+
+    def pose(self) -> StartPose | str:
+        """The pose in the fields, or what is wrong with it."""
+        try:
+            return StartPose(
+                _number(self.x, "start pose x", "metres"),
+                _number(self.y, "start pose y", "metres"),
+                _number(self.yaw, "start pose yaw", "degrees"),
+            )
+        except MadrobError as error:
+            return str(error)
+
+    def take_condition(self, condition: Condition) -> None:
+        """Choose a condition; the start pose follows its side."""
+        self.opening.value = condition.opening_side
+        self.starting.value = condition.starting_side
+        self.benchmark.value = condition.benchmark_type
+        self.follow_side()
+        self.show_derived()
+
+    def take_preset(self) -> None:
+        """The chosen preset's numbers."""
+        if (pose := self._poses.get(self.preset.value)) is not None:
+            self.show_pose(pose)
+
+    def follow_side(self) -> None:
+        """A preset pose changes over with the starting side; typed numbers stay."""
+        pose, side = self.pose(), self.starting.value
+        if pose not in self._poses.values() or (isinstance(pose, StartPose) and pose.side is side):
+            return
+        other = next((p for p in self._poses.values() if p.side is side), None)
+        if other is not None:
+            self.show_pose(other)
+
+    def read(self) -> RunSetup | str:
+        """The set-up in the fields, or what is wrong with them, naming the field."""
+        try:
+            pose = self.pose()
+            if isinstance(pose, str):
+                return pose
+            setup = RunSetup(
+                subject=_whole(self.subject, "subject"),
+                team=clean_name(self.team.value, "team"),
+                run_number=_whole(self.run_number, "run number"),
+                condition=self.condition,
+                start_pose=pose,
+                referee=clean_name(self.referee.value, "referee"),
+                timeout=_number(self.timeout, "timeout", "seconds"),
+                countdown=_number(self.countdown, "countdown", "seconds"),
+                ruleset=self.ruleset.value,
+                lock_detection=self.lock_detection.value,
+            )
+        except MadrobError as error:
+            return str(error)
+        return setup.problem() or setup
+
+
+def _choice(
+    values: type[E_], value: E_, name: str, label: Callable[[str], str] = str
+) -> Choice[E_]:
+    return Choice([(label(v.value), v) for v in values], value, id=name)
+
+
+def _row(name: str, *parts: Widget | str) -> Widget:
+    """A name, and fields with words between them; a lone field takes all the room."""
+    label = Label(name)
+    label.add_class("name")
+    widgets: list[Widget] = []
+    for part in parts:
+        widget = Label(part) if isinstance(part, str) else part
+        if isinstance(part, str):
+            widget.add_class("unit")
+        elif len(parts) > 1:
+            widget.add_class("short")
+        widgets.append(widget)
+    return Horizontal(label, *widgets, classes="field")
+
+
+def _short(text: str) -> str:
+    return shortened(text, 20)
+
+
+def _whole(field: Field, name: str) -> int:
+    text = field.value.strip()
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise MadrobError(f"{name} '{_short(text)}': use a whole number")
+    return int(text)
+
+
+def _number(field: Field, name: str, unit: str) -> float:
+    text = field.value.strip()
+    try:
+        value = float(text)
+    except ValueError:
+        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5") from None
+    if not abs(value) < 1e9:
+        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5")
+    return value

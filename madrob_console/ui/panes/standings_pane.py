@@ -1,0 +1,230 @@
+"""The standings pane: each team in each condition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.message import Message
+
+from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.standings.tally import Standing, standings
+from madrob_console.ui.cells.columns import Column
+from madrob_console.ui.cells.label import Label
+from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.indicator_columns import indicator_column
+from madrob_console.ui.panes.runs_pane import Load, RunsPane
+from scoring.result import IndicatorName
+
+PRACTICE_BANNER = "SIMULATED runs: not official"
+
+
+class Shown(StrEnum):
+    """Which number of an aggregate is shown."""
+
+    MEAN = "mean"
+    MEDIAN = "median"
+    DEVIATION = "std (n - 1)"
+    SMALLEST = "smallest"
+    LARGEST = "largest"
+
+
+@dataclass(frozen=True, slots=True)
+class Tables:
+    """The standings of all runs, made once.
+
+    Attributes:
+        of: the standings by (official, only the best runs).
+        any_official: whether there are official runs at all.
+        damaged: runs left out because their result is damaged.
+    """
+
+    of: Mapping[tuple[bool, bool], Sequence[Standing]]
+    any_official: bool
+    damaged: int
+
+
+class StandingsPane(RunsPane[Tables]):
+    """Official runs first; practice runs are never among them.
+
+    Args:
+        load: reads all runs.
+        best: how many runs of a team in a condition enter when only the best do; 0 = no such view.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("v", "source", show=False),
+        Binding("c", "number", show=False),
+        Binding("b", "best", show=False),
+    ]
+
+    class Opened(Message):
+        """The referee wants to see the runs of a standing."""
+
+        def __init__(self, standing: Standing) -> None:
+            super().__init__()
+            self.standing = standing
+
+    def __init__(self, load: Load, best: int) -> None:
+        self._table = Table(self._columns(), _key, fixed=3)
+        super().__init__(load, self._table, id="standings")
+        self._best = best
+        self._only_best = best > 0
+        self._official: bool | None = None
+        self._shown = Shown.MEAN
+        self._tables = Tables({}, any_official=False, damaged=0)
+        self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
+        self._about = Label(id="standings-about")
+
+    def compose(self) -> ComposeResult:
+        """What is shown, the table, the marked team, the keys."""
+        yield self._banner
+        yield self.head
+        yield self._table
+        yield self._about
+        best = f", b best {self._best}" if self._best else ""
+        yield Label(f"Enter its runs, v SIMULATED, c mean/std{best}, o O sort, <- -> columns")
+
+    @property
+    def selected(self) -> Standing | None:
+        """The marked team in its condition."""
+        return self._table.selected
+
+    def prepare(self, runs: Sequence[RunSummary]) -> Tables:
+        """All standings that the keys can ask for."""
+        made = {
+            (official, only_best): standings(
+                runs, official=official, best=self._best if only_best else 0
+            )
+            for official in (True, False)
+            for only_best in {False, self._best > 0}
+        }
+        damaged = sum(run.problem is not None for run in runs)
+        return Tables(made, any(run.official for run in runs), damaged)
+
+    def take(self, content: Tables) -> None:
+        """Other runs."""
+        self._tables = content
+        self._show_rows()
+
+    def action_source(self) -> None:
+        """Official or practice."""
+        self._official = not self._is_official
+        self._show_rows()
+
+    def action_number(self) -> None:
+        """Mean, median, standard deviation, smallest, largest."""
+        order = list(Shown)
+        self._shown = order[(order.index(self._shown) + 1) % len(order)]
+        self._show_rows()
+
+    def action_best(self) -> None:
+        """All runs or the best."""
+        self._only_best = not self._only_best and self._best > 0
+        self._show_rows()
+
+    def on_table_marked(self, event: Table.Marked) -> None:
+        """Say what does not fit into the row."""
+        event.stop()
+        self._about.say("" if self.selected is None else about(self.selected), Tone.DIM)
+
+    def on_table_chosen(self, event: Table.Chosen) -> None:
+        """Ask for the runs of the marked row."""
+        event.stop()
+        if self.selected is not None:
+            self.post_message(self.Opened(self.selected))
+
+    @property
+    def _is_official(self) -> bool:
+        return self._tables.any_official if self._official is None else self._official
+
+    def _show_rows(self) -> None:
+        official = self._is_official
+        self._banner.display = not official
+        self._table.empty = "no official runs yet" if official else "no SIMULATED runs yet"
+        self._table.set_rows(self._tables.of.get((official, self._only_best), ()))
+        which = f"the best {self._best}" if self._only_best else "all"
+        text = f"{self._shown} over {which} valid runs (exec s: completed ones)"
+        if self._tables.damaged:
+            text += f"; {self._tables.damaged} DAMAGED left out"
+        self.say(text)
+
+    def _columns(self) -> list[Column[Standing]]:
+        return [
+            _count("sub", "subject", lambda s: s.subject, 4),
+            Column(
+                "team", "team", lambda s: Span(s.team), lambda s: s.team.casefold() or None, 10,
+                ample=18,
+            ),
+            _count("cond", "condition", lambda s: s.condition, 5),
+            Column(
+                "task", "task", lambda s: Span(condition_words(s.condition).way),
+                lambda s: condition_words(s.condition).way or None, 20, comfort=True,
+            ),
+            _count("compl", "completed runs", lambda s: s.completed, 6),
+            _count("timeo", "timed-out runs", lambda s: s.timeout, 6),
+            _count("inval", "invalid runs", lambda s: s.aborted, 6),
+            *(self._indicator(name) for name in IndicatorName),
+            Column(
+                "door", "benchmark type", lambda s: Span(condition_words(s.condition).door),
+                lambda s: condition_words(s.condition).door or None, 14,
+            ),
+            _count("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
+            Column(
+                "ruleset", "ruleset", lambda s: Span(s.ruleset), lambda s: s.ruleset or None, 14
+            ),
+        ]  # fmt: skip
+
+    def _indicator(self, name: IndicatorName) -> Column[Standing]:
+        return indicator_column(name, lambda standing: number_of(standing, name, self._shown))
+
+
+def number_of(standing: Standing, name: IndicatorName, shown: Shown) -> float | None:
+    """One number of a standing; None where there is none."""
+    aggregate = standing.aggregates.get(name)
+    if aggregate is None:
+        return None
+    match shown:
+        case Shown.MEAN:
+            return aggregate.mean
+        case Shown.MEDIAN:
+            return aggregate.median
+        case Shown.DEVIATION:
+            return aggregate.deviation
+        case Shown.SMALLEST:
+            return aggregate.smallest
+        case Shown.LARGEST:
+            return aggregate.largest
+
+
+def about(standing: Standing) -> str:
+    """One row in words."""
+    counts = (
+        (standing.completed, "completed"),
+        (standing.timeout, "timeout"),
+        (standing.aborted, "INVALID"),
+        (standing.interrupted, "INTERRUPTED or unfinished"),
+    )
+    told = ", ".join(f"{count} {word}" for count, word in counts if count)
+    task = ", ".join(condition_words(standing.condition))
+    return f"{standing.team}: {task}; {told}; ruleset {standing.ruleset}"
+
+
+def filter_for(standing: Standing) -> str:
+    """What to look for in the history to see the runs of a standing."""
+    return f"subject:{standing.subject} cond:{standing.condition}"
+
+
+def _key(standing: Standing) -> str:
+    return f"{standing.subject}/{standing.condition}/{standing.ruleset}/{standing.team}"
+
+
+def _count(
+    title: str, meaning: str, value: Callable[[Standing], int], width: int
+) -> Column[Standing]:
+    return Column(title, meaning, lambda s: Span(str(value(s))), value, width, right=True)

@@ -1,0 +1,84 @@
+"""The six steps: what the sensors say, what the referee says, what counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+from madrob_console.ui.look.words import fitted, relative_text
+from scoring.procedure import StepRecord
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+_NARROW = 50
+"""Cells without the column of reasons; with fewer, only what counts is shown."""
+
+
+class StepTable(View):
+    """The steps as they stand, or as they are in the result."""
+
+    def __init__(self, *, of_result: bool = False) -> None:
+        super().__init__()
+        self._of_result = of_result
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """A header and six rows."""
+        if not self._of_result:
+            return step_lines(snapshot.steps, snapshot.run.start, width)
+        if snapshot.result is None:
+            return ()
+        return step_lines(snapshot.result.steps, snapshot.result.start, width)
+
+
+def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
+    """The table; times in s since `start`. With room, a column says why a step is not done."""
+    if width < _NARROW:
+        return _compact(steps, start, width)
+    room = width - _NARROW - 2
+    why = "  why not" if room >= 14 else ""
+    head = f"    {'step':<19} {'sensors':>7}  {'referee':<9} {'final':>7}{why}"
+    pending = next((record.step for record in steps if not record.done), None)
+    rows = [line(Span(fitted(head, width), Tone.DIM))]
+    for record in steps:
+        row = _row(record, start, is_next=record.step is pending)
+        if why and record.waiting:
+            row = line(*row, Span(f"  {fitted(record.waiting, room)}", Tone.DIM))
+        rows.append(row)
+    return rows
+
+
+def _compact(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
+    """What counts, and whether the referee said so; the result has all columns."""
+    rows = [line(Span(fitted(f"    {'step':<19}{'final':>7}", width), Tone.DIM))]
+    pending = next((record.step for record in steps if not record.done), None)
+    for record in steps:
+        final = relative_text(record.final, start) if record.done else "no"
+        tone = Tone.GOOD if record.done else Tone.DIM
+        rows.append(
+            line(
+                Span("✓ " if record.done else "> " if record.step is pending else "  ", tone),
+                f"{record.step} {record.step.text:<18}",
+                Span(f"{final:>7}", tone),
+                Span(" ref" if record.ruling is not None else "", Tone.WARN),
+            )
+        )
+    return rows
+
+
+def _row(record: StepRecord, start: float | None, *, is_next: bool) -> Line:
+    ruling = record.ruling
+    said = "-" if ruling is None else "confirmed" if ruling.confirmed else "denied"
+    mark = "x" if said == "denied" else ">" if is_next else " "
+    tone = Tone.STRONG if is_next else Tone.DIM
+    if record.done:
+        mark, tone = "✓", Tone.PLAIN
+    final = relative_text(record.final, start) if record.done else "no"
+    return line(
+        Span(f"{mark} ", Tone.GOOD if record.done else Tone.BAD if mark == "x" else Tone.STRONG),
+        Span(f"{record.step} {record.step.text:<19} ", tone),
+        Span(f"{relative_text(record.sensors, start):>7}  ", tone),
+        Span(f"{said:<9} ", Tone.WARN if ruling is not None else Tone.DIM),
+        Span(f"{final:>7}", Tone.GOOD if record.done else Tone.DIM),
+    )

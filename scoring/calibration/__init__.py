@@ -1,0 +1,1 @@
+"""A new testbed's numbers from recordings: masks, lintel height, scale of the handle."""

@@ -1,0 +1,349 @@
+"""EUROBENCH's files of a run, read and written (protocol section 10).
+
+The only module of `scoring` that opens data files.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from scoring.errors import ScoringError
+from scoring.eurobench.csv_tables import Table, parse_table
+from scoring.eurobench.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
+from scoring.eurobench.run_names import numbers_of
+from scoring.kinematics import LARGEST_GAP, JointState
+from scoring.protocol import Condition, Event, EventName
+from scoring.result import Indicator
+from scoring.rulesets import ruleset
+
+LARGEST_TABLE = 16 * 1024 * 1024
+"""Larger CSV files are refused, bytes: a run of 300 s at 100 Hz takes 3 MB."""
+
+LARGEST_YAML = 1024 * 1024
+"""Larger YAML files are refused, bytes: braking tables take 2 kB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wrench:
+    """Force on the handle, one row a sample.
+
+    Attributes:
+        time: increasing times, s, shape (n,).
+        force: force as recorded, N, shape (n,); NaN = no reading.
+    """
+
+    time: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EurobenchRun:
+    """The pre-processed data of one run, as a folder holds them.
+
+    Attributes:
+        path: the folder.
+        subject: number of the robot.
+        run_number: number of the repetition.
+        prefix: how the names of the run's files begin.
+        condition: the condition of the run.
+        events: the events, by time.
+        joint_state: the panel's motion, with velocity and acceleration as in the file.
+        wrench: the force on the handle.
+        start_time: time of `benchmark_start`, s since the epoch.
+        run_info: what `run_info_<prefix>.yaml` says; empty without that file.
+    """
+
+    path: Path
+    subject: int
+    run_number: int
+    prefix: str
+    condition: Condition
+    events: tuple[Event, ...]
+    joint_state: JointState
+    wrench: Wrench
+    start_time: float
+    run_info: Mapping[str, object]
+
+
+def read_run(folder: Path, prefix: str) -> EurobenchRun:
+    """One run of a folder.
+
+    Args:
+        folder: where its files are.
+        prefix: how their names begin, `subject_SSS_cond_CCC_run_RRR`.
+
+    Raises:
+        ScoringError: it cannot be read; the message names file, line and column.
+    """
+    numbers = numbers_of(prefix)
+    if numbers is None:
+        raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
+    subject, condition_number, run_number = numbers
+    info_path = folder / f"run_info_{prefix}.yaml"
+    info = _read_mapping(info_path) if _exists(info_path) else {}
+    events = _events(folder / f"{prefix}_event.csv")
+    return EurobenchRun(
+        path=folder,
+        subject=subject,
+        run_number=run_number,
+        prefix=prefix,
+        condition=_condition(folder, condition_number, info_path, info),
+        events=events,
+        joint_state=_joint_state(folder / f"{prefix}_jointState.csv"),
+        wrench=_wrench(folder / f"{prefix}_wrench.csv"),
+        start_time=next(e.time for e in events if e.name is EventName.BENCHMARK_START),
+        run_info=info,
+    )
+
+
+def door_stays_closed(joint: JointState, since: float, settle: float, closed_angle: float) -> bool:
+    """Whether the recording shows the door closed for `settle` seconds after `since`.
+
+    Judges step 6 of a run without `benchmark_stop` (section 7); `since` is the time of the last
+    `door_closes`. A row stands for the time until the next one would come: files of a run that
+    was cut at its stop plus the settle time end less than a sampling interval before that.
+
+    Args:
+        joint: the panel's motion.
+        since: when the door closed, s since the epoch.
+        settle: how long it must stay closed, s.
+        closed_angle: abs(position) below this is a closed door, rad.
+    """
+    if recorded_until(joint) < since + settle:
+        return False
+    rows = (joint.time > since) & (joint.time <= since + settle)
+    return bool(rows.any() and (np.abs(joint.position[rows]) < closed_angle).all())
+
+
+def recorded_until(joint: JointState) -> float:
+    """Until when the panel's motion is known, s since the epoch; -inf without rows."""
+    if not joint.time.size:
+        return -math.inf
+    intervals = np.diff(joint.time)
+    regular = intervals[intervals <= LARGEST_GAP]
+    return float(joint.time[-1] + (np.max(regular) if regular.size else 0.0))
+
+
+def write_run_files(
+    folder: Path,
+    info: RunInfo,
+    events: Sequence[Event],
+    joint: JointState,
+    wrench: Wrench,
+    indicators: Sequence[Indicator],
+) -> None:
+    """Write EUROBENCH's files of a run into a folder: YAML, pre-processed data, indicators.
+
+    Each file is written under a temporary name, brought to disk and renamed.
+
+    Args:
+        folder: an existing folder.
+        info: what was set for the run.
+        events: the events of the run.
+        joint: the panel's motion, cut as the ruleset wants it; undefined cells stay empty.
+        wrench: the force on the handle, cut likewise.
+        indicators: the indicators; none for an invalid run.
+
+    Raises:
+        ScoringError: a file cannot be written.
+    """
+    prefix = info.prefix
+    missing = ruleset(info.ruleset).missing_value
+    texts = {
+        f"run_info_{prefix}.yaml": _yaml(info.mapping()),
+        f"condition_{info.condition.number}.yaml": _yaml(condition_mapping(info.condition)),
+        f"{prefix}_event.csv": _csv(
+            {
+                "time": [event.time for event in events],
+                "event": [event.name.value for event in events],
+            }
+        ),
+        f"{prefix}_jointState.csv": _csv(
+            {
+                "time": joint.time,
+                "position": _or_nan(joint.position),
+                "velocity": _or_nan(joint.velocity),
+                "acceleration": _or_nan(joint.acceleration),
+            }
+        ),
+        f"{prefix}_wrench.csv": _csv({"time": wrench.time, "force_x": _or_nan(wrench.force)}),
+    }
+    for indicator in indicators:
+        value = missing if indicator.value is None else indicator.value
+        texts[f"{indicator.name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
+    for name, text in texts.items():
+        _write(folder / name, text)
+    _sync(folder)
+
+
+def _table(path: Path, *columns: str) -> Table:
+    return parse_table(str(path), _read_text(path, LARGEST_TABLE), columns)
+
+
+def _events(path: Path) -> tuple[Event, ...]:
+    table = _table(path, "time", "event")
+    times = table.times(repeats=True).tolist()
+    events = []
+    for row, (time, name) in enumerate(zip(times, table.cells["event"], strict=True)):
+        if name not in set(EventName):
+            raise table.error(row, "event", f"{name[:60]!r} is no event of the protocol: drop it")
+        events.append(Event(time, EventName(name)))
+    for once, fewest in ((EventName.BENCHMARK_START, 1), (EventName.BENCHMARK_STOP, 0)):
+        count = sum(event.name is once for event in events)
+        if not fewest <= count <= 1:
+            raise ScoringError(
+                f"{path}, column event: {once.value} is there {count} times: give it once"
+            )
+    return tuple(events)
+
+
+def _joint_state(path: Path) -> JointState:
+    table = _table(path, "time", "position", "velocity", "acceleration")
+    acceleration = table.numbers("acceleration", optional=True)
+    reason = None
+    if not np.isfinite(acceleration).any():
+        reason = "no acceleration in the file" if acceleration.size else "no door angle recorded"
+    return JointState(
+        table.times(),
+        table.numbers("position"),
+        table.numbers("velocity", optional=True),
+        acceleration,
+        reason,
+    )
+
+
+def _wrench(path: Path) -> Wrench:
+    table = _table(path, "time", "force_x")
+    return Wrench(table.times(), table.numbers("force_x", optional=True))
+
+
+def _condition(folder: Path, number: int, info_path: Path, info: Mapping[str, object]) -> Condition:
+    """The condition that file names, condition file and run info agree on."""
+    try:
+        condition = Condition.from_number(number)
+    except ScoringError as error:
+        raise ScoringError(f"{folder}: files are named after a wrong number: {error}") from None
+    described: dict[Path, Mapping[str, object]] = {}
+    condition_path = folder / f"condition_{number}.yaml"
+    if _exists(condition_path):
+        described[condition_path] = _read_mapping(condition_path)
+    if any(key in info for key in CONDITION_KEYS):
+        described[info_path] = info
+    for path, mapping in described.items():
+        found = condition_from(mapping, str(path))
+        if found != condition:
+            raise ScoringError(
+                f"{path}: describes condition {found.number}, but the run's files are named after "
+                f"condition {number}: correct one of them"
+            )
+    return condition
+
+
+_YAML_PROBLEMS = (
+    yaml.YAMLError,
+    AttributeError,  # a tag that does not fit its value
+    LookupError,
+    RecursionError,  # brackets without end
+    TypeError,
+    ValueError,  # a date that does not exist
+)
+"""What PyYAML raises over bad content."""
+
+
+def _read_mapping(path: Path) -> dict[str, object]:
+    try:
+        content = yaml.safe_load(_read_text(path, LARGEST_YAML))
+    except _YAML_PROBLEMS as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise ScoringError(f"{path}{line}: is no YAML: correct it") from None
+    if not isinstance(content, dict):
+        raise ScoringError(f"{path}: holds no `key: value` lines: correct it")
+    return content
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a folder that may be listed but not entered; reading the data says so
+        return False
+
+
+def _read_text(path: Path, largest: int) -> str:
+    try:
+        if not path.is_file():
+            raise ScoringError(f"{path}: is missing: put it beside the other files of the run")
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+        if len(content) > largest:
+            raise ScoringError(f"{path}: is larger than {largest >> 20} MiB: cut it to the run")
+        return content.decode("utf-8-sig")
+    except OSError as error:
+        raise ScoringError(
+            f"{path}: cannot be read ({error.strerror}): check its permissions"
+        ) from None
+    except UnicodeDecodeError:
+        raise ScoringError(f"{path}: is no UTF-8 text: write it again as text") from None
+
+
+def _yaml(content: Mapping[str, object]) -> str:
+    try:
+        return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)
+    except yaml.YAMLError:
+        raise ScoringError("run info: a setting has no YAML form: use plain types") from None
+
+
+def _csv(columns: Mapping[str, Sequence[object] | NDArray[np.float64]]) -> str:
+    """The shortest digits that read back as the same float64; NaN as an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    return text.getvalue()
+
+
+def _cells(values: Sequence[object] | NDArray[np.float64]) -> Sequence[object]:
+    if isinstance(values, np.ndarray):
+        return ["" if math.isnan(value) else value for value in values.tolist()]
+    return values
+
+
+def _or_nan(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise ScoringError(
+            f"{path}: cannot be written ({error.strerror}): check disk space and permissions"
+        ) from None
+
+
+def _sync(folder: Path) -> None:
+    """Bring the new names to disk, where the file system can."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,228 @@
+"""`madrob score --check`: stored results against their recordings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from madrob_console.archive.check import check_run
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.cli.main import main
+from madrob_console.referee.acts import Start
+from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import Condition
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.recorded_runs import copy_run, publish
+
+Document = dict[str, Any]
+
+
+def check(*paths: Path, flags: tuple[str, ...] = ()) -> int:
+    return main(["score", "--check", *flags, *map(str, paths)])
+
+
+def change(folder: Path, edit: Callable[[Document], object]) -> None:
+    """Edit the stored result of a run."""
+    path = folder / "result.json"
+    document = msgspec.json.decode(path.read_bytes())
+    edit(document)
+    path.write_bytes(msgspec.json.encode(document))
+
+
+def found(folder: Path) -> list[str]:
+    return [difference.what for difference in check_run(RunPath(folder))]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run with rulings, a closure and a second issue."""
+    return copy_run(tmp_path, 1, Scenario.NOMINAL)
+
+
+def test_a_result_agrees_with_its_recording_and_the_referees_decisions(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = json.loads((run / "result.json").read_text())
+    assert (stored["issue"], len(stored["rulings"])) == (2, 2)
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    assert check(run) == 0
+    assert capsys.readouterr().out == f"{run}: agrees\n"
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+
+
+EDITS: dict[str, Callable[[Document], object]] = {
+    "indicators.execution_time.value": lambda d: d["indicators"]["execution_time"].update(
+        value=d["indicators"]["execution_time"]["value"] * (1 + 2**-52)
+    ),
+    "indicators.passage_time.reason": lambda d: d["indicators"]["passage_time"].update(reason="x"),
+    "indicators.capability_level.value": lambda d: d["indicators"]["capability_level"].update(
+        value=None
+    ),
+    "outcome": lambda d: d.update(outcome="timeout"),
+    "outcome_reason": lambda d: d.update(outcome_reason="gave up"),
+    "stop": lambda d: d.update(stop=None),
+    "ruleset": lambda d: d.update(ruleset="best-of-2031"),
+    "events[2].time": lambda d: d["events"][2].update(time=0.0),
+    "steps[3].final": lambda d: d["steps"][3].update(final=None),
+    "steps[3].referee.reason": lambda d: d["steps"][3]["referee"].update(reason="no"),
+    "quality.signals[0].samples": lambda d: d["quality"]["signals"][0].update(samples=7),
+    "rulings": lambda d: d["rulings"].pop(),
+    "closure": lambda d: d.update(closure={"team_word": "acknowledged"}),
+    "team": lambda d: d.update(team="Nova"),
+}
+
+
+def test_whatever_is_changed_in_a_result_is_found(run: Path) -> None:
+    for edit in EDITS.values():
+        change(run, edit)
+    assert set(found(run)) == set(EDITS)
+
+
+def test_a_difference_is_told_with_both_values(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(run, EDITS["indicators.capability_level.value"])
+    assert check(run) == 1
+    assert capsys.readouterr().out == (
+        f"{run}: differs in 1\n  indicators.capability_level.value: stored null, now 6\n"
+    )
+    assert check(run, flags=("--json",)) == 1
+    (document,) = json.loads(capsys.readouterr().out)["runs"]
+    assert document["differences"] == [
+        {"what": "indicators.capability_level.value", "stored": None, "recomputed": 6}
+    ]
+
+
+def test_a_file_that_was_changed_or_is_gone_is_found(run: Path) -> None:
+    table = next(run.glob("*_event.csv"))
+    table.write_text(table.read_text().replace("door_opens", "door_open$"))
+    (run / "condition_1.yaml").unlink()
+    (run / "added.csv").write_text("time\n")
+    assert found(run) == ["files.condition_1.yaml", f"files.{table.name}.sha256"]
+
+
+def test_a_result_of_a_version_that_kept_no_digests_can_be_checked(run: Path) -> None:
+    change(run, lambda d: d.pop("files", None))
+    change(run, lambda d: d["quality"]["signals"][0].pop("skew"))
+    (run / "condition_1.yaml").unlink()
+    assert found(run) == []
+
+
+def test_remarks_that_only_the_engine_could_make_are_no_difference(run: Path) -> None:
+    change(run, lambda d: d["quality"]["remarks"].append("/a: 3 messages are not in the recording"))
+    assert found(run) == []
+
+
+def test_a_torn_recording_is_a_difference_unless_the_result_knows_it(run: Path) -> None:
+    bag = next(run.glob("*.mcap"))
+    bag.write_bytes(bag.read_bytes()[:-200])
+    change(run, lambda d: d.pop("files", None))
+    (first,) = check_run(RunPath(run))
+    assert (first.what, first.stored) == ("quality.remarks", None)
+    change(run, lambda d: d["quality"]["remarks"].append(first.recomputed))
+    assert found(run) == []
+    assert found(run.rename(run.parent / "moved")) == []
+
+
+@pytest.mark.parametrize(
+    ("edit", "named"),
+    [
+        (lambda d: d.update(format=2), "use a newer madrob-console"),
+        (lambda d: d.pop("indicators"), "is damaged"),
+        (lambda d: d.update(steps=[1e300] * 3, format="one"), "is damaged"),
+    ],
+)
+def test_a_result_that_cannot_be_used_is_named_on_one_line(
+    edit: Callable[[Document], object],
+    named: str,
+    run: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    change(run, edit)
+    assert check(run) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith(f"madrob: {run}: result.json ")
+    assert named in error
+
+
+def test_half_a_result_is_named_on_one_line(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = run / "result.json"
+    for content in (path.read_bytes()[:300], b"", b'{"format": 1e999}', b"[" * 5000, b"\xff"):
+        path.write_bytes(content)
+        assert check(run) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "result.json is damaged" in error
+
+
+def test_without_a_result_or_a_recording_there_is_nothing_to_check(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, published = next(run.glob("*.mcap")), tmp_path / "published"
+    publish(run, published)
+    assert check(bag, published) == 2
+    (run / "result.json").unlink()
+    assert check(run) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert (
+        errors[0] == f"madrob: {bag}: has no result.json to check: name a run folder with a result"
+    )
+    assert "holds no recording" in errors[1]
+    assert errors[2].startswith(f"madrob: {run}: has no result.json")
+
+
+def test_a_difference_decides_the_exit_code_and_every_run_is_checked(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = copy_run(tmp_path, 2)
+    bad = copy_run(tmp_path, 3)
+    (bad / "result.json").unlink()
+    assert check(tmp_path) == 2
+    change(run, EDITS["stop"])
+    assert check(tmp_path) == 1
+    printed = capsys.readouterr().out.splitlines()
+    assert f"{other}: agrees" in printed
+    assert printed[-1] == "1 agree, 1 differ, 1 could not be checked"
+
+
+def test_an_aborted_and_an_unfinished_run_can_be_checked(tmp_path: Path) -> None:
+    for number, seconds in ((1, 0.5), (2, 3.0)):  # in the countdown, and later
+        drive = Drive(tmp_path)
+        drive.prepare(make_setup(run_number=number))
+        drive.act(Start())
+        drive.wait(seconds)
+        drive.engine.close()
+        assert drive.engine.folder is not None
+        assert found(drive.engine.folder) == []
+
+
+def test_check_and_ruleset_do_not_go_together(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        check(run, flags=("--ruleset", "protocol"))
+    assert "not allowed with" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    count = pytestconfig.getoption("--runs")
+    scenarios, rulesets = list(Scenario), list(RulesetName)
+    for number in range(count):
+        drive = Drive(tmp_path, scenarios[number % len(scenarios)], number, latch=number % 3 == 0)
+        setup = make_setup(
+            Condition.from_number(number % 20 + 1),
+            run_number=number // 20 + 1,
+            timeout=15.0,
+            ruleset=rulesets[number % 2],
+        )
+        drive.whole_run(setup)
+        drive.engine.close()
+    assert check(tmp_path) == 0

@@ -1,0 +1,169 @@
+"""`result.json` as it is published: every result is what the schema says."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import msgspec
+import pytest
+
+from madrob_console.archive.digests import digests_of
+from madrob_console.archive.folders import RESULT_FORMAT
+from madrob_console.archive.result_document import ResultDocument, result_schema
+from madrob_console.archive.result_file import read_result
+from madrob_console.cli.main import main
+from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
+from madrob_console.referee.run import IncidentKind, TeamWord
+from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import LockDetection, Step
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+STORED = Path(__file__).parent / "result_schema_1.json"
+
+
+def completed(root: Path) -> Path:
+    """With everything that a referee can say, and a second issue."""
+    drive = Drive(root, Scenario.NO_TOUCH)
+    drive.start(make_setup(lock_detection=LockDetection.REFEREE))
+    drive.wait(1.0)
+    drive.act(MarkIncident(IncidentKind.FALL), AddNote("lights flickered"))
+    drive.act(*(Rule(step, confirmed=True, reason="seen") for step in Step))
+    drive.finish()
+    drive.act(Rule(Step.CROSS, confirmed=False, reason="seen from the side"))
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "the robot was slower"))
+    drive.act(Reissue("the team is right"))
+    drive.act(Rule(Step.CROSS, confirmed=True, reason="seen in the video"))
+    return close(drive)
+
+
+def timeout(root: Path) -> Path:
+    drive = Drive(root, Scenario.NO_TOUCH)
+    drive.whole_run(make_setup(timeout=1.0))
+    return close(drive)
+
+
+def aborted(root: Path) -> Path:
+    drive = Drive(root)
+    drive.start(make_setup())
+    drive.act(Abort("the door fell off"))
+    drive.finish()
+    return close(drive)
+
+
+def interrupted(root: Path) -> Path:
+    drive = Drive(root)
+    drive.start(make_setup())
+    return close(drive)
+
+
+def close(drive: Drive) -> Path:
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+KINDS: tuple[Callable[[Path], Path], ...] = (completed, timeout, aborted, interrupted)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A run of each outcome."""
+    return {kind.__name__: kind(tmp_path_factory.mktemp("results")) for kind in KINDS}
+
+
+def document(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return content
+
+
+@pytest.mark.parametrize("outcome", [kind.__name__ for kind in KINDS])
+def test_every_result_is_what_the_schema_says(folders: dict[str, Path], outcome: str) -> None:
+    found = document(folders[outcome])
+    assert found["outcome"] == outcome
+    jsonschema.validate(found, result_schema())
+    assert set(found) == set(ResultDocument.__struct_fields__)
+    for path in folders[outcome].glob("result_issue_*.json"):
+        jsonschema.validate(json.loads(path.read_text()), result_schema())
+
+
+def test_a_result_read_back_is_written_to_the_same_bytes(folders: dict[str, Path]) -> None:
+    data = (folders["completed"] / "result.json").read_bytes()
+    again = msgspec.json.encode(msgspec.json.decode(data, type=ResultDocument))
+    assert msgspec.json.format(again, indent=2) + b"\n" == data
+    assert read_result(str(folders["completed"]))[0].team == "Delft"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("format", RESULT_FORMAT + 1),
+        ("outcome", "won"),
+        ("start", "now"),
+        ("indicators", {}),
+        ("files", {"a.csv": {"sha256": "short", "bytes": 1}}),
+    ],
+)
+def test_the_schema_refuses_what_no_result_holds(
+    folders: dict[str, Path], key: str, value: object
+) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**document(folders["completed"]), key: value}, result_schema())
+
+
+def test_a_result_without_digests_is_still_one(folders: dict[str, Path]) -> None:
+    older = document(folders["completed"])
+    del older["files"], older["files_left_out"]
+    jsonschema.validate(older, result_schema())
+
+
+def test_the_schema_of_a_format_does_not_change_unnoticed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["schema"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == STORED.read_text(), "store it: madrob schema > tests/.../result_schema_1.json"
+
+
+def test_the_schema_is_one_and_describes_every_key_with_its_unit() -> None:
+    schema = result_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$id"].endswith(f":{RESULT_FORMAT}")
+    for name, part in schema["$defs"].items():
+        for key, described in part.get("properties", {}).items():
+            assert described.get("description"), f"{name}.{key}"
+
+
+def test_a_result_tells_the_digests_of_the_recording_and_of_the_data(
+    folders: dict[str, Path],
+) -> None:
+    folder = folders["completed"]
+    found = document(folder)
+    assert found["files_left_out"] == []
+    kinds = {Path(name).suffix for name in found["files"]}
+    assert kinds == {".mcap", ".yaml", ".csv"}
+    assert len(found["files"]) == sum(path.suffix in kinds for path in folder.iterdir())
+    for name, told in found["files"].items():
+        data = (folder / name).read_bytes()
+        assert told == {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+
+
+def test_a_recording_that_cannot_be_read_has_no_digest_and_a_reason(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "event.csv").write_text("time,event\n")
+    (folder / "run_0.mcap").symlink_to("/etc/passwd")
+    os.mkfifo(folder / "pipe.csv")
+    digests, left_out = digests_of(folder)
+    assert list(digests) == ["event.csv"]
+    assert left_out == (
+        "metadata.yaml: cannot be read (No such file or directory)",
+        "pipe.csv: cannot be read (no plain file)",
+        "run_0.mcap: cannot be read (it is a link)",
+    )
+    assert digests_of(tmp_path / "gone")[0] == {}

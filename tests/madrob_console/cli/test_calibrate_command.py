@@ -1,0 +1,281 @@
+"""`madrob calibrate` on recordings of the simulated testbed, whose truth is known."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.cli.arguments_common import BAD_INPUT
+from madrob_console.cli.main import main
+from madrob_console.config import Settings, parse_settings
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.preparing.testbed_calibration import (
+    handle_toml,
+    masks_of,
+    masks_toml,
+    sweep_recordings,
+)
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
+from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, SensorSettings
+from scoring.calibration.handle_scale import GRAVITY, HandleProposal, Level
+from scoring.calibration.masks import MaskProposal
+from scoring.calibration.panel_view import PanelView
+from scoring.protocol import PASSAGE_SENSORS, Side, Signal
+from tests.madrob_console.calibration_bags import record, record_handle, record_sweep, swing
+
+SPEED = 0.5
+SLACK = SPEED / 50 + math.tau / 3600
+"""rad: what the panel turns between two samples, and a step of the encoder."""
+NEW = DoorGeometry(lintel_height=2.4, panel_height=2.1, sensor_distance=0.25, sensor_spacing=0.11)
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`sweep` of a testbed with other measures; `rest`, `pulled` and `pushed` of a handle in gf."""
+    root = tmp_path_factory.mktemp("bags")
+    record_sweep(root / "sweep", speed=SPEED, times=1, geometry=NEW)
+    gram = GRAVITY / 1000
+    record_handle(root / "rest", lambda _: 0.0, scale=gram)
+    record_handle(root / "pulled", lambda _: 5 * GRAVITY, scale=gram, seed=1)
+    record_handle(root / "pushed", lambda _: -5 * GRAVITY, scale=gram, seed=2)
+    record_handle(root / "hand", lambda time: 5 * GRAVITY * (time > 2), scale=gram, seed=3)
+    return root
+
+
+def calibrate(*arguments: object) -> int:
+    return main(["calibrate", *map(str, arguments)])
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line with which a calibration is refused."""
+    assert calibrate(*arguments) == BAD_INPUT
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+# ---------------------------------------------------------------- masks
+
+
+def test_the_masks_are_those_of_the_simulated_door(bags: Path) -> None:
+    found = masks_of(sweep_recordings([bags / "sweep"], Settings()), Settings())
+    assert found.lintel_height == pytest.approx(2.4, abs=0.002)
+    assert found.panel_height == pytest.approx(2.1, abs=0.002)
+    for view in found.views:
+        truth = NEW.panel_seen(NEW.mount(view.sensor))
+        assert truth is not None
+        assert (view.first, view.last) == pytest.approx(truth, abs=SLACK)
+
+
+def test_with_the_proposed_masks_a_quick_panel_shows_to_no_sensor(
+    bags: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrate("masks", bags / "sweep") == 0
+    thresholds = parse_settings(capsys.readouterr().out).scoring_thresholds()
+    assert replace(NEW, thresholds=thresholds).fastest_panel > 1.0  # rad/s
+    assert replace(NEW, thresholds=Settings().scoring_thresholds()).fastest_panel < 0
+
+
+def test_the_proposal_says_per_sensor_what_it_rests_on(
+    bags: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = bags / "masks.toml"
+    assert calibrate("masks", bags / "sweep", "--output", target) == 0
+    said = capsys.readouterr().out
+    assert target.read_text() == said
+    assert "# Door swept from -1.300 to 1.300 rad; the panel is 2.100 m high." in said
+    for sensor in PASSAGE_SENSORS:
+        name = f"# {sensor.side} {sensor.index} ({sensor.strip}[{sensor.element}])"
+        (line,) = [line for line in said.splitlines() if line.startswith(name)]
+        readings, under = map(int, line.split(")", 1)[1].split()[:2])
+        assert readings > 500
+        assert 10 < under < 100
+    assert list(tomllib.loads(said)["thresholds"]) == [
+        "lintel_height", "mask_from", "mask_to_cw", "mask_to_ccw",
+    ]  # fmt: skip
+
+
+def test_a_recording_of_each_side_counts_like_one_of_both(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def half(sign: int) -> Callable[[float], Scene]:
+        return lambda time: Scene(angle=sign * swing(time, SPEED, 1.2, 1))
+
+    for side in Side:
+        record(
+            tmp_path / side,
+            half(side.sign),
+            4.8,
+            mappings=[m for m in DEFAULT_MAPPINGS[:-1] if m.signal is not Signal.HANDLE],
+        )
+    assert "to both sides" in refused(capsys, "masks", tmp_path / "cw")
+    assert calibrate("masks", tmp_path / "cw", tmp_path / "ccw") == 0
+
+
+def test_topics_types_and_units_are_those_of_the_settings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = """
+        [[topics]]
+        signal = "door angle"
+        topic = "/my/door"
+        type = "std_msgs/msg/Float64"
+        field = "data"
+        scale = 0.017453292519943295
+    """
+    mine = parse_settings(text)
+    (tmp_path / "mine.toml").write_text(text)
+    record(
+        tmp_path / "bag",
+        lambda time: Scene(angle=swing(time, SPEED, 1.2, 1)),
+        9.6,
+        mappings=[m for m in mine.mappings() if m.signal is not Signal.LATCH],
+    )
+    assert "no messages on /madrob/door/angle (door angle)" in refused(
+        capsys, "masks", tmp_path / "bag"
+    )
+    assert calibrate("masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml") == 0
+    assert parse_settings(capsys.readouterr().out).thresholds.lintel_height == 2.0
+
+
+def spoilt(signal: Signal, time: float, reading: Reading) -> Reading:
+    """A person stands on the CW side for a second, panel on the other side."""
+    if signal is Signal.CW_RIGHT and 2.0 < time < 3.0:
+        return (0.4, 0.4, 0.4, 0.4)
+    return reading
+
+
+def test_somebody_near_the_door_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record_sweep(tmp_path / "bag", times=1, spoil=spoilt)
+    said = refused(capsys, "masks", tmp_path / "bag")
+    assert "cw 0 (cw_right[3]) saw something" in said
+    assert "nobody near" in said
+
+
+def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def silent(signal: Signal, _time: float, reading: Reading) -> Reading | None:
+        return None if signal is Signal.CCW_LEFT else reading
+
+    def blind(signal: Signal, _time: float, reading: Reading) -> Reading:
+        return math.nan if signal is Signal.DOOR else reading
+
+    record_sweep(tmp_path / "silent", times=1, sensors=SensorSettings(rate=20), spoil=silent)
+    assert "no messages on /madrob/passage/ccw_left" in refused(
+        capsys, "masks", tmp_path / "silent"
+    )
+    record_sweep(tmp_path / "blind", times=1, sensors=SensorSettings(rate=20), spoil=blind)
+    assert "208 of 208 door angles are no numbers" in refused(capsys, "masks", tmp_path / "blind")
+
+
+def test_what_is_no_bag_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "No such file" in refused(capsys, "masks", tmp_path / "none")
+    (tmp_path / "\x1b[31mred").write_text("text")
+    said = refused(capsys, "masks", tmp_path / "\x1b[31mred")
+    assert "is no bag" in said
+    assert "\x1b" not in said
+
+
+# ---------------------------------------------------------------- handle
+
+
+def test_scale_and_zero_are_those_of_the_simulated_handle(
+    bags: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5") == 0
+    said = capsys.readouterr().out
+    (topic,) = parse_settings(said).topics
+    assert topic.signal is Signal.HANDLE
+    assert topic.scale == pytest.approx(GRAVITY / 1000, rel=0.001)
+    assert topic.offset == pytest.approx(-5.9, abs=0.02)
+    assert "# rest: 200 samples in 4.0 s, median 601" in said
+    assert "WRONG" not in said
+
+
+def test_a_wrong_sign_is_said_in_words_and_mended(
+    bags: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrate("handle", bags / "rest", bags / "pushed", "--mass", "5") == 0
+    said = capsys.readouterr().out
+    assert "# WRONG SIGN" in said
+    assert parse_settings(said).topics[0].scale == pytest.approx(-GRAVITY / 1000, rel=0.001)
+    towards = ("--towards", "cw")
+    assert calibrate("handle", bags / "rest", bags / "pushed", "--mass", "5", *towards) == 0
+    assert "WRONG" not in capsys.readouterr().out
+
+
+def test_the_scale_so_far_does_not_matter(bags: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5") == 0
+    first = capsys.readouterr().out
+    (bags / "found.toml").write_text(first)
+    found = ("--settings", bags / "found.toml")
+    assert calibrate("handle", bags / "rest", bags / "pulled", "--mass", "5", *found) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_a_handle_that_is_touched_or_a_weight_that_is_none_is_refused(
+    bags: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(capsys, "handle", bags / "rest", bags / "hand", "--mass", "5")
+    assert "hand: a noise of" in said
+    assert "a mass of -1 kg" in refused(
+        capsys, "handle", bags / "rest", bags / "pulled", "--mass", "-1"
+    )
+    assert "no messages on /madrob/handle/force" in refused(
+        capsys, "handle", bags / "sweep", bags / "rest", "--mass", "5"
+    )
+
+
+# ---------------------------------------------------------------- settings
+
+_NONE = np.array([])
+ANGLES = st.tuples(st.floats(0.03, 1.2), st.floats(0.0, 0.3))
+
+
+@settings(max_examples=50)
+@given(st.lists(st.none() | ANGLES, min_size=10, max_size=10), st.floats(0.6, 9.9))
+def test_every_proposal_reads_back_to_the_same_masks(
+    places: list[tuple[float, float] | None], lintel: float
+) -> None:
+    views = [
+        PanelView(
+            sensor=sensor, readings=999, under=50 if place else 0, strays=0, stray_at=0.0, holes=0,
+            first=place and place[0], last=place and sum(place), coarse=0.0, heights=_NONE,
+        )
+        for sensor, place in zip(PASSAGE_SENSORS, places, strict=True)
+    ]  # fmt: skip
+    found = MaskProposal(tuple(views), round(lintel, 3), 1.95, (-1.5, 1.5))
+    read = parse_settings(masks_toml(found)).scoring_thresholds()
+    assert read.lintel_height == found.lintel_height
+    assert read.mask_from == found.mask_from
+    assert (read.mask_to_cw, read.mask_to_ccw) == (found.mask_to(Side.CW), found.mask_to(Side.CCW))
+    for view in found.views:
+        if view.first is not None and view.last is not None:
+            sensor, sign = view.sensor, view.sensor.side.sign
+            assert read.masked(sensor.side, sensor.index, sign * view.first)
+            assert read.masked(sensor.side, sensor.index, sign * view.last)
+        else:
+            assert not read.masked(view.sensor.side, view.sensor.index, view.sensor.side.sign * 0.5)
+
+
+@given(st.floats(1e-6, 1e6), st.floats(-1e3, 1e3), st.sampled_from([-1, 1]))
+def test_every_handle_reads_back_to_the_same_force(scale: float, zero: float, sign: int) -> None:
+    level = Level("recording", 200, 4.0, zero, 0.1, 0.0)
+    found = HandleProposal(sign * scale, zero, level, level)
+    mapping = next(m for m in DEFAULT_MAPPINGS if m.signal is Signal.HANDLE)
+    (topic,) = parse_settings(handle_toml(found, mapping)).topics
+    assert topic.scale == pytest.approx(found.scale, rel=1e-8)
+    assert topic.offset == pytest.approx(found.offset, rel=1e-8)
+    assert (topic.topic, topic.type, topic.field) == (mapping.topic, mapping.type, mapping.field)

@@ -1,0 +1,301 @@
+"""`madrob score` over bags, run folders, published folders and results folders."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.cli.main import main
+from madrob_console.testbeds.simulated import Scenario
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.recorded_runs import copy_run, publish, recorded
+
+
+def score(*arguments: object) -> int:
+    try:
+        return main(["score", *map(str, arguments)])
+    except SystemExit as end:  # argparse
+        return int(end.code or 0)
+
+
+def scored(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[dict[str, Any]]:
+    score("--json", *arguments)
+    runs: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["runs"]
+    return runs
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line that is said."""
+    assert score(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1, captured.err
+    return captured.err
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """A results folder with three runs."""
+    root = tmp_path / "results"
+    copy_run(root, 2)
+    copy_run(root, 3)
+    copy_run(root, 1, Scenario.NOMINAL)
+    return root
+
+
+def test_every_run_of_a_results_folder_is_scored_in_the_order_of_their_names(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = sorted(map(str, results.glob("subject_*")))
+    (results / "notes").mkdir()
+    elsewhere = recorded(Scenario.NOMINAL)
+    (results / elsewhere.name.replace("_run_001_", "_run_009_")).symlink_to(elsewhere)
+    assert score(results) == 0
+    captured = capsys.readouterr()
+    assert [line for line in captured.out.splitlines() if line.startswith("/")] == runs
+    assert captured.err == ""
+
+
+def test_a_bad_run_is_named_and_the_rest_is_scored(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = results / "subject_003_cond_001_run_004_20231114_221323"
+    empty.mkdir()
+    torn = next(results.glob("*_run_002_*"))
+    (torn / "metadata.yaml").write_text("half a")
+    bag = next(torn.glob("*.mcap"))
+    bag.write_bytes(bag.read_bytes()[:40])
+    assert score(results) == 2
+    captured = capsys.readouterr()
+    assert captured.out.count("outcome: ") == 2
+    assert str(torn) in captured.err.splitlines()[0]
+    assert str(empty) in captured.err.splitlines()[1]
+    assert len(captured.err.splitlines()) == 2
+
+
+def test_the_same_is_printed_however_the_work_is_shared(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "subject_003_cond_001_run_000_20231114_221323").mkdir()
+    assert score("--jobs", "1", results) == 2
+    alone = capsys.readouterr()
+    assert score("--jobs", "2", "--backend", "threading", results) == 2
+    assert capsys.readouterr() == alone
+
+
+def test_an_unknown_backend_is_refused_before_anything_is_printed(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "--backend moon: " in refusal(capsys, "--json", "--backend", "moon", results)
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "many", "1.5"])
+def test_a_number_of_jobs_that_makes_no_sense_is_refused(
+    jobs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "--jobs: " in refusal(capsys, "--jobs", jobs, tmp_path)
+
+
+def test_one_run_needs_no_other_process(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "joblib", None)
+    assert score("--jobs", "8", recorded(Scenario.TOUCH_ONLY)) == 0
+    assert "outcome: timeout" in capsys.readouterr().out
+
+
+class Terminal(io.StringIO):
+    """Says that somebody looks at it."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("runs", "shown"), [(4, False), (5, True)])
+def test_a_bar_shows_how_far_long_work_is_where_somebody_looks(
+    runs: int, *, shown: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    assert score(*(f"/nowhere/{number}" for number in range(runs))) == 2
+    told = terminal.getvalue()
+    assert (f"{runs}/{runs}" in told) is shown
+    assert all(f"/nowhere/{number}" in told for number in range(runs))
+    assert capsys.readouterr().out == ""
+
+
+def test_both_rulesets_stand_side_by_side_with_their_differences(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
+    both = scored(capsys, "--ruleset", "both", *runs)
+    for name in RulesetName:
+        alone = scored(capsys, "--ruleset", name, *runs)
+        assert [run["path"] for run in both] == [run.pop("path") for run in alone]
+        assert [run["rulesets"][name] for run in both] == alone
+    for run in both:
+        protocol, published = (run["rulesets"][name]["indicators"] for name in RulesetName)
+        for name, by in run["differences"].items():
+            values = protocol[name]["value"], published[name]["value"]
+            assert by == (None if None in values else values[1] - values[0])
+    assert both[0]["differences"]["capability_level"] == -2
+
+
+def test_both_rulesets_are_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
+    assert score("--ruleset", "both", *runs) == 0
+    text = capsys.readouterr().out
+    assert len(re.findall(r"^ +protocol eurobench-2020 +difference$", text, re.MULTILINE)) == 2
+    assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
+    assert re.search(r"^  time to handle +(\d\.\d{6}) +\1 +=  s$", text, re.MULTILINE)
+    assert re.search(r"^  passage time +- +- +-  s$", text, re.MULTILINE)
+    for name in RulesetName:
+        assert f"\n  passage time, {name}: " in text
+
+
+def test_an_unknown_ruleset_is_refused_with_those_that_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "'protocol', 'eurobench-2020', 'both'" in refusal(capsys, "--ruleset", "best", tmp_path)
+
+
+def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = next(results.glob("*_run_001_*"))
+    bag = next(path.glob("*.mcap"))
+    content = bag.read_bytes()
+    assert RECORD_NAME.encode() in content
+    newer = content.replace(b'"ruleset":"protocol"', b'"ruleset":"protokol"')
+    assert newer != content
+    bag.write_bytes(newer)
+    line = refusal(capsys, path)
+    assert line.startswith(f"madrob: {path}: ")
+    assert "'protokol'" in line
+    assert line.endswith(": use the madrob-console that recorded it\n")
+
+
+def test_an_empty_folder_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert f"{tmp_path} is no bag" in refusal(capsys, tmp_path)
+    assert "nowhere" in refusal(capsys, tmp_path / "nowhere")
+
+
+def test_a_folder_with_the_journal_only_is_named(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(next(results.glob("*_run_001_*")) / "journal.jsonl", tmp_path / "journal.jsonl")
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    (tmp_path / "journal.jsonl").rename(alone / "journal.jsonl")
+    assert f"{alone} is no bag" in refusal(capsys, alone)
+
+
+def test_a_bad_run_among_published_ones_is_named_and_the_rest_is_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.NOMINAL), tmp_path)
+    for path in list(tmp_path.glob("subject_*.csv")):
+        shutil.copy(path, tmp_path / path.name.replace("run_001", "run_002"))
+        shutil.copy(path, tmp_path / path.name.replace("run_001", "run_003"))
+    (tmp_path / "subject_003_cond_001_run_002_event.csv").unlink()
+    assert score(tmp_path) == 2
+    captured = capsys.readouterr()
+    assert captured.out.count("outcome: completed") == 2
+    assert captured.err.count("\n") == 1
+    assert "run_002_event.csv: is missing" in captured.err
+
+
+def test_rows_that_are_missing_in_published_files_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.NOMINAL), tmp_path)
+    path = next(tmp_path.glob("*_jointState.csv"))
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, *rows[50:200], *rows[300:-150]]) + "\n")
+    (run,) = scored(capsys, tmp_path)
+    told = [remark for remark in run["quality"]["remarks"] if remark.startswith("jointState")]
+    assert told == [
+        "jointState: no rows in the first 1.0 s of the run",
+        "jointState: 1 gaps, the longest 2.020 s",
+        "jointState: no rows in the last 2.0 s of the run",
+    ]
+
+
+def test_published_files_without_rows_are_scored_with_reasons(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.NOMINAL), tmp_path)
+    path = next(tmp_path.glob("*_wrench.csv"))
+    path.write_text("time,force_x\n")
+    (run,) = scored(capsys, tmp_path)
+    assert run["indicators"]["roughness_of_door_actuation"]["value"] is None
+    assert "wrench: no rows" in run["quality"]["remarks"]
+
+
+def test_a_timeout_value_is_no_number_in_a_table_and_no_matter_in_an_old_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.NOMINAL), tmp_path)
+    (tmp_path / "execution_time.yaml").write_text("type: scalar\nvalue: TIMEOUT\n")
+    (run,) = scored(capsys, tmp_path)
+    assert run["indicators"]["execution_time"]["value"] > 0
+    path = next(tmp_path.glob("*_wrench.csv"))
+    path.write_text("time,force_x\n1.0,TIMEOUT\n")
+    assert "line 2, column force_x: 'TIMEOUT' is no finite number" in refusal(capsys, tmp_path)
+
+
+@pytest.mark.parametrize("command", ["score", "report"])
+def test_a_run_that_goes_on_is_not_taken_for_one_that_was_cut_off(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = Drive(tmp_path / "results")
+    drive.start(make_setup(timeout=2.0))
+    folder = drive.engine.folder
+    assert folder is not None
+    for path in (folder, tmp_path / "results"):
+        assert main([command, str(path)]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err == (
+            f"madrob: {folder}: the run goes on, another console works on this run: wait for its "
+            "result\n"
+        )
+    drive.finish()
+    assert score(folder) == 0
+    assert "outcome: timeout" in capsys.readouterr().out
+    drive.engine.close()
+
+
+def test_a_run_that_was_cut_off_is_scored_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(1.0)
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    (drive.engine.folder / "result.json").unlink()
+    assert score(drive.engine.folder) == 0
+    assert "outcome: interrupted" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_processes_give_what_one_process_gives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(1, 13):
+        copy_run(tmp_path, number, Scenario.NOMINAL if number % 2 else Scenario.TOUCH_ONLY)
+    assert score("--jobs", "1", tmp_path) == 0
+    alone = capsys.readouterr().out
+    for sharing in (("--jobs", "3"), ("--backend", "multiprocessing", "--jobs", "2")):
+        assert score(*sharing, tmp_path) == 0
+        assert capsys.readouterr().out == alone

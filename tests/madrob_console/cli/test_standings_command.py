@@ -1,0 +1,400 @@
+"""`madrob standings`: the table, csv, json and html of a results folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.cli.arguments_common import BAD_INPUT
+from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
+from madrob_console.standings.competition import CompetitionStandings, competition_standings
+from madrob_console.standings.data_files import COLUMNS, standings_csv, standings_json
+from madrob_console.standings.web_page import standings_html
+from scoring.protocol import Outcome
+from scoring.result import UNITS, IndicatorName
+from tests.madrob_console.run_folders import EPOCH, VALUES, summary, write
+
+TIME = IndicatorName.EXECUTION_TIME
+FORCE = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
+TAGS = {
+    *("html", "head", "meta", "title", "style", "body", "header", "section", "footer"),
+    *("h1", "h2", "p", "ul", "li", "table", "thead", "tbody", "tr", "th", "td"),
+    *("b", "bdi", "small", "strong"),
+}
+
+
+def timed(seconds: float, **fields: Any) -> RunSummary:  # noqa: ANN401  as `summary`
+    return summary(values={**VALUES, TIME: seconds}, **fields)
+
+
+RUNS = (
+    timed(10.0, run_number=1, final=True, team_word="acknowledged"),
+    timed(20.0, run_number=2, final=True, team_word="protested"),
+    timed(300.0, run_number=3, outcome=Outcome.TIMEOUT),
+    timed(40.0, run_number=1, condition=12),
+    timed(1.0, run_number=4, outcome=Outcome.ABORTED, reason="a child ran in"),
+    timed(2.0, run_number=5, outcome=Outcome.INTERRUPTED, reason="power cut"),
+    timed(3.0, run_number=6, source="simulated"),
+    timed(4.0, run_number=7, source="replay"),
+    timed(30.0, subject=2, run_number=1),
+)
+
+
+def found(*runs: RunSummary, **how: Any) -> CompetitionStandings:  # noqa: ANN401
+    return competition_standings(runs or RUNS, made=EPOCH, **how)
+
+
+def rows(of: CompetitionStandings) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(standings_csv(of))))
+
+
+def document(of: CompetitionStandings) -> dict[str, Any]:
+    decoded: dict[str, Any] = json.loads(standings_json(of, "9.9"))
+    return decoded
+
+
+def words(of: CompetitionStandings) -> str:
+    """What a reader sees of the page, on one line."""
+    page = standings_html(of, "9.9").partition("<body>")[2]
+    return " ".join(re.sub("<[^>]*>", " ", page).split())
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for run in RUNS:
+        write(root, run)
+    return root
+
+
+def run(results: Path, *arguments: object) -> int:
+    return main(["standings", "--results", str(results), *map(str, arguments)])
+
+
+# ---------------------------------------------------------------- what counts
+
+
+def test_the_csv_has_a_row_for_each_team_condition_and_indicator() -> None:
+    table = rows(found())
+    assert tuple(table[0]) == COLUMNS
+    places = [(row["condition"], row["subject"], row["indicator"]) for row in table]
+    assert places == [
+        (condition, subject, name)
+        for condition, subject in (("all", "2"), ("all", "3"), ("7", "2"), ("7", "3"), ("12", "3"))
+        for name in IndicatorName
+    ]
+    assert {row["unit"] for row in table if row["indicator"] == TIME} == {"s"}
+
+
+def cell(of: CompetitionStandings, condition: str, indicator: str) -> dict[str, str]:
+    """The row of team 3."""
+    (row,) = [
+        row
+        for row in rows(of)
+        if (row["condition"], row["subject"], row["indicator"]) == (condition, "3", indicator)
+    ]
+    return row
+
+
+def test_execution_time_is_of_completed_runs_and_others_of_all_valid_ones() -> None:
+    row = cell(found(), "7", TIME)
+    assert (row["runs"], row["mean"], row["median"]) == ("2", "15.0", "15.0")
+    assert float(row["std"]) == pytest.approx(50**0.5)
+    assert (row["completed"], row["timeout"]) == ("2", "1")
+    assert (row["invalid"], row["interrupted"]) == ("1", "1")
+    assert cell(found(), "7", FORCE)["runs"] == "3"
+    assert cell(found(), "12", TIME)["std"] == ""  # one run
+
+
+def test_overall_every_run_weighs_the_same() -> None:
+    row = cell(found(), "all", TIME)
+    assert row["runs"] == "3"
+    assert float(row["mean"]) == pytest.approx(70 / 3)
+
+
+def test_smallest_and_largest_are_told_of_four_indicators() -> None:
+    told = {row["indicator"] for row in rows(found()) if row["min"] and row["max"]}
+    assert told == {
+        "unsafety_of_door_operation",
+        "smoothness_of_door_actuation",
+        "roughness_of_door_actuation",
+        "capability_level",
+    }
+
+
+def test_best_takes_so_many_of_each_condition() -> None:
+    best = found(best=1)
+    assert cell(best, "7", TIME)["mean"] == "10.0"
+    assert cell(best, "all", TIME)["mean"] == "25.0"
+    assert cell(best, "all", TIME)["completed"] == "3"
+    assert "the best 1 valid official runs of each team in each condition" in words(best)
+
+
+def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
+    unfinished = summary(run_number=9, outcome=None, source=None, competition="")
+    damaged = summary(run_number=8, problem="result.json is damaged")
+    of = found(*RUNS, unfinished, damaged)
+    assert [(left.run.run_number, left.why) for left in of.left_out[:2]] == [
+        (4, "a child ran in"),
+        (5, "power cut"),
+    ]
+    for told in (words(of), json.dumps(document(of)["left_out"])):
+        for why in ("a child ran in", "power cut", "no result yet", "result.json is damaged"):
+            assert why in told
+    assert "run 4 of subject 3 in condition 7, " in words(of)
+    assert ": INVALID : a child ran in" in words(of)
+    silent = found(timed(1.0, outcome=Outcome.ABORTED), timed(1.0, outcome=Outcome.INTERRUPTED))
+    assert [why for _, why in silent.left_out] == [
+        "the referee gave no reason",
+        "the machine failed",
+    ]
+
+
+def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> None:
+    practice = found(official=False)
+    (row,) = [row for row in rows(practice) if row["condition"] == "7" and row["indicator"] == TIME]
+    assert (row["source"], row["mean"]) == ("SIMULATED", "3.0")
+    assert {row["source"] for row in rows(found())} == {"official"}
+    assert "SIMULATED: not an official result." in words(practice)
+    assert "<title>MADROB SIMULATED standings" in standings_html(practice, "")
+    assert (document(practice)["official"], document(practice)["source"]) == (False, "SIMULATED")
+    assert "SIMULATED" in document(practice)["remarks"][0]
+    assert "SIMULATED" not in words(found()) + standings_csv(found())
+
+
+def test_rulesets_stand_apart_and_are_named() -> None:
+    of = found(*RUNS, timed(99.0, ruleset="eurobench-2020"))
+    assert [group["ruleset"] for group in document(of)["rulesets"]] == [
+        "eurobench-2020",
+        "protocol",
+    ]
+    assert "stand apart, do not compare them: eurobench-2020, protocol" in words(of)
+    assert [
+        r["mean"] for r in rows(of) if r["ruleset"] != "protocol" and r["indicator"] == TIME
+    ] == (["99.0", "99.0"])
+
+
+def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
+    runs = (*RUNS, timed(50.0, subject=9, competition="Spring Cup"))
+    both = found(*runs)
+    assert "2 competitions count together: Autumn Cup, Spring Cup" in words(both)
+    spring = found(*runs, competition="Spring Cup")
+    assert {row["subject"] for row in rows(spring)} == {"9"}
+    assert spring.title == "Spring Cup"
+    assert spring.left_out == ()
+    with pytest.raises(MadrobError, match="'Nope': no such runs; there are 'Autumn Cup', 'Spring"):
+        found(*runs, competition="Nope")
+
+
+def test_provisional_and_protested_results_are_told() -> None:
+    assert "Provisional: 3 of the valid runs are not final yet." in words(found())
+    assert "PROTESTED by the team: 1 of the valid runs." in words(found())
+
+
+# ---------------------------------------------------------------- the files
+
+
+def test_the_json_has_format_units_and_whole_numbers() -> None:
+    of = document(found())
+    assert (of["format"], of["software"], of["made"]) == (1, "madrob-console 9.9", EPOCH)
+    assert of["units"] == UNITS
+    (group,) = of["rulesets"]
+    assert [team["conditions"] for team in group["overall"]] == [[7], [7, 12]]
+    seven, twelve = group["conditions"]
+    assert (seven["condition"], twelve["condition"]) == (7, 12)
+    assert (twelve["benchmark_type"], twelve["opening_side"]) == ("Constant Force", "ccw")
+    team = seven["teams"][1]
+    assert (team["subject"], team["counted"], team["invalid"]) == (3, 3, 1)
+    assert team["indicators"][TIME] == {
+        "unit": "s", "runs": 2, "mean": 15.0, "median": 15.0, "std": pytest.approx(50**0.5),
+    }  # fmt: skip
+    assert team["indicators"]["capability_level"]["max"] == 6
+    nothing = document(found(timed(300.0, outcome=Outcome.TIMEOUT)))["rulesets"][0]["overall"][0]
+    assert nothing["indicators"][TIME] == {
+        "unit": "s", "runs": 0, "mean": None, "median": None, "std": None,
+    }  # fmt: skip
+
+
+def test_the_page_is_one_file_without_scripts_and_network() -> None:
+    page = standings_html(found(), "9.9")
+    assert set(re.findall(r"<(\w+)", page)) <= TAGS
+    assert not re.search(r"https?:|//|src=|href|url\(|@import|<script|\son\w+=", page)
+    assert "@media print" in page
+    assert 'name="viewport"' in page
+
+
+HOSTILE = '<script>alert(1)</script>"&\x1b[31m\u202e'
+
+
+def test_names_and_reasons_have_no_power_anywhere() -> None:
+    of = found(
+        timed(1.0, team=HOSTILE, competition=HOSTILE),
+        timed(1.0, team=HOSTILE, outcome=Outcome.ABORTED, reason=HOSTILE, competition=HOSTILE),
+    )
+    page = standings_html(of, "")
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+    assert not {"\x1b", "\u202e"} & set(page + standings_csv(of))
+
+
+@pytest.mark.parametrize("team", ["=1+1", "+1", "-1", "@SUM(A1)", '=HYPERLINK("http://x")'])
+def test_no_team_is_a_formula_in_a_spreadsheet(team: str) -> None:
+    assert {row["team"] for row in rows(found(timed(1.0, team=team)))} == {f"'{team}"}
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(
+        st.builds(
+            timed,
+            st.floats(0, 1e9),
+            subject=st.integers(1, 3),
+            condition=st.integers(1, 20),
+            team=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+            outcome=st.sampled_from(Outcome),
+            source=st.sampled_from(["ros", "simulated"]),
+            ruleset=st.sampled_from(["protocol", "eurobench-2020"]),
+            reason=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+        ),
+        max_size=8,
+    ),
+    st.booleans(),
+    st.integers(0, 3),
+)
+def test_whatever_was_run_csv_json_and_page_tell_of_the_same_teams(
+    runs: list[RunSummary], official: bool, best: int
+) -> None:
+    of = competition_standings(runs, made=EPOCH, official=official, best=best)
+    counted = [run for run in runs if run.official is official]
+    told = document(of)
+    teams = [team for group in told["rulesets"] for team in group["overall"]]
+    assert sum(t["completed"] + t["timeout"] for t in teams) == sum(r.valid for r in counted)
+    assert len(told["left_out"]) == sum(not run.valid for run in counted)
+    table = rows(of)
+    assert len([row for row in table if row["condition"] == "all"]) == 8 * len(teams)
+    assert standings_html(of, "").count('<th scope="row">') * 8 == len(table)
+    means = [team["indicators"][TIME]["mean"] for team in teams]
+    overall = [r["mean"] for r in table if r["condition"] == "all" and r["indicator"] == TIME]
+    assert [float(mean) if mean else None for mean in overall] == means
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_without_a_file_a_table_is_printed(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(results) == 0
+    said = capsys.readouterr().out
+    assert "MADROB standings Autumn Cup" in said
+    assert "Condition 7, Constant Force: push the door, from side CCW to side CW" in said
+    lines = [" ".join(line.split()) for line in said.splitlines()]
+    assert "3 Team 3: 3 completed, 1 timeout, 1 INVALID, 1 INTERRUPTED" in lines  # overall
+    at = lines.index("3 Team 3: 2 completed, 1 timeout, 1 INVALID, 1 INTERRUPTED")
+    assert lines[at + 1] == "mean 15 3.214 4.5 12.25 1.875 0.0625 14.75 6"
+    assert "run 4 of subject 3 in condition 7" in said
+    assert all(len(line) <= 80 for line in said.splitlines() if line.startswith(" " * 4))
+
+
+def test_several_files_are_written_at_once(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {kind: tmp_path / f"s.{kind}" for kind in ("csv", "json", "html")}
+    assert (
+        run(results, *(part for kind, path in files.items() for part in (f"--{kind}", path))) == 0
+    )
+    assert capsys.readouterr().out.splitlines() == [str(path) for path in files.values()]
+    assert files["csv"].read_text().startswith("source,ruleset,condition")
+    assert json.loads(files["json"].read_text())["format"] == 1
+    assert files["html"].read_text().startswith("<!DOCTYPE html>")
+    assert not list(tmp_path.glob(".*part"))
+
+
+def test_a_dash_is_standard_output(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(results, "--csv", "-") == 0
+    assert capsys.readouterr().out == standings_csv(competition_standings(RUNS, made=0.0))
+
+
+def test_the_settings_say_how_many_runs_count(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.toml").write_text("[competition]\nbest_runs = 1")
+    assert run(results, "--settings", tmp_path / "mine.toml") == 0
+    assert "Over the best 1 valid official runs" in capsys.readouterr().out
+    assert run(results, "--settings", tmp_path / "mine.toml", "--best", "0") == 0
+    assert "Over all valid official runs." in capsys.readouterr().out
+
+
+def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(results, summary(run_number=11)).write_text("{")
+    assert run(results, "--json", tmp_path / "s.json") == BAD_INPUT
+    said = capsys.readouterr().err.splitlines()
+    (line,) = [line for line in said if line.startswith("madrob:")]
+    assert line.startswith("madrob: subject_003_cond_007_run_011_")
+    assert "damaged" in line
+    assert len(json.loads((tmp_path / "s.json").read_text())["rulesets"][0]["overall"]) == 2
+
+
+def test_a_folder_without_runs_gives_empty_standings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "--html", tmp_path / "s.html") == 0
+    assert "No run counts yet." in (tmp_path / "s.html").read_text()
+    assert run(tmp_path) == 0
+    assert "No run counts yet." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--best", "-1"), "--best -1: use 1 or more, or 0 for all runs"),
+        (("--competition", "\x1b[31mX"), "--competition 'X': no such runs; there are 'Autumn Cup'"),
+        (("--csv", "-", "--json", "-"), "give each kind of file a path of its own"),
+        (("--csv", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    results: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    expected: str,
+) -> None:
+    assert run(results, *arguments) == BAD_INPUT
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert expected in said.err
+
+
+def test_a_results_folder_that_is_not_there_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path / "none") == BAD_INPUT
+    assert "no such results folder; name one with --results" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_standings_of_10000_runs_take_less_than_five_seconds(tmp_path: Path) -> None:
+    root = tmp_path / "results"
+    for number in range(10_000):
+        write(root, summary(number // 200 + 1, number % 20 + 1, number // 20 % 10 + 1))
+    started = time.perf_counter()
+    files = [part for kind in ("csv", "json", "html") for part in (f"--{kind}", tmp_path / kind)]
+    assert run(root, *files) == 0
+    assert time.perf_counter() - started < 5.0
+    assert (
+        json.loads((tmp_path / "json").read_text())["rulesets"][0]["overall"][0]["counted"] == 200
+    )

@@ -1,0 +1,326 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.config import (
+    Settings,
+    default_settings_path,
+    load_settings,
+    parse_settings,
+)
+from madrob_console.config.example import example_toml
+from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind, ThemeName
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.referee.run import RunSetup
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.scenarios import RobotSettings
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from madrob_console.ui.defaults import POSE_PRESETS, PosePreset
+from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
+from scoring.rulesets import RulesetName
+
+
+def load(folder: Path, text: str) -> Settings:
+    path = folder / "madrob.toml"
+    path.write_text(text)
+    return load_settings(path)
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    return tmp_path
+
+
+def test_without_a_file_everything_is_as_the_protocol_has_it(home: Path) -> None:
+    settings = load_settings()
+    assert settings == Settings()
+    assert settings.scoring_thresholds() == Thresholds()
+    assert settings.mappings() == DEFAULT_MAPPINGS
+    assert settings.sensor_limits() == SensorLimits()
+    assert settings.door_geometry() == DoorGeometry()
+    assert settings.simulated.sensors.settings() == SensorSettings()
+    assert settings.simulated.robot.settings() == RobotSettings()
+    assert tuple(PosePreset(p.name, p.pose) for p in settings.start_poses) == POSE_PRESETS
+    engine = {field.name: field.default for field in dataclasses.fields(EngineConfig)}
+    assert settings.checks.disk_space == engine["disk_needed"]
+    set_up = {field.name: field.default for field in dataclasses.fields(RunSetup)}
+    for name in ("timeout", "countdown", "lock_detection", "ruleset"):
+        assert getattr(settings.run, name) == set_up[name]
+    assert settings.results.root == home / "madrob_runs"
+    assert settings.competition.teams_path is None
+
+
+def test_the_file_is_looked_for_in_the_users_configuration(home: Path) -> None:
+    path = default_settings_path()
+    assert path.is_relative_to(home)
+    path.parent.mkdir(parents=True)
+    path.write_text("[run]\ntimeout = 120\n")
+    assert load_settings().run.timeout == 120
+
+
+def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
+    settings = load(
+        tmp_path,
+        """
+        [competition]
+        name = "Robot  Cup\\u001b[31m"
+        referee = "../Ada"
+        teams_file = "~/cup/teams.csv"
+        best_runs = 3
+        [run]
+        countdown = 3
+        lock_detection = "referee"
+        ruleset = "eurobench-2020"
+        [[teams]]
+        subject = 3
+        name = "Walk-Man"
+        [[teams]]
+        subject = 12
+        name = " a/b "
+        [[start_poses]]
+        name = "far"
+        x = 2
+        yaw = 170.5
+        [testbed]
+        kind = "ros"
+        domain = 7
+        [thresholds]
+        touch_force = 3
+        mask_from = [0, 0, 0, 0, 0]
+        [freshness]
+        lost = 4
+        [checks]
+        rate = 100
+        largest_skew = 0.2
+        [results]
+        folder = "/data/runs"
+        [console]
+        theme = "high-contrast"
+        bell = false
+        mouse = false
+        ascii = true
+        [simulated.door]
+        doorway_width = 1.2
+        [simulated.sensors]
+        latch = true
+        [simulated.robot]
+        height = 0.8
+        """,
+    )
+    assert settings.competition.name == "Robot Cup"
+    assert settings.competition.referee == "Ada"
+    assert settings.competition.teams_path == Path.home() / "cup" / "teams.csv"
+    assert settings.competition.best_runs == 3
+    assert settings.run.countdown == 3.0
+    assert settings.run.timeout == 300.0
+    assert settings.run.lock_detection is LockDetection.REFEREE
+    assert settings.run.ruleset is RulesetName.EUROBENCH_2020
+    assert settings.team_names() == {3: "Walk-Man", 12: "a b"}
+    assert [(p.name, p.pose) for p in settings.start_poses] == [("far", StartPose(2, 0, 170.5))]
+    assert settings.start_pose(Side.CCW) == StartPose(2, 0, 170.5)
+    assert settings.start_pose(Side.CW) == StartPose(-1.5, 0, 0)
+    assert settings.testbed.kind is SourceKind.ROS
+    assert settings.testbed.domain == 7
+    assert settings.scoring_thresholds() == Thresholds(touch_force=3.0, mask_from=(0, 0, 0, 0, 0))
+    assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0, skew=0.2)
+    assert settings.results.root == Path("/data/runs")
+    assert settings.console == ConsoleSettings(
+        theme=ThemeName.HIGH_CONTRAST, bell=False, mouse=False, ascii=True
+    )
+    assert settings.door_geometry() == DoorGeometry(
+        doorway_width=1.2, thresholds=settings.scoring_thresholds()
+    )
+    assert settings.simulated.sensors.settings() == SensorSettings(latch=True)
+    assert settings.simulated.robot.settings() == RobotSettings(RobotBody(height=0.8))
+
+
+def test_a_testbed_with_other_messages_needs_no_code(tmp_path: Path) -> None:
+    settings = load(
+        tmp_path,
+        """
+        [[topics]]
+        signal = "handle force"
+        topic = "/handle"
+        type = "madrob_msgs/msg/Handle"
+        field = "force"
+        scale = 0.00980665
+        [[topics]]
+        signal = "door angle"
+        offset = 0.5
+        """,
+    )
+    mappings = {mapping.signal: mapping for mapping in settings.mappings()}
+    assert mappings[Signal.HANDLE] == TopicMapping(
+        Signal.HANDLE, "/handle", "madrob_msgs/msg/Handle", "force", GRAM_FORCE
+    )
+    door = next(m for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
+    assert mappings[Signal.DOOR] == dataclasses.replace(door, offset=0.5)
+    unchanged = set(Signal) - {Signal.HANDLE, Signal.DOOR}
+    assert {m for m in DEFAULT_MAPPINGS if m.signal in unchanged} < set(mappings.values())
+
+
+def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
+    settings = load(tmp_path, '[[topics]]\nsignal = "latch"\nfield = "a..b"\n')
+    with pytest.raises(MadrobError, match=r"^settings, \[\[topics\]\] latch: 'a..b' is no field"):
+        settings.mappings()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[run]\ntimeout = 'long'", "run.timeout: expected a number, got text"),
+        ("[run]\ntimeout = true", "run.timeout: expected a number, got true or false"),
+        ("[run]\ntimeout = nan", "run.timeout: expected a number >= 1.0"),
+        ("[run]\ntimeout = inf", "run.timeout: expected a number <= 86400.0"),
+        ("[run]\ntimeout = -1", "run.timeout: expected a number >= 1.0"),
+        (
+            "[run]\nruleset = 'mine'",
+            "run.ruleset: invalid enum value 'mine'; use 'protocol', 'eurobench-2020'",
+        ),
+        (
+            "[run]\ntimout = 3",
+            "'run.timout': no such setting; there are timeout, countdown, lock_detection, ruleset",
+        ),
+        (
+            "[rum]",
+            "'rum': no such setting; there are competition, run, teams, start_poses, testbed",
+        ),
+        ("[run]\nruleset = 'a\\n\\u001b[2J'".replace("'", '"'), "run.ruleset: invalid enum value"),
+        ("run = 3", "run: expected a table, got a whole number"),
+        ("[[start_poses]]\nname = 'a'", "start_poses[0]: missing `x`"),
+        ("[[start_poses]]\nname = 'a'\nx = 0", "start_poses[0]: x: 0 is on the threshold"),
+        ("[[teams]]\nsubject = 0", "teams[0].subject: expected a whole number >= 1"),
+        ("[[teams]]\nsubject = 1\nname = '" + "x" * 99 + "'", "team has 99 characters: use at"),
+        ("[[teams]]\nsubject = 1\nname = 'a'\n" * 2, "settings: teams: '1' stands there twice"),
+        ("[testbed]\nkind = 'replay'", "testbed: kind: a replay needs its bag, use"),
+        ("[testbed]\ndomain = 233", "testbed.domain: expected a whole number <= 232"),
+        ("[testbed]\ndomain = 'a'", "testbed.domain: expected a whole number, got text"),
+        (
+            "[[topics]]\nsignal = 'latch'\n[[topics]]\nsignal = 'wind'",
+            "topics[1].signal: invalid enum value 'wind'; use 'door angle', 'handle force', ",
+        ),
+        ("[[topics]]\ntopic = '/a'", "topics[0]: missing `signal`"),
+        ("[[topics]]\nsignal = 'latch'\ntopic = 'a'", "topics[0].topic: expected text matching"),
+        ("[[topics]]\nsignal = 'latch'\nscale = 0", "topics[0]: scale: 0 loses the signal"),
+        (
+            "[[topics]]\nsignal = 'latch'\ntype = 'a/msg/B'",
+            "topics[0]: field: name the field of a/msg/B",
+        ),
+        (
+            "[[topics]]\nsignal = 'latch'\n[[topics]]\nsignal = 'latch'",
+            "settings: topics: 'latch' stands there twice, keep one",
+        ),
+        ("[[topics]]\nsignal = 'latch'\nunit = 1", "'topics[0].unit': no such setting; there are"),
+        ("[thresholds]\nmask_from = [0]", "thresholds.mask_from: expected a list of length 5"),
+        (
+            "[thresholds]\nmask_from = [0, 0, 0, 0, nan]",
+            "thresholds.mask_from[4]: expected a number >= 0.0",
+        ),
+        ("[thresholds]\npresent_height = 3", "thresholds: present_height: must be below"),
+        ("[freshness]\nlost = 0.1", "freshness: lost: must not be below fresh"),
+        ("[results]\nfolder = 'runs'", "results: folder: begin it with / or ~/"),
+        ("[results]\nfolder = '~nobody-of-that-name/a'", "results: folder: begin it with / or ~/"),
+        (
+            "[competition]\nteams_file = 'teams.csv'",
+            "competition: teams_file: begin it with / or ~/",
+        ),
+        (
+            "[competition]\nbest_runs = 101",
+            "competition.best_runs: expected a whole number <= 100",
+        ),
+        (
+            "[console]\ntheme = 'solarized'",
+            "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
+        ),
+        ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
+        ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
+        ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
+        ("[competition]\nreferee = '" + "x" * 99 + "'", "referee has 99 characters: use at most"),
+        ("[run", "is not TOML: "),
+    ],
+)
+def test_what_is_wrong_is_one_line_that_names_file_and_key(
+    tmp_path: Path, text: str, reason: str
+) -> None:
+    with pytest.raises(MadrobError) as caught:
+        load(tmp_path, text)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / 'madrob.toml'}: {reason}")
+    assert message.isprintable()
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MadrobError, match=r"none.toml: no such settings file; correct --settings"):
+        load_settings(tmp_path / "none.toml")
+    with pytest.raises(MadrobError, match=r"cannot be read \(Is a directory\)"):
+        load_settings(tmp_path)
+    (tmp_path / "latin").write_bytes(b"a = '\xff'")
+    with pytest.raises(MadrobError, match=r"latin: is not text; save it as UTF-8"):
+        load_settings(tmp_path / "latin")
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["run", "topics", "checks", "x"]),
+        st.recursive(
+            st.booleans() | st.floats() | st.text(max_size=3),
+            lambda inner: (
+                st.lists(inner, max_size=2)
+                | st.dictionaries(st.sampled_from(["timeout", "signal", "y"]), inner, max_size=2)
+            ),
+            max_leaves=4,
+        ),
+        max_size=2,
+    )
+)
+def test_no_content_ends_in_a_traceback(data: dict[str, object]) -> None:
+    text = "\n".join(f"{key} = {_toml(value)}" for key, value in data.items())
+    try:
+        settings = parse_settings(text)
+    except MadrobError as error:
+        assert "\n" not in str(error)  # noqa: PT017  either is right, a traceback is not
+    else:
+        assert isinstance(settings, Settings)
+
+
+def test_the_example_shows_every_setting_with_its_default() -> None:
+    example = example_toml()
+    assert parse_settings(example) == Settings()
+    assert max(map(len, example.splitlines())) <= 100
+    lines = [line for line in example.splitlines() if not line.startswith("# ")]
+    unset = [line for line in lines if " = ..." in line]
+    text = "\n".join(line.removeprefix("#") for line in lines if line not in unset)
+    assert parse_settings(text).topics[0].signal is Signal.HANDLE
+    shown = tomllib.loads(text)
+    defaults = msgspec.json.decode(msgspec.json.encode(Settings()))
+    for listed in ("topics", "teams", "start_poses"):
+        assert shown.pop(listed)
+        del defaults[listed]
+    assert [line.split()[0] for line in unset] == ["#kind", "#domain", "#ascii", "#start_distance"]
+    assert defaults["simulated"]["robot"].pop("start_distance") is None
+    assert defaults["console"].pop("ascii") is None
+    assert defaults.pop("testbed") == {"kind": None, "domain": None}
+    assert shown.pop("testbed") == {}
+    assert shown == defaults
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool) else repr(value)

@@ -1,0 +1,379 @@
+"""`madrob export`: the zip that a team takes home."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import subprocess
+import time
+import unicodedata
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import jsonschema
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.archive.folders import run_folder_names
+from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
+from madrob_console.export import pack, zip_file
+from madrob_console.export.foxglove_layout import foxglove_layout
+from madrob_console.export.pack import export_team, file_name
+from madrob_console.files.plain import open_plain
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.testbeds.simulated import Scenario
+from recorder.reader import read_bag
+from scoring.protocol import Outcome, Signal
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.run_folders import EPOCH, summary, write
+
+NOW = 1_790_000_000.0
+
+
+@pytest.fixture(autouse=True)
+def _own_settings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "config"))
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A results folder with a recorded run of team 3."""
+    root = tmp_path_factory.mktemp("recorded")
+    drive = Drive(root, Scenario.NO_TOUCH)
+    drive.whole_run(make_setup(timeout=2.0))
+    drive.engine.close()
+    return root
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """Three runs of team 3 and one of team 4; a few small files in each."""
+    root = tmp_path / "results"
+    for hour, (subject, number) in enumerate([(3, 1), (4, 1), (3, 2), (3, 3)]):
+        run = summary(subject, run_number=number, hour=hour, team=f"Team {subject}")
+        folder = write(root, run).parent
+        (folder / "journal.jsonl").write_text("{}\n")
+        (folder / f"{folder.name}_0.mcap").write_bytes(os.urandom(300))
+        (folder / "metadata.yaml").write_text("bag\n")
+        (folder / f"{folder.name[:28]}_jointState.csv").write_text("time,position\n1,2\n")
+    return root
+
+
+def folders(root: Path, subject: int = 3) -> list[Path]:
+    names = run_folder_names(root)
+    return sorted(root / name for name in names if name.startswith(f"subject_{subject:03d}"))
+
+
+def export(root: Path, *, bags: bool = True) -> pack.Export:
+    return export_team(root, 3, DEFAULT_MAPPINGS, NOW, bags=bags)
+
+
+def unpacked(path: Path, target: Path) -> Path:
+    """A clean folder with what is in a zip."""
+    with zipfile.ZipFile(path) as packed:
+        assert packed.testzip() is None
+        packed.extractall(target)
+    return target
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """An engine works on the run."""
+    with (folder / "journal.jsonl").open("ab") as journal:
+        fcntl.flock(journal, fcntl.LOCK_EX)
+        yield
+
+
+def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "home.zip"
+    assert main(["export", "--team=3", f"--results={recorded}", f"--output={target}"]) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1] == str(target)
+    assert said.err == ""
+    home = unpacked(target, tmp_path / "home")
+    sums = subprocess.run(
+        ["sha256sum", "-c", "SHA256SUMS"], cwd=home, capture_output=True, text=True, check=True
+    )
+    assert sums.stdout.count(": OK") == sum(path.is_file() for path in home.rglob("*")) - 1
+    (run,) = folders(recorded)
+    for path in run.iterdir():
+        assert (home / run.name / path.name).read_bytes() == path.read_bytes()
+    text = (home / "README.txt").read_text()
+    begin = text.index("import pandas")
+    namespace: dict[str, object] = {}
+    lines = text[begin : text.index("\n\n", begin)]
+    assert lines.count("\n") == 2
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(home)
+        exec(lines, namespace)
+    assert "acceleration" in capsys.readouterr().out
+    assert f"ros2 bag play {run.name}\n" in text
+    assert len(list(read_bag(home / run.name).messages())) > 1000
+    schema = json.loads((home / "madrob_result_schema_1.json").read_text())
+    jsonschema.validate(json.loads((home / run.name / "result.json").read_text()), schema)
+    assert json.loads((home / "madrob_foxglove_layout.json").read_text())["layout"]
+
+
+def test_only_the_teams_runs_are_packed_oldest_first(root: Path) -> None:
+    made = export(root)
+    assert made.path == root / "exports" / file_name(3, "Team 3", NOW)
+    with zipfile.ZipFile(made.path) as packed:
+        names = packed.namelist()
+    packed_runs = list(dict.fromkeys(name.split("/")[0] for name in names if "/" in name))
+    assert packed_runs == [folder.name for folder in folders(root)]
+    assert names[-4:] == [
+        "madrob_result_schema_1.json",
+        "madrob_foxglove_layout.json",
+        "README.txt",
+        "SHA256SUMS",
+    ]
+    assert (made.runs, made.files, made.problems) == (3, len(names), ())
+    assert made.size == made.path.stat().st_size
+
+
+def test_the_same_runs_give_the_same_bytes(root: Path) -> None:
+    first = export(root).path.read_bytes()
+    assert export(root).path.read_bytes() == first
+
+
+def test_the_zips_are_no_runs(root: Path) -> None:
+    before = sorted(run_folder_names(root))
+    export(root)
+    assert sorted(run_folder_names(root)) == before
+
+
+def test_recordings_can_be_left_out(root: Path) -> None:
+    (folders(root)[0] / "x_0.mcap.torn").write_bytes(b"torn")
+    with zipfile.ZipFile(export(root, bags=False).path) as packed:
+        assert not any("mcap" in name or "metadata" in name for name in packed.namelist())
+        text = packed.read("README.txt").decode()
+    assert "ros2 bag play" not in text
+    assert "They were left out" in text
+
+
+def test_the_run_that_goes_on_is_left_out_and_named(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    going_on, done = folders(root)[2], folders(root)[1]
+    (going_on / "result.json").unlink()
+    with held(going_on), held(done):  # the engine holds a run until the next one is set up
+        assert main(["export", "--team=3", f"--results={root}"]) == 2
+        said = capsys.readouterr()
+        assert said.err == f"madrob: {going_on.name}: this run goes on: export again after it\n"
+        made = Path(said.out.splitlines()[-1])
+        for folder in folders(root)[:2]:
+            (folder / "result.json").unlink()
+    with zipfile.ZipFile(made) as packed:
+        names = packed.namelist()
+        assert f"{going_on.name}: this run goes on" in packed.read("README.txt").decode()
+    assert not any(name.startswith(going_on.name) for name in names)
+    assert any(name.startswith(done.name) for name in names)
+
+
+def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for team, words in (("7", "there are runs of team 3, 4"), ("-1", "team -1 has no runs")):
+        assert main(["export", f"--team={team}", f"--results={root}"]) == 2
+        said = capsys.readouterr()
+        assert said.err.count("\n") == 1
+        assert words in said.err
+    (only,) = folders(root, 4)
+    (only / "result.json").unlink()
+    with held(only), pytest.raises(MadrobError, match="only run of team 4 goes on"):
+        export_team(root, 4, DEFAULT_MAPPINGS, NOW)
+    assert not (root / "exports").exists()
+
+
+def test_nothing_from_outside_and_nothing_half_written_is_packed(
+    root: Path, tmp_path: Path
+) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text("secret")
+    first, second, third = folders(root)
+    (first / "link.csv").symlink_to(secret)
+    (first / "linked").symlink_to(tmp_path, target_is_directory=True)
+    os.mkfifo(first / "pipe.csv")
+    (second / ".report.html.1234.part").write_text("half")
+    (second / "figures").mkdir()
+    (second / "figures" / "door.svg").write_text("<svg/>")
+    (root / third.name).rename(tmp_path / third.name)
+    (root / third.name).symlink_to(tmp_path / third.name, target_is_directory=True)
+    made = export(root)
+    assert made.runs == 2
+    assert made.problems == (
+        f"{first.name}/linked: is a link",
+        f"{first.name}/link.csv: cannot be read (it is a link)",
+        f"{first.name}/pipe.csv: cannot be read (no plain file)",
+    )
+    with zipfile.ZipFile(made.path) as packed:
+        assert f"{second.name}/figures/door.svg" in packed.namelist()
+        assert not any("link" in name or ".part" in name for name in packed.namelist())
+        assert b"secret" not in b"".join(packed.read(name) for name in packed.namelist())
+
+
+def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) -> None:
+    first, second, third = folders(root)
+    (first / "result.json").write_bytes(b"\xff{")
+    for path in second.iterdir():
+        path.unlink()
+    (third / "back\\slash\nline.csv").write_text("odd")
+    (third / "journal.jsonl").write_bytes(b"")
+    (third / "bag_1.mcap").write_bytes(b"")
+    os.utime(third / "bag_1.mcap", (0, 0))
+    made = export(root)
+    assert made.problems == ()
+    with zipfile.ZipFile(made.path) as packed:
+        assert "result.json is damaged" in packed.read("README.txt").decode()
+    home = unpacked(made.path, tmp_path / "home")
+    subprocess.run(["sha256sum", "-c", "--quiet", "SHA256SUMS"], cwd=home, check=True)
+
+
+def test_what_cannot_be_read_is_named_and_the_rest_is_packed(
+    root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, _ = folders(root)
+    (first / os.fsdecode(b"\xff.csv")).write_text("no text")
+
+    def vanishing(path: str, *, folder: int) -> int:
+        if path == "metadata.yaml" and os.fstat(folder).st_ino == second.stat().st_ino:
+            os.unlink(path, dir_fd=folder)
+        return open_plain(path, folder=folder)
+
+    monkeypatch.setattr("madrob_console.export.zip_file.open_plain", vanishing)
+    assert main(["export", "--team=3", f"--results={root}"]) == 2
+    said = capsys.readouterr()
+    lines = said.err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].endswith(".csv: its name is no text")
+    assert f"{second.name}/metadata.yaml: cannot be read (No such file" in lines[1]
+    made = Path(said.out.splitlines()[-1])
+    with zipfile.ZipFile(made) as packed:
+        names = packed.namelist()
+        assert lines[1].removeprefix("madrob: ") in packed.read("README.txt").decode()
+        sums = packed.read("SHA256SUMS").decode()
+    assert f"{second.name}/result.json" in names
+    assert all(sums.count(f"  {name}\n") == 1 for name in names if name != "SHA256SUMS")
+
+
+def test_a_file_that_shrinks_is_named_and_has_no_sum(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = folders(root)[0]
+    fstat = os.fstat
+
+    def larger(number: int) -> os.stat_result:
+        found = fstat(number)
+        values = list(found)
+        if found.st_ino == (first / "metadata.yaml").stat().st_ino:
+            values[6] += 10
+        return os.stat_result(values)
+
+    monkeypatch.setattr(os, "fstat", larger)
+    made = export(root)
+    assert made.problems == (
+        f"{first.name}/metadata.yaml: its last 10 bytes cannot be read (it became shorter)",
+    )
+    with zipfile.ZipFile(made.path) as packed:
+        assert f"{first.name}/metadata.yaml" not in packed.read("SHA256SUMS").decode()
+
+
+def test_a_disk_that_refuses_leaves_no_half_zip(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zip_file.Archive, "finish", _full_disk)
+    with pytest.raises(MadrobError, match=r"\.zip: not written \(No space left on device\)"):
+        export(root)
+    assert list((root / "exports").iterdir()) == []
+
+
+def _full_disk(*_arguments: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_a_result_that_changes_meanwhile_is_named(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = folders(root)[0]
+    add_folder = zip_file.Archive.add_folder
+
+    def ruled(self: zip_file.Archive, folder: Path, *, without: tuple[str, ...] = ()) -> list[str]:
+        added = add_folder(self, folder, without=without)
+        if folder == first:
+            (folder / "result.json").write_text("{}")
+        return added
+
+    monkeypatch.setattr(zip_file.Archive, "add_folder", ruled)
+    assert export(root).problems == (f"{first.name}: its result changed meanwhile: export again",)
+
+
+def test_the_text_says_how_each_run_ended(root: Path) -> None:
+    write(
+        root,
+        summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, source="simulated", values={}),
+    )
+    with zipfile.ZipFile(export(root).path) as packed:
+        text = packed.read("README.txt").decode()
+    assert "condition 7, run 1: completed, provisional\n" in text
+    assert "condition 7, run 4: aborted, provisional, SIMULATED, for practice\n" in text
+
+
+@given(team=st.text(max_size=60), subject=st.integers(1, 999))
+def test_every_team_name_gives_a_plain_file_name(team: str, subject: int) -> None:
+    name = file_name(subject, team, EPOCH)
+    assert name.startswith(f"team_{subject:03d}_")
+    assert name.endswith(time.strftime("_%Y%m%d_%H%M%S.zip", time.localtime(EPOCH)))
+    assert len(f".{name}.12345678.part".encode()) <= 255
+    assert all(char in "_-." or unicodedata.category(char)[0] in "LN" for char in name)
+
+
+def test_the_layout_shows_the_topics_of_the_testbed() -> None:
+    own = TopicMapping(
+        Signal.HANDLE, "/door/handle", "madrob_msgs/msg/Handle", "force", scale=0.0098
+    )
+    mappings = [own, *(m for m in DEFAULT_MAPPINGS if m.signal is not Signal.HANDLE)]
+    layout = foxglove_layout(mappings)
+    plots = [p for key, p in layout["configById"].items() if key.startswith("Plot!")]
+    lines = {line["value"]: line["label"] for plot in plots for line in plot["paths"]}
+    assert lines["/madrob/door/angle.position[0]"] == "angle, rad"
+    assert lines["/door/handle.force"] == "force, N, as published"
+    assert lines["/madrob/passage/ccw_right.ranges[0]"] == "ccw 4, distance down"
+    assert len(lines) == 13
+    assert set(layout) == {"configById", "layout", "globalVariables", "userNodes", "playbackConfig"}
+    assert _panels(layout["layout"]) == set(layout["configById"])
+
+
+def _panels(node: object) -> set[str]:
+    """The panels of a layout's tree."""
+    if isinstance(node, str):
+        return {node}
+    assert isinstance(node, dict)
+    assert node["direction"] in ("row", "column")
+    return _panels(node["first"]) | _panels(node["second"])
+
+
+def test_a_file_beyond_the_limits_of_old_zips_is_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zipfile, "ZIP64_LIMIT", 1_000_000)  # as if it had four gigabytes
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with (folder / "large.mcap").open("wb") as file:
+        file.truncate(3_000_000)
+    with (tmp_path / "a.zip").open("wb") as out, zip_file.Archive(out) as packed:
+        assert packed.add_folder(folder) == ["run/large.mcap"]
+        packed.finish(NOW)
+    with zipfile.ZipFile(tmp_path / "a.zip") as read:
+        data = read.read("run/large.mcap")
+        assert read.read("SHA256SUMS").decode().split()[0] == hashlib.sha256(data).hexdigest()
+    assert len(data) == 3_000_000

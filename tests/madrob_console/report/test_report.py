@@ -1,0 +1,542 @@
+"""The report of a run, as a page, and `madrob report`."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+from collections import Counter
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.archive.results import Scored
+from madrob_console.cli.report import main
+from madrob_console.kinds import SourceKind
+from madrob_console.names import terminal_safe
+from madrob_console.referee.acts import (
+    Abort,
+    AddNote,
+    Finalise,
+    MarkIncident,
+    Rule,
+    Start,
+    WithdrawIncident,
+)
+from madrob_console.referee.run import (
+    CheckName,
+    Closure,
+    FalseStart,
+    Incident,
+    IncidentKind,
+    Note,
+    TeamWord,
+    Waiver,
+)
+from madrob_console.report import PictureFormat
+from madrob_console.report.explanations import EXPLANATIONS
+from madrob_console.report.page import report_html
+from madrob_console.testbeds.simulated import Scenario
+from madrob_console.version import software_version
+from scoring.figures.plots import FigureName
+from scoring.procedure import Ruling
+from scoring.protocol import EventName, Outcome, Step
+from scoring.result import Ending, IndicatorName
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+VOID = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """A page taken apart; every element must be closed where it was opened."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.words: list[tuple[tuple[str, ...], str]] = []
+        self._open: list[str] = []
+        self.feed(page)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert "svg" in self._open, f"<{tag}/> outside of a picture"
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append((tuple(self._open), data))
+
+    @property
+    def text(self) -> str:
+        """All words, on one line."""
+        shown = (data for tags, data in self.words if "style" not in tags)
+        return " ".join("".join(shown).split())
+
+    def inside(self, tag: str) -> str:
+        """All words within elements of a kind."""
+        return " ".join("".join(data for tags, data in self.words if tag in tags).split())
+
+    def section(self, title: str) -> str:
+        """The text from a heading to the next one."""
+        titles = [data for tags, data in self.words if tags[-1:] == ("h2",)]
+        after = self.text[self.text.index(title) + len(title) :]
+        later = [after.index(t) for t in titles[titles.index(title) + 1 :] if t in after]
+        return after[: min(later, default=len(after))].strip()
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scored, Path]:
+    """A whole run with everything that a referee can say."""
+    drive = Drive(tmp_path_factory.mktemp("results"))
+    drive.start(make_setup())
+    drive.wait(2.0)
+    drive.act(MarkIncident(IncidentKind.COLLISION, "door <frame> & hinge"))
+    drive.act(WithdrawIncident("it was the wind"))
+    drive.act(MarkIncident(IncidentKind.FALL), AddNote("lights flickered"))
+    drive.finish()
+    drive.act(Rule(Step.CROSS, confirmed=True, reason="seen from the side"))
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "the robot was slower"))
+    scored, folder = drive.engine.scored, drive.engine.folder
+    drive.engine.close()
+    assert scored is not None
+    assert folder is not None
+    return scored, folder
+
+
+@pytest.fixture(scope="module")
+def scored(driven: tuple[Scored, Path]) -> Scored:
+    return driven[0]
+
+
+@pytest.fixture
+def folder(driven: tuple[Scored, Path], tmp_path: Path) -> Path:
+    """A copy of the run's folder."""
+    copy = tmp_path / "results" / driven[1].name
+    shutil.copytree(driven[1], copy)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def text(scored: Scored) -> str:
+    return report_html(scored)
+
+
+@pytest.fixture(scope="module")
+def page(text: str) -> Page:
+    return Page(text)
+
+
+def ended(scored: Scored, outcome: Outcome, reason: str = "as told") -> Scored:
+    """The same run with another outcome; an aborted one has no figures and is quick to write."""
+    ending = Ending(outcome, reason, scored.result.ending.stop)
+    return replace(scored, result=replace(scored.result, ending=ending))
+
+
+def of_source(scored: Scored, source: SourceKind) -> Scored:
+    return replace(scored, record=replace(scored.record, source=source))
+
+
+def test_the_page_needs_nothing_from_elsewhere_and_runs_nothing(text: str, page: Page) -> None:
+    assert text.startswith("<!DOCTYPE html>")
+    assert "http" not in text
+    assert "<script" not in text
+    assert "@import" not in text
+    assert not {"script", "link", "iframe", "object", "img", "form"} & set(page.tags)
+    assert not [name for name, _ in page.attributes if name.startswith("on") or name == "src"]
+    assert all(value.startswith("#") for name, value in page.attributes if name.endswith("href"))
+
+
+def test_every_picture_refers_to_its_own_parts(text: str, page: Page) -> None:
+    ids = Counter(value for name, value in page.attributes if name == "id")
+    assert max(ids.values()) == 1
+    referred = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
+    assert referred
+    assert referred <= set(ids)
+
+
+def test_the_same_run_gives_the_same_page(text: str, scored: Scored) -> None:
+    assert report_html(scored) == text
+
+
+def test_a_page_is_small_enough_to_be_sent_around(text: str) -> None:
+    assert len(text.encode()) < 300_000
+
+
+def test_the_set_up_is_told(page: Page, scored: Scored) -> None:
+    told = page.section("Set-up")
+    for words in (
+        "Delft, subject 3",
+        "1: No Force",
+        "pull the door, from side CCW to side CW",
+        "x 1.5 m, y 0 m, yaw 0°",
+        "60 s, after a countdown of 2 s",
+        "protocol",
+        "a door that stays closed",
+        f"{scored.record.handle_zero:.3f} N",
+        "R. Eferee",
+    ):
+        assert words in told
+
+
+def test_the_outcome_is_told_in_words(page: Page) -> None:
+    top = page.inside("header")
+    assert "Run 1 of subject 3 · Delft" in top
+    assert "COMPLETED: all six steps done" in top
+    assert "6 of 6 steps count" in top
+    assert "final; protested by the team" in top
+
+
+def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scored) -> None:
+    told = page.section("Indicators")
+    assert len(scored.result.indicators) == len(EXPLANATIONS) == 8
+    for indicator in scored.result.indicators:
+        value = indicator.value
+        assert value is not None
+        shown = f"{value}" if isinstance(value, int) else f"{value:.4f}"
+        unit = indicator.unit.replace("^2", "²").replace("^3", "³")
+        assert f"{shown} {unit}" in told
+        assert EXPLANATIONS[indicator.name] in told
+        assert indicator.name.replace("_", " ") in told
+
+
+def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:
+    told = page.section("Indicators")
+    assert "execution time and time to handle include the delay" in told
+    assert "execution time *" in told
+    assert "time to handle *" in told
+
+
+def test_an_indicator_without_a_value_has_a_reason(tmp_path: Path) -> None:
+    drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
+    drive.whole_run(make_setup(timeout=6.0))
+    assert drive.engine.scored is not None
+    page = Page(report_html(drive.engine.scored))
+    told = page.section("Indicators")
+    assert "none: robot never approached on the starting side" in told
+    assert told.count("none: door never opened") == 2
+    assert "TIMEOUT" in page.inside("header")
+    assert "Figure 4 is missing: the door never closed." in page.section("Figures")
+
+
+def test_each_step_shows_sensors_referee_and_what_counts(page: Page, scored: Scored) -> None:
+    told = page.section("The six steps")
+    crossed = scored.result.steps[3]
+    assert crossed.sensors is not None
+    at = f"{crossed.sensors - scored.result.start:.3f}"
+    words = rf"4 cross the threshold {at} confirmed ?seen from the side {at}"
+    assert re.search(words, told), told
+    assert len(re.findall(r"\d [a-z]+ the \w+ ", told)) == 6
+
+
+def test_a_denied_step_is_told_on_top(scored: Scored) -> None:
+    steps = list(scored.result.steps)
+    denial = Ruling(Step.CROSS, confirmed=False, time=0.0, reason="arm only", referee="R")
+    steps[3] = replace(steps[3], ruling=denial, final=None, waiting="denied by the referee")
+    denied = replace(scored, result=replace(scored.result, steps=tuple(steps)))
+    page = Page(report_html(ended(denied, Outcome.ABORTED)))
+    assert "The referee denies: cross the threshold." in page.inside("header")
+    assert "denied by the referee" in page.section("The six steps")
+
+
+def test_what_the_referee_said_is_told(page: Page) -> None:
+    assert "step 4, cross the threshold: confirmed by R. Eferee: seen from the side" in (
+        page.section("Referee decisions")
+    )
+    assert "lights flickered" in page.section("Notes")
+    assert page.section("False starts") == "None."
+    assert "fall" in page.section("Incidents")
+
+
+def test_a_withdrawn_incident_is_struck_through_with_its_reason(page: Page) -> None:
+    assert page.inside("del") == "collision: door <frame> & hinge"
+    assert "withdrawn: it was the wind" in page.section("Incidents")
+
+
+def test_waivers_and_false_starts_are_told_once(scored: Scored) -> None:
+    assert scored.run.start is not None
+    run = replace(
+        scored.run,
+        waivers=(Waiver(CheckName.DISK, "small disk, short run", "Ann", 0.0),),
+        false_starts=(
+            FalseStart(scored.run.start - 1, EventName.HANDLE_IS_TOUCHED, "a cable hung on it"),
+            FalseStart(scored.run.start - 0.5, EventName.DOOR_OPENS),
+        ),
+    )
+    quality = replace(scored.result.quality, remarks=("door angle: 3 gaps", *run.remarks()))
+    result = replace(scored.result, quality=quality)
+    page = Page(report_html(ended(replace(scored, run=run, result=result), Outcome.ABORTED)))
+    told = page.section("Referee decisions")
+    assert "check “disk space” waived by Ann: small disk, short run" in told
+    told = page.section("False starts")
+    assert "-1.00 s handle is touched; accepted: a cable hung on it" in told
+    assert "-0.50 s door opens; not decided" in told
+    assert "door angle: 3 gaps" in page.section("Data quality")
+    assert page.text.count("small disk") == 1
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        (TeamWord.ACKNOWLEDGED, "The team acknowledged the result."),
+        (TeamWord.PROTESTED, "The team PROTESTED against the result."),
+        (TeamWord.ABSENT, "Nobody of the team was there."),
+    ],
+)
+def test_the_teams_word_is_told_and_signed(word: TeamWord, sentence: str, scored: Scored) -> None:
+    closure = Closure(1_700_000_000.0, "R. Eferee", word, "as they said")
+    final = replace(scored, run=replace(scored.run, closure=closure))
+    told = Page(report_html(ended(final, Outcome.ABORTED))).section("The team's word")
+    assert sentence in told
+    assert "as they said" in told
+    assert "Signed by referee R. Eferee" in told
+
+
+def test_a_result_that_is_not_final_says_so(scored: Scored) -> None:
+    still_open = replace(scored, run=replace(scored.run, closure=None, issue=2))
+    page = Page(report_html(ended(still_open, Outcome.ABORTED)))
+    assert "PROVISIONAL" in page.section("The team's word")
+    assert "provisional, issue 2" in page.inside("header")
+
+
+def test_the_figures_are_pictures_with_words_for_those_who_cannot_see(page: Page) -> None:
+    assert page.tags.count("svg") == page.tags.count("figcaption") == 5
+    spoken = [value for name, value in page.attributes if name == "aria-label"]
+    assert [words[:8] for words in spoken] == [f"Figure {n}" for n in (1, 2, 3, 4, 5)]
+
+
+def test_data_quality_has_a_row_for_each_signal(page: Page, scored: Scored) -> None:
+    told = page.section("Data quality")
+    assert "Nothing to remark." in told
+    for signal in scored.result.quality.signals:
+        assert f"{signal.signal.value} {signal.samples}" in told
+
+
+def test_ruleset_and_versions_are_told(scored: Scored) -> None:
+    record = replace(scored.record, version="1.2.3")
+    aborted = ended(replace(scored, record=record), Outcome.ABORTED)
+    told = Page(report_html(aborted, "4.5.6")).inside("footer")
+    assert "ruleset protocol" in told
+    assert "Recorded with madrob-console 1.2.3; this page was made with 4.5.6" in told
+
+
+def test_explanations_are_those_of_the_ruleset(scored: Scored) -> None:
+    result = replace(scored.result, ruleset=RulesetName.EUROBENCH_2020)
+    page = Page(report_html(ended(replace(scored, result=result), Outcome.ABORTED)))
+    told = page.section("Indicators")
+    assert "four things happened, in any order" in told
+    assert EXPLANATIONS[IndicatorName.CAPABILITY_LEVEL] not in told
+
+
+@pytest.mark.parametrize("source", [SourceKind.SIMULATED, SourceKind.REPLAY])
+def test_a_run_on_no_testbed_is_marked_as_not_official(source: SourceKind, scored: Scored) -> None:
+    page = Page(report_html(of_source(ended(scored, Outcome.ABORTED), source)))
+    assert page.inside("body").startswith(f"{source.upper()}: not an official result.")
+
+
+def test_a_run_on_a_testbed_is_not(scored: Scored) -> None:
+    page = Page(report_html(of_source(ended(scored, Outcome.ABORTED), SourceKind.ROS)))
+    assert "official" not in page.text
+
+
+def test_an_aborted_run_is_invalid_on_top_and_has_no_figures(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(3.0)
+    drive.act(Abort("robot on fire"))
+    drive.finish()
+    assert drive.engine.scored is not None
+    page = Page(report_html(of_source(drive.engine.scored, SourceKind.ROS)))
+    assert page.inside("body").startswith("INVALID: the referee aborted this run.")
+    assert "robot on fire" in page.inside("header")
+    assert page.section("Figures") == "None: the run was aborted and is invalid."
+    assert page.section("Indicators").count("none: run aborted: invalid") == 8
+
+
+def test_a_run_that_was_cut_off_says_so_on_top_and_shows_what_there_is(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(4.0)
+    drive.engine.close()
+    assert drive.engine.scored is not None
+    page = Page(report_html(of_source(drive.engine.scored, SourceKind.ROS)))
+    assert page.inside("body").startswith("INTERRUPTED: the machine failed during this run.")
+    assert "none: no benchmark stop" in page.section("Indicators")
+    assert "The run took" not in page.text
+    assert "svg" in page.tags
+
+
+def test_a_run_aborted_in_the_countdown_has_a_page(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.prepare(make_setup())
+    drive.act(Start())
+    drive.wait(0.5)
+    drive.act(Abort("not ready"))
+    drive.finish()
+    assert drive.engine.scored is not None
+    page = Page(report_html(drive.engine.scored))
+    assert "INVALID" in page.inside("header")
+    assert "The run took" not in page.text
+
+
+anything = st.text(max_size=80) | st.sampled_from(
+    ["<script>alert(1)</script>", "</title><b>", "\" onload='x", "&lt;&amp;", "\u202eabc", "\ud800"]
+)
+
+
+@settings(max_examples=60)
+@given(st.lists(anything, min_size=9, max_size=9))
+def test_whatever_people_typed_is_text_and_nothing_else(scored: Scored, typed: list[str]) -> None:
+    aborted = ended(scored, Outcome.ABORTED)
+    harmless = Page(report_html(_typed(aborted, ["x"] * 9)))
+    text = report_html(_typed(aborted, [f"x{words}" for words in typed]))
+    page = Page(text.encode().decode())
+    assert page.tags == harmless.tags
+    assert [name for name, _ in page.attributes] == [name for name, _ in harmless.attributes]
+    for words in typed:
+        assert " ".join(terminal_safe(f"x{words}").split()) in page.text
+
+
+def _typed(scored: Scored, typed: list[str]) -> Scored:
+    team, referee, competition, note, incident, withdrawn, ruling, waiver, outcome = typed
+    setup = replace(scored.record.setup, team=team, referee=referee)
+    run = replace(
+        scored.run,
+        notes=(Note(0.0, note),),
+        incidents=(Incident(0.0, IncidentKind.OTHER, incident, withdrawn),),
+        rulings=(Ruling(Step.OPEN, confirmed=True, time=0.0, reason=ruling, referee=referee),),
+        waivers=(Waiver(CheckName.POSE, waiver, referee, 0.0),),
+        false_starts=(FalseStart(0.0, EventName.DOOR_OPENS, waiver),),
+        closure=Closure(0.0, referee, TeamWord.PROTESTED, note),
+    )
+    record = replace(scored.record, setup=setup, competition=competition)
+    return ended(replace(scored, record=record, run=run), Outcome.ABORTED, outcome)
+
+
+def report(*paths: Path, figures: PictureFormat | None = None, output: Path | None = None) -> int:
+    return main(argparse.Namespace(paths=list(paths), figures=figures, output=output))
+
+
+def test_the_report_made_later_is_that_of_the_run(
+    folder: Path, scored: Scored, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path.name for path in folder.iterdir()}
+    assert report(folder) == 0
+    assert (folder / "report.html").read_text() == report_html(scored, software_version())
+    assert {path.name for path in folder.iterdir()} - before == {"report.html"}
+    assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
+
+
+def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(folder: Path) -> None:
+    result = folder / "result.json"
+    remark = '"remarks": [\n      "recorder: 7 messages dropped"'
+    changed = re.sub(r'"remarks": \[\]', remark + "]", result.read_text())
+    result.write_text(changed)
+    assert report(folder) == 0
+    page = Page((folder / "report.html").read_text())
+    assert "recorder: 7 messages dropped" in page.section("Data quality")
+
+
+def test_a_bad_folder_is_named_and_the_rest_is_reported(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert report(empty, tmp_path / "nothing", folder) == 2
+    complaints = capsys.readouterr().err.splitlines()
+    assert len(complaints) == 2
+    assert str(empty) in complaints[0]
+    assert str(tmp_path / "nothing") in complaints[1]
+    assert (folder / "report.html").exists()
+
+
+def test_a_results_folder_stands_for_its_runs(folder: Path) -> None:
+    assert report(folder.parent) == 0
+    assert (folder / "report.html").exists()
+
+
+def test_reports_can_go_to_a_folder_of_their_own(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "to" / "take home"
+    assert report(folder, output=output) == 0
+    assert [path.name for path in output.iterdir()] == [f"{folder.name}_report.html"]
+    assert not (folder / "report.html").exists()
+
+
+def test_a_bag_alone_has_a_report_beside_it(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(next(folder.glob("*.mcap")), tmp_path / "alone.mcap")
+    assert report(tmp_path / "alone.mcap") == 0
+    assert "COMPLETED" in (tmp_path / "alone_report.html").read_text()
+
+
+@pytest.mark.parametrize("kind", list(PictureFormat))
+def test_figures_alone_are_files_named_after_what_they_show(
+    kind: PictureFormat, folder: Path, tmp_path: Path
+) -> None:
+    assert report(folder, figures=kind, output=tmp_path / "figures") == 0
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert names == {f"{folder.name}_{name}.{kind}" for name in FigureName}
+    start = b"\x89PNG" if kind is PictureFormat.PNG else b"<?xml"
+    assert all(path.read_bytes().startswith(start) for path in (tmp_path / "figures").iterdir())
+
+
+def test_published_files_have_figures_but_no_report(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    published = tmp_path / "published"
+    published.mkdir()
+    for pattern in ("*.csv", "run_info*.yaml", "condition*.yaml"):
+        for path in folder.glob(pattern):
+            shutil.copy(path, published)
+    assert report(published) == 2
+    assert "--figures" in capsys.readouterr().err
+    assert report(published, figures=PictureFormat.SVG) == 0
+    assert len(list(published.glob("subject_003_cond_001_run_001_figure_*.svg"))) == 5
+
+
+def test_two_runs_of_one_name_do_not_overwrite_each_other(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other" / folder.name
+    shutil.copytree(folder, other)
+    assert report(folder, other, output=tmp_path / "out") == 2
+    assert "choose another --output" in capsys.readouterr().err
+    assert len(list((tmp_path / "out").iterdir())) == 1
+
+
+def test_an_output_that_is_a_file_is_refused_in_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert report(folder, output=tmp_path / "file") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_aborted_run_has_no_pictures_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(1.0)
+    drive.act(Abort("enough"))
+    drive.finish()
+    folder = drive.engine.folder
+    drive.engine.close()
+    assert folder is not None
+    assert report(folder, figures=PictureFormat.SVG) == 0
+    assert list(folder.glob("figure*")) == []
+    assert "invalid" in capsys.readouterr().err

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.errors import MadrobError
+from madrob_console.names import LONGEST_NAME, clean_name
+from madrob_console.standings.teams import (
+    LARGEST_FILE,
+    MOST_PROBLEMS,
+    TeamList,
+    merge_teams,
+    read_teams,
+)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "teams.csv"
+
+
+def read(file: Path, text: str | bytes) -> TeamList:
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_teams(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "3,Walk-Man\n12,Team Walker\n",
+        "subject,team\n3,Walk-Man\n12,Team Walker",
+        "Subject number ; Team\r\n3;Walk-Man\r\n12;Team Walker\r\n",
+        "\ufeff3,Walk-Man\r12,Team Walker\r",
+        '\n# ours\n  "3" , "Walk-Man" \n\n  # theirs\n\t012\t,\tTeam   Walker\t\n\n',
+        '"subject","team"\n"3","Walk-Man",,\n12,Team Walker,\n',
+    ],
+)
+def test_every_usual_way_to_write_the_list_is_read(file: Path, text: str) -> None:
+    assert read(file, text) == TeamList({3: "Walk-Man", 12: "Team Walker"})
+
+
+def test_names_of_every_script_and_with_separators_in_quotes_are_kept(file: Path) -> None:
+    names = {
+        1: "門ロボット",
+        2: "🤖 Bots 👩‍👩‍👧",
+        3: "Bots; Delft, NL",
+        4: 'The "A" Team',
+        5: "Zürich",
+    }
+    text = "\n".join(f'{n},"{name.replace(chr(34), chr(34) * 2)}"' for n, name in names.items())
+    assert read(file, text) == TeamList(names)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("x,Late", "subject 'x' is no number from 1 to 999"),
+        ("0,Late", "subject '0' is no number from 1 to 999"),
+        ("1000,Late", "subject '1000' is no number from 1 to 999"),
+        ("-4,Late", "subject '-4' is no number from 1 to 999"),
+        ("4.0,Late", "subject '4.0' is no number from 1 to 999"),
+        ("٤,Late", "subject '٤' is no number from 1 to 999"),
+        ("9" * 5000 + ",Late", "subject '99999999999999999...' is no number from 1 to 999"),
+        (",Late", "subject '' is no number from 1 to 999"),
+        (",", "subject '' is no number from 1 to 999"),
+        ("4", "subject 4 has no team"),
+        ("4,", "subject 4 has no team"),
+        ('4," "', "subject 4 has no team"),
+        ("4,\u200d", "subject 4 has no team"),
+        ("4;Late", "subject '4;Late' is no number from 1 to 999"),
+        ("4,Late,Delft", "3 values, use subject and team; put a team with a separator into quotes"),
+        ("4," + "x" * 200, "team has 200 characters: use at most 60, nothing is cut"),
+        ("4," + "x" * 200_000, "field larger than field limit (131072)"),
+        ('4,"Late', 'a quote (") is not closed'),
+        ("subject,team", "subject 'subject' is no number from 1 to 999"),
+        ("\x004\x00,Late", "subject '4' is no number from 1 to 999"),
+    ],
+)
+def test_a_broken_line_is_named_and_the_others_count(file: Path, text: str, problem: str) -> None:
+    teams = read(file, f"subject,team\n3,Walk-Man\n\n{text}\n5,Next\n")
+    assert teams.names == {3: "Walk-Man", 5: "Next"}
+    assert teams.problems == (f"teams.csv line 4: {problem}",)
+
+
+@pytest.mark.parametrize(
+    ("value", "name", "problem"),
+    [
+        ("Bo\x00ts\x1b[31m!", "Bots!", "characters that cannot be shown are left out"),
+        ("Bo\u202ets", "Bots", "characters that cannot be shown are left out"),
+        ("../Bots", "Bots", "/ and \\ become blanks"),
+        (".Bots", "Bots", "dots at the beginning are left out"),
+    ],
+)
+def test_what_is_taken_from_a_name_is_said(file: Path, value: str, name: str, problem: str) -> None:
+    teams = read(file, f"3,{value}\n")
+    assert teams.names == {3: name}
+    assert teams.problems == (f"teams.csv line 1: {problem}: the team is '{name}'",)
+
+
+def test_of_two_lines_for_one_subject_the_first_counts(file: Path) -> None:
+    teams = read(file, "3,Walk-Man\n# later\n3,Runner\n")
+    assert teams.names == {3: "Walk-Man"}
+    assert teams.problems == (
+        "teams.csv line 3: subject 3 is 'Runner' here and 'Walk-Man' in line 1: line 1 counts",
+    )
+
+
+def test_two_subjects_of_one_team_are_said_and_kept(file: Path) -> None:
+    teams = read(file, "3,Walk-Man\n4,WALK-MAN\n")
+    assert teams.names == {3: "Walk-Man", 4: "WALK-MAN"}
+    assert teams.problems == (
+        "teams.csv line 2: 'WALK-MAN' is subject 4 here and subject 3 in line 1: both count",
+    )
+
+
+def test_many_problems_are_counted(file: Path) -> None:
+    problems = read(file, "x\n" * 1000).problems
+    assert len(problems) == MOST_PROBLEMS + 1
+    assert problems[-1] == f"and {1000 - MOST_PROBLEMS} more such lines"
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"\xff\xfe3\x00,\x00", "no text; save it as CSV in UTF-8"),
+        (bytes(range(256)) * 10, "no text; save it as CSV in UTF-8"),
+        (b"1,a\n" * (LARGEST_FILE // 4 + 1), "over 1 MB, no list"),
+    ],
+)
+def test_what_is_no_list_is_refused(file: Path, data: bytes, problem: str) -> None:
+    with pytest.raises(MadrobError, match="teams file ") as caught:
+        read(file, data)
+    assert str(caught.value) == f"teams file {file}: {problem}; correct teams_file of [competition]"
+
+
+def test_a_name_in_another_encoding_costs_only_its_line(file: Path) -> None:
+    teams = read(file, b"3,Walk-Man\n4,Z\xfcrich\n5,Next\n")
+    assert teams.names == {3: "Walk-Man", 5: "Next"}
+    assert teams.problems == ("teams.csv line 2: not in UTF-8; save the file as CSV in UTF-8",)
+
+
+def test_a_huge_file_is_not_taken_into_memory(file: Path) -> None:
+    with file.open("wb") as sparse:
+        sparse.truncate(2 * 10**9)
+    with pytest.raises(MadrobError, match="over 1 MB"):
+        read_teams(file)
+
+
+def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path, problem in (
+        (tmp_path / "none.csv", "No such file or directory"),
+        (tmp_path, "Is a directory"),
+        (tmp_path / "pipe", "no file"),
+        (tmp_path / "a\0b", "embedded null byte"),
+    ):
+        with pytest.raises(MadrobError, match=f"cannot be read \\({problem}\\); correct teams_"):
+            read_teams(path)
+
+
+@given(
+    st.binary(max_size=80)
+    | st.text(alphabet='0123,;"# \n\rx門\x00\x1b', max_size=80).map(str.encode)
+    | st.text(max_size=80).map(lambda text: text.encode(errors="replace"))
+)
+def test_no_content_is_too_strange(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    try:
+        teams = read(tmp_path_factory.getbasetemp() / "any.csv", data)
+    except MadrobError as error:
+        assert "no text" in str(error)  # noqa: PT017  either is right, a traceback is not
+        return
+    for subject, name in teams.names.items():
+        assert 1 <= subject <= 999
+        assert 0 < len(name) <= LONGEST_NAME
+        assert name == clean_name(name, "team")
+    assert all("\n" not in problem and problem.isprintable() for problem in teams.problems)
+
+
+def test_the_settings_win_over_the_file_and_the_difference_is_said() -> None:
+    file = TeamList({3: "Walk-Man", 4: "Runner"}, ("teams.csv line 9: subject 9 has no team",))
+    merged = merge_teams({3: "Walker", 4: "Runner", 5: "Own"}, file)
+    assert merged.names == {3: "Walker", 4: "Runner", 5: "Own"}
+    assert merged.problems == (
+        "teams.csv line 9: subject 9 has no team",
+        "subject 3 is 'Walker' in the settings and 'Walk-Man' in the file: the settings count",
+    )

@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from madrob_console.clock import SystemClock
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageTypes
+from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.simulated import Scenario, SensorSettings, SimulatedTestbed
+from madrob_console.testbeds.simulated_node import parse_state, refusal, serve_testbed
+from madrob_console.testbeds.source import RefereeState
+from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
+from scoring.samples import DoorSample, HandleSample, Sample
+
+CW = Condition(BenchmarkType.CONSTANT_FORCE, opening_side=Side.CW, starting_side=Side.CW)
+
+
+def state(phase: str, start: float | None = None, condition: Condition | None = CW) -> RefereeState:
+    number = condition.number if condition else None
+    text = json.dumps({"phase": phase, "start_time": start, "condition_number": number})
+    return RefereeState(phase, condition, start, text)
+
+
+class Console:
+    """A console's source beside a testbed node in a thread."""
+
+    def __init__(self, source: RosSource, lines: list[str]) -> None:
+        self.source = source
+        self.lines = lines
+        self.samples: list[Sample] = []
+        self._decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
+
+    def until(self, condition: Callable[[], object], seconds: float = 15.0) -> None:
+        ends = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < ends, f"it never happened; the node said {self.lines}"
+            for message in self.source.take(0.02):
+                sample = self._decoder.decode(message)
+                assert sample is not None
+                self.samples.append(sample)
+
+
+@contextmanager
+def console_and_node(
+    testbed: SimulatedTestbed, condition: Condition | None = None, repeat: int = 1
+) -> Iterator[Console]:
+    lines: list[str] = []
+    stop = threading.Event()
+    node = threading.Thread(
+        target=serve_testbed,
+        args=(testbed, condition, repeat),
+        kwargs={"say": lines.append, "stop": stop},
+    )
+    source = RosSource(DEFAULT_MAPPINGS, MessageTypes(), SystemClock())
+    source.open()
+    node.start()
+    try:
+        yield Console(source, lines)
+    finally:
+        stop.set()
+        node.join(10)
+        source.close()
+        assert not node.is_alive()
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> None:
+    testbed = SimulatedTestbed(Scenario.TOUCH_ONLY)
+    with console_and_node(testbed) as console:
+        wanted = {m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH}
+        console.until(lambda: {s.topic for s in console.source.status() if s.publishers} == wanted)
+        console.source.configure(CW)
+        console.until(lambda: console.source.sides_problem is None)
+        console.source.announce_start_pose(StartPose(-1.0, 0.0, 0.0))
+        console.source.announce_state(state("countdown", time.time() + 0.2))
+        console.until(lambda: testbed.plan is not None)
+        time.sleep(0.5)
+        console.source.take(0)
+        assert "robot sets out" not in console.lines
+        start = time.time()
+        console.source.announce_state(state("running", start))
+        console.samples.clear()
+
+        def touched() -> bool:
+            forces = [s.force for s in console.samples if isinstance(s, HandleSample)]
+            return bool(forces) and max(forces) - min(forces) > 10
+
+        console.until(touched)
+        assert testbed.plan is not None
+        assert testbed.plan.condition == CW
+        assert console.samples[-1].time > start
+        console.source.announce_state(state("stopped", start))
+        console.until(lambda: "run over" in console.lines)
+        console.source.announce_state(state("final", start))
+        console.until(lambda: "messages on" in console.lines[-1])
+    assert console.lines[0].startswith("simulated testbed touch-only in ROS domain ")
+    assert console.lines[1:6] == [
+        "opening side set to CW",
+        "benchmark type set to Constant Force",
+        "condition 17: Constant Force, opens to CW, robot on CW",
+        "robot sets out",
+        "run over",
+    ]
+    counts = {line.split()[-1]: int(line.split()[0]) for line in console.lines[6:]}
+    assert counts.keys() == wanted
+    assert min(counts.values()) > 50
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("ros_domain")
+def test_a_rate_of_50_hz_is_kept_and_nothing_is_lost() -> None:
+    testbed = SimulatedTestbed(sensors=SensorSettings(latch=True))
+    with console_and_node(testbed) as console:
+        console.until(lambda: all(s.publishers for s in console.source.status()))
+        console.until(lambda: console.samples)
+        first = time.monotonic()
+        console.samples.clear()
+        console.until(lambda: time.monotonic() - first > 2)
+        assert [s.lost for s in console.source.status()] == [0] * 7
+    angles = [s for s in console.samples if isinstance(s, DoorSample)]
+    assert len(console.samples) == pytest.approx(7 * 100, abs=70)
+    assert len(angles) == pytest.approx(100, abs=10)
+    assert all(abs(s.log_time - s.time) < 0.1 for s in angles)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_it_ends_after_the_runs_it_was_asked_for() -> None:
+    with console_and_node(SimulatedTestbed(), CW, repeat=2) as console:
+        console.until(lambda: console.samples)
+        for run in range(2):
+            for phase in ("countdown", "running", "stopped", "final", "idle"):
+                console.source.announce_state(state(phase, time.time()))
+            console.until(lambda run=run: console.lines.count("run over") > run)  # type: ignore[misc]
+        console.until(lambda: "messages on" in console.lines[-1])
+    assert console.lines.count("robot sets out") == 2
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
+    program = """
+        from madrob_console.testbeds.simulated_node import serve_testbed
+        from madrob_console.testbeds.simulated import SimulatedTestbed
+        serve_testbed(SimulatedTestbed(), None, 0, say=lambda line: print(line, flush=True))
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=Path(__file__).parents[3],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        try:
+            assert process.stdout is not None
+            domain = os.environ["ROS_DOMAIN_ID"]
+            assert process.stdout.readline() == (
+                f"simulated testbed nominal in ROS domain {domain}: waits for the referee\n"
+            )
+            time.sleep(0.3)
+            process.send_signal(number)
+            out, err = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (0, "")
+    assert len(out.splitlines()) == 6
+    assert "messages on /madrob/door/angle" in out
+
+
+def test_what_is_no_state_is_refused_in_one_line() -> None:
+    for text in ("", "[]", "3", '{"phase": "idle", "condition_number": 77}', "{" * 100):
+        with pytest.raises(MadrobError) as caught:
+            parse_state(text)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 140
+
+
+def test_a_state_names_phase_condition_and_start() -> None:
+    parsed = parse_state(state("running", 12.5).text)
+    assert (parsed.phase, parsed.condition, parsed.start_time) == ("running", CW, 12.5)
+    assert parse_state(state("idle", None, None).text).condition is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("opening_side", "cw", "'cw' is neither CW nor CCW"),
+        ("benchmark_type", "Hard", "'Hard' is no benchmark type"),
+        ("brake_lut_cw", [0] * 180, "180 braking forces instead of 181"),
+        ("brake_lut_ccw", [0] * 181, None),
+        ("benchmark_type", "Wind Ramp", None),
+        ("brake_enabled", True, None),
+    ],
+)
+def test_parameters_that_mean_nothing_are_refused(
+    name: str, value: str | bool | list[int], reason: str | None
+) -> None:
+    assert refusal(name, value) == reason

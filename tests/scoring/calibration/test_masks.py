@@ -1,0 +1,293 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scoring.calibration.masks import LEAST_SWEEP, MaskProposal, propose_masks
+from scoring.calibration.sweep import Numbers, Sweep, SweepLog, Swept
+from scoring.errors import ScoringError
+from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Side, Strip, Thresholds
+from scoring.samples import DoorSample, PassageSample
+
+FLOOR, PANEL = 2.3, 0.35
+STEP = 0.004
+DOOR = np.concatenate([np.arange(-1.2, 1.2, STEP), np.arange(1.2, -1.2, -STEP)])
+SEEN = {
+    sensor: (0.09 + 0.02 * sensor.index, 0.25 + 0.1 * sensor.index) for sensor in PASSAGE_SENSORS
+}
+FIRST = PASSAGE_SENSORS[0]
+
+Spoil = Callable[[Numbers, Numbers], Numbers]
+"""(angle on the sensor's side, distance) -> other distances."""
+
+
+def swept(
+    sensor: PassageSensor,
+    seen: tuple[float, float] | None,
+    spoil: Spoil | None = None,
+    door: Numbers = DOOR,
+) -> Swept:
+    """What a sensor reads that sees the panel between two angles."""
+    angle = sensor.side.sign * door
+    under = (angle > seen[0]) & (angle < seen[1]) if seen else np.zeros_like(angle, bool)
+    distance = np.where(under, PANEL, FLOOR)
+    return Swept(angle, distance if spoil is None else spoil(angle, distance), 0)
+
+
+def sweep(
+    seen: Mapping[PassageSensor, tuple[float, float] | None] = SEEN,
+    spoil: Spoil | None = None,
+    door: Numbers = DOOR,
+) -> Sweep:
+    """A sweep in which `spoil` changes what the first sensor reads."""
+    sensors = {s: swept(s, seen[s], spoil if s is FIRST else None, door) for s in PASSAGE_SENSORS}
+    return Sweep(door, 0, sensors)
+
+
+def propose(of: Sweep) -> MaskProposal:
+    return propose_masks(of, Thresholds())
+
+
+def test_masks_begin_at_half_of_the_first_angle_and_end_an_eighth_after_the_last() -> None:
+    found = propose(sweep())
+    assert found.mask_from == pytest.approx([0.045, 0.055, 0.065, 0.075, 0.085], abs=STEP)
+    ends = pytest.approx([0.28125, 0.39375, 0.50625, 0.61875, 0.73125], abs=STEP)
+    assert found.mask_to(Side.CW) == ends
+    assert found.mask_to(Side.CCW) == ends
+    assert found.swept == pytest.approx((-1.2, 1.2), abs=STEP)
+    view = found.views[0]
+    assert (view.sensor, view.readings, view.strays) == (FIRST, len(DOOR), 0)
+    assert view.under == np.count_nonzero((-DOOR > 0.09) & (-DOOR < 0.25))
+
+
+def test_the_table_of_the_protocol_comes_from_the_angles_behind_it() -> None:
+    """Its numbers are half of, and 1.125 times, angles in whole thousandths of a rad."""
+    table = Thresholds()
+    firsts = [start / 0.5 for start in table.mask_from]
+    lasts = {Side.CW: table.mask_to_cw, Side.CCW: table.mask_to_ccw}
+    seen = {s: (firsts[s.index], lasts[s.side][s.index] / 1.125) for s in PASSAGE_SENSORS}
+    fine = np.arange(-1.0, 1.0, 0.0005)
+    found = propose(sweep(seen, door=fine))
+    assert found.mask_from == pytest.approx(table.mask_from, abs=0.001)
+    assert found.mask_to(Side.CW) == pytest.approx(table.mask_to_cw, abs=0.001)
+    assert found.mask_to(Side.CCW) == pytest.approx(table.mask_to_ccw, abs=0.001)
+
+
+def test_the_lintel_height_is_what_is_read_without_the_panel() -> None:
+    found = propose(sweep())
+    assert found.lintel_height == FLOOR
+    assert found.panel_height == pytest.approx(FLOOR - PANEL)
+
+
+def test_without_a_floor_in_sight_there_is_no_lintel_height_and_the_masks_are_the_same() -> None:
+    plain = sweep()
+    blind = {
+        sensor: replace(s, distance=np.where(s.distance == FLOOR, math.inf, s.distance))
+        for sensor, s in plain.sensors.items()
+    }
+    found = propose(replace(plain, sensors=blind))
+    assert found.lintel_height is None
+    assert found.mask_from == propose(plain).mask_from
+
+
+def test_a_panel_too_close_to_be_measured_is_the_panel() -> None:
+    found = propose(sweep(spoil=lambda _, d: np.where(d == PANEL, -math.inf, d)))
+    assert found.mask_from == propose(sweep()).mask_from
+
+
+def test_the_side_that_sees_the_panel_first_sets_the_beginning_of_both() -> None:
+    found = propose(sweep({**SEEN, FIRST: (0.2, 0.25)}))
+    assert found.mask_from[0] == pytest.approx(0.045, abs=STEP)
+
+
+def test_a_sensor_that_never_sees_the_panel_gets_no_mask() -> None:
+    found = propose(sweep({**SEEN, FIRST: None}))
+    assert found.views[0].first is None
+    assert found.mask_to(Side.CW)[0] == 0.0
+    assert found.mask_to(Side.CCW)[0] > 0.0
+    both = {**SEEN, FIRST: None, PASSAGE_SENSORS[5]: None}
+    masks = propose(sweep(both))
+    assert masks.mask_from[0] == masks.mask_to(Side.CCW)[0] == 0.0
+
+
+def glitches(*at: float) -> Spoil:
+    def spoil(angle: Numbers, distance: Numbers) -> Numbers:
+        changed = distance.copy()
+        for place in at:
+            changed[np.argmin(np.abs(angle - place))] = PANEL
+        return changed
+
+    return spoil
+
+
+def test_single_glitches_are_counted_and_change_nothing() -> None:
+    found = propose(sweep(spoil=glitches(-0.8, 0.0, 0.9)))
+    assert found.views[0].strays == 3
+    assert found.mask_to(Side.CW) == propose(sweep()).mask_to(Side.CW)
+
+
+def test_a_reading_of_nothing_under_the_panel_does_not_cut_the_mask() -> None:
+    holes = sweep(spoil=lambda a, d: np.where(np.abs(a - 0.15) < STEP / 2, FLOOR, d))
+    assert propose(holes).mask_to(Side.CW) == propose(sweep()).mask_to(Side.CW)
+
+
+def at(low: float, high: float, distance: float) -> Spoil:
+    return lambda angle, d: np.where((angle > low) & (angle < high), distance, d)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (
+            at(0.8, 0.9, 1.1),
+            r"between -0.09 and -0.25 rad and \d+ times at about -0.85.* nobody near",
+        ),
+        (at(-0.9, -0.8, 1.1), "times at about 0.85 rad, which is no panel"),
+        (at(-0.02, 0.02, 1.1), r"times at about -?0.0\d rad, which is no panel"),
+        (at(0.09, 0.25, 1.1), r"1.20 m high at the panel's place, which is 1.95 m.*nobody near"),
+        (at(-2.0, 2.0, 1.1), r"reads 1.10 m with the panel elsewhere and not 2.30 m"),
+        (at(-2.0, 0.05, -math.inf), r"reads -inf m with the panel elsewhere"),
+        (at(0.14, 0.16, FLOOR), r"saw the panel \d+ times .*times nothing"),
+    ],
+)
+def test_somebody_near_is_noticed(spoil: Spoil, words: str) -> None:
+    with pytest.raises(ScoringError, match=rf"^cw 0 \(cw_right\[3\]\) .*{words}"):
+        propose(sweep(spoil=spoil))
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_a_door_swept_to_one_side_or_not_far_enough_is_refused(side: Side) -> None:
+    reach = LEAST_SWEEP - 0.02
+    door = DOOR[DOOR * side.sign < reach]
+    with pytest.raises(ScoringError, match="to both sides"):
+        propose(sweep(door=door))
+
+
+def test_a_panel_that_never_left_a_sensor_is_refused() -> None:
+    with pytest.raises(ScoringError, match=r"still saw the panel at -1\.\d+ rad.*farther"):
+        propose(sweep({**SEEN, FIRST: (0.2, 1.5)}))
+
+
+def test_a_sweep_in_large_steps_is_refused() -> None:
+    with pytest.raises(ScoringError, match=r"only \d+ times: sweep more slowly"):
+        propose(sweep(door=np.concatenate([np.arange(-1.2, 1.2, 0.06)] * 3)))
+
+
+def test_too_few_samples_are_refused() -> None:
+    with pytest.raises(ScoringError, match="60 door angles are too few"):
+        propose(sweep(door=DOOR[::20]))
+    none = np.array([])
+    for sensor, words in ((FIRST, "0 readings are too few"),):
+        short = sweep()
+        short = replace(short, sensors={**short.sensors, sensor: Swept(none, none, 0)})
+        with pytest.raises(ScoringError, match=words):
+            propose(short)
+
+
+def test_values_that_are_no_numbers_are_refused_once_they_are_many() -> None:
+    plain = sweep()
+    assert propose(replace(plain, door_lost=100)) is not None
+    with pytest.raises(ScoringError, match=r"200 of 1400 door angles are no numbers"):
+        propose(replace(plain, door_lost=200))
+    lossy = {**plain.sensors, FIRST: replace(plain.sensors[FIRST], lost=200)}
+    with pytest.raises(ScoringError, match=r"cw 0 .*200 of 1400 samples are no reading"):
+        propose(replace(plain, sensors=lossy))
+
+
+def test_a_door_angle_with_the_wrong_sign_is_named() -> None:
+    plain = sweep()
+    turned = {sensor: replace(s, angle=-s.angle) for sensor, s in plain.sensors.items()}
+    with pytest.raises(ScoringError, match="check the sign of the door angle"):
+        propose(replace(plain, sensors=turned))
+    with pytest.raises(ScoringError, match=r"no sensor saw the panel .*: check the sensors"):
+        propose(sweep(dict.fromkeys(PASSAGE_SENSORS)))
+
+
+def test_more_sensors_with_trouble_are_counted() -> None:
+    plain = sweep()
+    spoilt = {
+        s: replace(one, distance=np.where(one.angle > 0.8, 1.1, one.distance))
+        for s, one in plain.sensors.items()
+    }
+    with pytest.raises(ScoringError, match=r"\(9 more sensors are no better\)"):
+        propose(replace(plain, sensors=spoilt))
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.floats(0.06, 0.4), st.floats(0.06, 0.4)), min_size=10, max_size=10))
+def test_whatever_the_angles_each_mask_holds_all_that_its_sensor_sees(
+    places: list[tuple[float, float]],
+) -> None:
+    seen = {s: (low, low + width) for s, (low, width) in zip(PASSAGE_SENSORS, places, strict=True)}
+    found = propose(sweep(seen))
+    for sensor, (first, last) in seen.items():
+        assert found.mask_from[sensor.index] < first
+        end = found.mask_to(sensor.side)[sensor.index] / 1.125
+        assert last - STEP - 1e-6 < end < last + 1e-6
+
+
+# ---------------------------------------------------------------- from samples
+
+
+def door(time: float, angle: float) -> DoorSample:
+    return DoorSample(time, time, angle)
+
+
+def scan(time: float, *ranges: float, strip: Strip = Strip.CW_RIGHT) -> PassageSample:
+    return PassageSample(time, time, strip, ranges, 0.02, 4.0)
+
+
+def collected(*samples: DoorSample | PassageSample) -> Sweep:
+    log = SweepLog(largest_gap=0.1)
+    for sample in samples:
+        log.feed(sample)
+    return log.sweep()
+
+
+def test_a_reading_belongs_to_the_door_angle_at_its_own_time() -> None:
+    found = collected(
+        door(1.00, -0.10), scan(1.01, 2.0, 2.1, 2.2, 0.05), door(1.02, -0.20), door(1.04, -0.20)
+    )
+    sensor = found.sensors[FIRST]  # cw_right[3]
+    assert sensor.angle == pytest.approx([0.15])
+    assert sensor.distance == pytest.approx([0.05])
+    assert found.door == pytest.approx([-0.1, -0.2, -0.2])
+
+
+def test_readings_in_gaps_before_and_after_the_door_are_not_used() -> None:
+    full = (2.0, 2.0, 2.0, 2.0)
+    found = collected(
+        scan(0.9, *full), door(1.0, 0.0), scan(1.01, *full), door(1.02, 0.0), scan(1.5, *full),
+        door(2.0, 1.0), scan(2.1, *full),
+    )  # fmt: skip
+    assert len(found.sensors[FIRST].angle) == 1
+
+
+def test_what_is_no_number_is_counted_and_an_infinity_is_a_reading() -> None:
+    found = collected(
+        door(1.0, 0.0), door(1.01, math.nan), scan(1.02, 2.0, 2.0, 2.0, math.nan),
+        scan(1.03, 2.0, 2.0), scan(1.04, 2.0, 2.0, 2.0, 9.9), scan(1.05, 2.0, 2.0, 2.0, math.inf),
+        door(1.06, 0.0),
+    )  # fmt: skip
+    assert found.door_lost == 1
+    assert found.sensors[FIRST].lost == 3
+    assert found.sensors[FIRST].distance.tolist() == [math.inf]
+
+
+def test_repeated_stamps_are_dropped() -> None:
+    found = collected(door(1.0, 0.1), door(1.0, 0.2), door(1.01, 0.3))
+    assert found.door.tolist() == [0.1, 0.3]
+
+
+def test_several_recordings_count_as_one() -> None:
+    one = collected(door(1.0, 0.1), scan(1.01, 1, 1, 1, 1), door(1.02, 0.1), door(1.03, math.nan))
+    both = Sweep.together([one, one])
+    assert len(both.door) == 4
+    assert both.door_lost == 2
+    assert len(both.sensors[FIRST].angle) == 2

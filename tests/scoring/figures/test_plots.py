@@ -1,0 +1,348 @@
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from scoring.evaluate import Rows, process_rows
+from scoring.figures.drawing import MOST_POINTS, stretches
+from scoring.figures.event_labels import Label, Mark, labels_of, rows_of
+from scoring.figures.plots import LARGEST_JERK, FigureName, figures_of, missing_figures, png, svg
+from scoring.kinematics import joint_state
+from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
+from scoring.result import Ending, IndicatorName, Result
+from scoring.rulesets import PROTOCOL
+from scoring.samples import Sample
+from tests.scoring.runs import START, assessment, clear, door, handle, under
+
+Array = NDArray[np.float64]
+Scored = tuple[Result, Rows]
+
+
+def swing(time: float) -> float:
+    """Opens from 3 s to 5 s, closes from 7 s to 9 s."""
+    if 3 <= time <= 5:
+        return 0.5 - 0.5 * math.cos((time - 3) * math.pi / 2)
+    if 7 <= time <= 9:
+        return 0.5 + 0.5 * math.cos((time - 7) * math.pi / 2)
+    return 1.0 if 5 < time < 7 else 0.0
+
+
+def pull(time: float) -> float:
+    return -30.0 if 4 <= time < 4.01 else 12.0 if 2 <= time <= 5 else 0.0
+
+
+def run(
+    angle: Callable[[float], float] | None = swing,
+    force: Callable[[float], float] | None = pull,
+    outcome: Outcome = Outcome.COMPLETED,
+    stop: float | None = 10.0,
+) -> Scored:
+    samples: list[Sample] = []
+    for tick in range(-50, 600):
+        time = tick / 50
+        samples += [door(time, angle(time))] if angle else []
+        samples += [handle(time, force(time))] if force else []
+        samples += {250: [under(time, Side.CCW)], 270: [under(time, Side.CW)]}.get(tick, [])
+        samples += {275: [clear(time, Side.CCW)], 300: [clear(time, Side.CW)]}.get(tick, [])
+    ending = Ending(outcome, "as told", None if stop is None else START + stop)
+    return assessment(samples).result(ending)
+
+
+@pytest.fixture(scope="module")
+def nominal() -> Scored:
+    return run()
+
+
+def line(axes: Axes, label: str) -> Line2D:
+    return next(found for found in axes.get_lines() if found.get_label() == label)
+
+
+def curve(axes: Axes, label: str) -> tuple[Array, Array]:
+    found = line(axes, label)
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+def words(figure: Figure) -> str:
+    texts = [*figure.texts]
+    for axes in figure.axes:
+        texts += [*axes.texts, axes.title, axes._right_title]  # type: ignore[attr-defined]
+    return "\n".join(text.get_text() for text in texts)
+
+
+def test_the_first_figure_shows_position_and_low_passed_acceleration_of_the_run(
+    nominal: Scored,
+) -> None:
+    result, rows = nominal
+    figure = figures_of(result, rows)[FigureName.ACCELERATION]
+    time, position = curve(figure.axes[0], "position, rad")
+    np.testing.assert_array_equal(time, rows.joint_state.time - START)
+    np.testing.assert_array_equal(position, rows.joint_state.position)
+    _, acceleration = curve(figure.axes[1], "acceleration, rad/s²")
+    np.testing.assert_array_equal(acceleration, rows.low_passed)
+
+
+def test_the_last_figure_shows_the_force_as_recorded(nominal: Scored) -> None:
+    result, rows = nominal
+    time, force = curve(figures_of(result, rows)[FigureName.FORCE].axes[0], "force, N")
+    np.testing.assert_array_equal(time, rows.force_time - START)
+    np.testing.assert_array_equal(force, rows.force)
+
+
+def test_jerk_is_drawn_without_its_sign_and_clipped(nominal: Scored) -> None:
+    result, rows = nominal
+    figure = figures_of(result, rows)[FigureName.JERK]
+    _, jerk = curve(figure.axes[1], "abs jerk, rad/s³")
+    drawn = jerk[np.isfinite(jerk)]
+    np.testing.assert_array_equal(drawn, np.minimum(np.abs(rows.jerk), LARGEST_JERK))
+    assert drawn.max() == LARGEST_JERK
+    assert f"clipped at 2, largest {np.abs(rows.jerk).max():.4f} rad/s³" in words(figure)
+
+
+@pytest.mark.parametrize(
+    ("name", "indicator"),
+    [
+        (FigureName.ACCELERATION, IndicatorName.UNSAFETY_OF_DOOR_OPERATION),
+        (FigureName.FORCE, IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION),
+    ],
+)
+def test_the_marked_maximum_is_the_indicator(
+    name: FigureName, indicator: IndicatorName, nominal: Scored
+) -> None:
+    result, rows = nominal
+    figure = figures_of(result, rows)[name]
+    (time,), (value,) = curve(figure.axes[-1], "maximum")
+    signal_time, signal = {
+        FigureName.ACCELERATION: (rows.joint_state.time, rows.low_passed),
+        FigureName.FORCE: (rows.force_time, rows.force),
+    }[name]
+    assert abs(value) == result.indicator(indicator).value
+    assert value == signal[np.flatnonzero(signal_time - START == time)[0]]
+    assert f"maximum {abs(value):.4f}" in words(figure)
+    assert f"{result.indicator(indicator).value:.4f}" in figure.texts[0].get_text()
+
+
+def test_the_largest_force_may_be_negative(nominal: Scored) -> None:
+    (time,), (value,) = curve(figures_of(*nominal)[FigureName.FORCE].axes[0], "maximum")
+    assert (time, value) == (pytest.approx(4.0), -30.0)
+
+
+def test_position_is_orange_signal_blue_and_maximum_red(nominal: Scored) -> None:
+    upper, lower = figures_of(*nominal)[FigureName.ACCELERATION].axes
+    red, green, blue = to_rgb(line(upper, "position, rad").get_color())
+    assert red > green > blue
+    red, green, blue = to_rgb(line(lower, "acceleration, rad/s²").get_color())
+    assert blue > max(red, green)
+    red, green, blue = to_rgb(line(lower, "maximum").get_color())
+    assert red > 2 * max(green, blue)
+
+
+def test_events_are_labelled_lines(nominal: Scored) -> None:
+    result, rows = nominal
+    moments = {
+        "touch": EventName.HANDLE_IS_TOUCHED,
+        "opening": EventName.DOOR_OPENS,
+        "crossing": EventName.MOVES_TO_CW,
+        "closing": EventName.DOOR_CLOSES,
+    }
+    for name, figure in figures_of(result, rows).items():
+        if name in (FigureName.JERK_OF_THE_OPENING, FigureName.JERK_OF_THE_CLOSING):
+            continue
+        for word, event in moments.items():
+            at = next(e.time for e in result.events if e.name is event) - START
+            for axes in figure.axes:
+                assert curve(axes, word)[0][0] == pytest.approx(at, abs=0.01)
+            assert word in words(figure)
+
+
+def test_a_repeated_event_says_which_one_is_labelled() -> None:
+    figure = figures_of(*run(lambda t: swing(t) + swing(3 * t)))[FigureName.ACCELERATION]
+    assert np.unique(curve(figure.axes[0], "closing")[0]).size == 2
+    assert "opening 1 of 2" in words(figure)
+    assert "closing 2 of 2" in words(figure)
+
+
+def test_figures_three_and_four_show_opening_and_closing_alone(nominal: Scored) -> None:
+    figures = figures_of(*nominal)
+    first, last = figures[FigureName.JERK_OF_THE_OPENING].axes[1].get_xlim()
+    assert 2 < first < 3.1
+    assert 4.6 < last < 6
+    first, last = figures[FigureName.JERK_OF_THE_CLOSING].axes[1].get_xlim()
+    assert 6 < first < 7.4
+    assert 8.9 < last < 10
+
+
+def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
+    result, rows = nominal
+    kept = (rows.force_time < START + 3) | (rows.force_time > START + 6)
+    holed = replace(rows, force_time=rows.force_time[kept], force=rows.force[kept])
+    time, force = curve(figures_of(result, holed)[FigureName.FORCE].axes[0], "force, N")
+    assert np.isnan(force).sum() == 1
+    assert 3 > time[np.flatnonzero(np.isnan(force))[0] - 1] > 2.9
+
+
+def test_an_aborted_run_has_no_figures_and_says_why() -> None:
+    result, rows = run(outcome=Outcome.ABORTED)
+    assert figures_of(result, rows) == {}
+    assert set(missing_figures(result, rows)) == set(FigureName)
+    assert "invalid" in missing_figures(result, rows)[FigureName.FORCE]
+
+
+def test_an_interrupted_run_has_the_figures_of_what_was_recorded() -> None:
+    figures = figures_of(*run(outcome=Outcome.INTERRUPTED, stop=None))
+    assert set(figures) == set(FigureName)
+    assert figures[FigureName.FORCE].axes[0].get_xlim()[1] == pytest.approx(11.98)
+
+
+@pytest.mark.parametrize(
+    ("angle", "force", "missing"),
+    [
+        (None, None, dict.fromkeys((1, 2, 3, 4), "no door angle") | {5: "no handle force"}),
+        (None, pull, dict.fromkeys((1, 2, 3, 4), "no door angle")),
+        (swing, None, {5: "no handle force"}),
+        (lambda _: 0.0, pull, {3: "never opened", 4: "never closed"}),
+        (lambda t: swing(min(t, 6)), pull, {4: "never closed"}),
+    ],
+)
+def test_every_figure_is_there_or_has_a_reason(
+    angle: Callable[[float], float] | None,
+    force: Callable[[float], float] | None,
+    missing: dict[int, str],
+) -> None:
+    result, rows = run(angle, force, Outcome.TIMEOUT)
+    reasons = missing_figures(result, rows)
+    assert {name.number for name in reasons} == set(missing)
+    assert all(missing[name.number] in reason for name, reason in reasons.items())
+    assert set(figures_of(result, rows)) == set(FigureName) - set(reasons)
+
+
+def test_a_figure_without_its_signal_says_why_inside() -> None:
+    figure = figures_of(*run(lambda _: 0.0, outcome=Outcome.TIMEOUT))[FigureName.JERK]
+    assert "door never opened" in words(figure)
+
+
+def test_svg_is_the_same_every_time_whatever_the_users_settings(nominal: Scored) -> None:
+    first = [svg(figure) for figure in figures_of(*nominal).values()]
+    with mpl.rc_context({"lines.linewidth": 9, "svg.fonttype": "path", "font.size": 20}):
+        before = dict(mpl.rcParams)
+        assert [svg(figure) for figure in figures_of(*nominal).values()] == first
+        assert dict(mpl.rcParams) == before
+
+
+def test_svg_is_xml_with_readable_text_and_no_date(nominal: Scored) -> None:
+    for name, figure in figures_of(*nominal).items():
+        text = svg(figure)
+        root = ET.fromstring(text)
+        assert f"Figure {FigureName(name).number}" in "".join(root.itertext())
+        assert "<script" not in text
+        assert "dc:date" not in text
+
+
+def test_png_is_a_picture(nominal: Scored) -> None:
+    data = png(figures_of(*nominal)[FigureName.FORCE])
+    assert data.startswith(b"\x89PNG\r\n")
+    assert int.from_bytes(data[16:20], "big") > 600
+
+
+def test_a_long_run_stays_a_small_file_and_keeps_its_extremes(nominal: Scored) -> None:
+    result, _ = nominal
+    rng = np.random.default_rng(1)
+    time = START + np.arange(180_000) / 50  # an hour
+    angle = 0.5 + 0.4 * np.sin(time) + 1e-3 * rng.standard_normal(time.size)
+    force = 20 * rng.standard_normal(time.size)
+    joint = joint_state(time, angle, PROTOCOL)
+    rows = process_rows(joint, time, force, PROTOCOL, Thresholds())
+    flaps = tuple(
+        Event(float(at), name)
+        for at in time[::20]
+        for name in (EventName.DOOR_OPENS, EventName.DOOR_CLOSES)
+    )
+    ended = replace(result.ending, stop=float(time[-1]))
+    result = replace(result, ending=ended, events=(*result.events, *flaps))
+    figures = figures_of(result, rows)
+    assert max(len(svg(figure)) for figure in figures.values()) < 300_000
+    _, drawn = curve(figures[FigureName.FORCE].axes[0], "force, N")
+    assert (drawn.min(), drawn.max()) == (force.min(), force.max())
+
+
+values = arrays(np.float64, st.integers(0, 40), elements=st.floats(allow_nan=True))
+
+
+@given(values, st.integers(1, 400))
+def test_thinning_keeps_order_and_extremes_of_every_curve(part: Array, repeat: int) -> None:
+    value = np.tile(part, repeat)
+    time = np.arange(value.size, dtype=np.float64)
+    kept_time, kept = stretches(time, value, 1.5)
+    finite = np.isfinite(kept)
+    assert finite.sum() <= MOST_POINTS
+    assert np.all(np.diff(kept_time[finite]) > 0)
+    np.testing.assert_array_equal(value[kept_time[finite].astype(int)], kept[finite])
+    whole = value[np.isfinite(value)]
+    if whole.size:
+        assert (kept[finite].min(), kept[finite].max()) == (whole.min(), whole.max())
+
+
+@given(st.lists(st.lists(st.floats(0, 10), min_size=1, max_size=30), max_size=4))
+def test_labels_stay_on_the_sheet_and_apart(times: list[list[float]]) -> None:
+    names = ("touch", "opening", "crossing", "closing")
+    marks = [
+        Mark(name, tuple(at), last_counts=name == "closing")
+        for name, at in zip(names, times, strict=False)
+    ]
+    labels = labels_of(marks, (0.0, 10.0), 240.0, 10.0)
+    assert len(labels) == len(marks)
+    rows = rows_of(labels)
+    assert all(label.right <= 250 for label in labels)
+    assert max(rows, default=0) < 4
+    for index, (a, row) in enumerate(zip(labels, rows, strict=True)):
+        for b, other in zip(labels[:index], rows, strict=False):
+            assert row != other or not overlap(a, b)
+
+
+def overlap(a: Label, b: Label) -> bool:
+    return a.left < b.right and b.left < a.right
+
+
+@settings(max_examples=12)
+@given(
+    arrays(np.float64, 30, elements=st.floats(allow_nan=False, allow_infinity=False)),
+    arrays(np.float64, 30, elements=st.floats(allow_nan=True, allow_infinity=True)),
+)
+def test_no_number_is_too_large_to_be_drawn(force: Array, acceleration: Array) -> None:
+    result, rows = run(lambda _: 0.0, outcome=Outcome.TIMEOUT)
+    wild = replace(
+        rows,
+        force=force,
+        force_time=rows.force_time[:30],
+        joint_state=rows.joint_state.cut(START, START + 29.5 / 50),
+        low_passed=acceleration,
+        jerk=force[:5],
+        jerk_time=rows.force_time[:5],
+    )
+    for figure in figures_of(result, wild).values():
+        assert "nan" not in svg(figure).lower()
+
+
+def test_drawing_needs_no_pyplot_and_the_report_no_matplotlib_until_it_draws() -> None:
+    program = (
+        "import sys, madrob_console.report.page\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "import scoring.figures.plots\n"
+        "assert 'matplotlib' in sys.modules and 'matplotlib.pyplot' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
