@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import signal
 import threading
@@ -32,11 +30,10 @@ from madrob_console.testbeds.ros.loading import (
 )
 from madrob_console.testbeds.ros.parameters import ParameterValue, door_parameters
 from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import RefereeState
 from recorder.bag import Durability, Qos
-from scoring.errors import ScoringError
-from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from scoring.protocol import BenchmarkType, Condition, Side
 
 _PERIOD = 0.005
 """Seconds between two looks at what is due."""
@@ -173,9 +170,7 @@ class DoorNode:
             self._say(f"{name.replace('_', ' ')} set to {value}")
 
     def _on_pose(self, message: RosObject) -> None:
-        position, turn = message.pose.position, message.pose.orientation
-        yaw = math.degrees(2 * math.atan2(turn.z, turn.w))
-        self._source.announce_start_pose(StartPose(position.x, position.y, yaw))
+        self._source.testbed.set_start_distance(abs(message.pose.position.x))
 
     def _on_state(self, message: RosObject) -> None:
         try:
@@ -191,7 +186,7 @@ class DoorNode:
                 f"condition {condition.number}: {condition.benchmark_type}, opens to "
                 f"{condition.opening_side.upper()}, robot on {condition.starting_side.upper()}"
             )
-        self._source.announce_state(replace(state, start_time=self._start))
+        self._source.heed(replace(state, start_time=self._start))
         if state.phase == "running" != before:
             self._say("robot sets out")
         elif before == "running" != state.phase:
@@ -224,24 +219,6 @@ def refusal(name: str, value: ParameterValue) -> str | None:
     if name.startswith("brake_lut") and isinstance(value, Sequence) and len(value) != 181:
         return f"{len(value)} braking forces instead of 181"
     return None
-
-
-def parse_state(text: str) -> RefereeState:
-    """What the referee says on `/madrob/referee/state`.
-
-    Raises:
-        MadrobError: it is no JSON object with a `phase`.
-    """
-    try:
-        content = json.loads(text)
-        phase, start, number = (
-            content.get(key) for key in ("phase", "start_time", "condition_number")
-        )
-        condition = None if number is None else Condition.from_number(number)
-        return RefereeState(str(phase), condition, None if start is None else float(start), text)
-    except (ValueError, TypeError, AttributeError, ScoringError):
-        shown = text if len(text) < 60 else f"{text[:60]}..."
-        raise MadrobError(f"{REFEREE_STATE_TOPIC}: not understood: {shown!r}") from None
 
 
 @contextmanager

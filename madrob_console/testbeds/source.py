@@ -1,6 +1,6 @@
-"""What the engine asks of a testbed: live over ROS, simulated, or replayed from a bag.
+"""What the engine asks of a testbed: live over ROS or simulated.
 
-All three hand over the same `RawMessage`s, so that everything behind a source is one path.
+Both hand over the same `RawMessage`s, so that everything behind a source is one path.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from madrob_console.kinds import SourceKind
     from recorder.bag import Topic
     from recorder.message import RawMessage
-    from scoring.protocol import Condition, StartPose
+    from scoring.protocol import Condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,23 +35,6 @@ class TopicStatus:
     problem: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class RefereeState:
-    """What the console tells the testbed and the robot (`/madrob/referee/state`).
-
-    Attributes:
-        phase: `idle`, `ready`, `countdown`, `running`, `stopped` or `final`.
-        condition: the condition of the run; None before one is set up.
-        start_time: planned or actual start, s since the epoch; None before the countdown.
-        text: the JSON text to publish.
-    """
-
-    phase: str
-    condition: Condition | None
-    start_time: float | None
-    text: str
-
-
 class Source(Protocol):
     """A testbed, as the engine sees it. All calls come from the engine's thread."""
 
@@ -63,11 +46,6 @@ class Source(Protocol):
     @property
     def label(self) -> str:
         """For people: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`."""
-        ...
-
-    @property
-    def ended(self) -> bool:
-        """Whether nothing more can come (a replay at its end)."""
         ...
 
     def open(self) -> None:
@@ -102,16 +80,11 @@ class Source(Protocol):
         """Why the sides must be set by hand, in words; None when the testbed confirmed them."""
         ...
 
-    def announce_state(self, state: RefereeState) -> list[RawMessage]:
-        """Tell testbed and robot the state; returns what was published, to be recorded."""
-        ...
+    def publish(self, message: RawMessage) -> None:
+        """Publish on one of the console's own topics (protocol section 3); never waits.
 
-    def announce_event(self, text: str) -> list[RawMessage]:
-        """Publish one event as JSON text; returns what was published, to be recorded."""
-        ...
-
-    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
-        """Publish the start pose; returns what was published, to be recorded."""
+        What is published while the source is closed reaches nobody.
+        """
         ...
 
     def close(self) -> None:

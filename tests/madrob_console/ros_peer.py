@@ -55,6 +55,12 @@ class Peer(Connection):
     ) -> None:
         self.close()
 
+    def end_node(self, node: RosObject) -> None:
+        """Take a node out of the domain."""
+        self._executor.remove_node(node)
+        self._nodes.remove(node)
+        node.destroy_node()
+
     def publisher(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> RosObject:
         return self.own.create_publisher(
             load_message_class(type_name), topic, qos_profile(qos, 1000)
@@ -65,6 +71,14 @@ class Peer(Connection):
         heard: list[RosObject] = []
         self.own.create_subscription(
             load_message_class(type_name), topic, heard.append, qos_profile(qos, 1000)
+        )
+        return heard
+
+    def listen_raw(self, topic: str, type_name: str, qos: Qos = RELIABLE) -> list[bytes]:
+        """As `listen`, with the bytes as they came."""
+        heard: list[bytes] = []
+        self.own.create_subscription(
+            load_message_class(type_name), topic, heard.append, qos_profile(qos, 1000), raw=True
         )
         return heard
 

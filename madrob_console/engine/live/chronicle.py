@@ -14,9 +14,18 @@ from madrob_console.clock import Clock
 from madrob_console.engine.live.event_log import EventLog
 from madrob_console.engine.live.recording import Recording
 from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
+    MessageTypes,
+    encode_start_pose,
+    encode_text,
+    referee_topics,
+)
 from madrob_console.referee.journal import Entry, Journal, up_to_date
 from madrob_console.referee.run import Run
-from madrob_console.testbeds.source import RefereeState, Source
+from madrob_console.testbeds.source import Source
 from recorder.message import RawMessage
 from scoring.protocol import StartPose
 
@@ -24,16 +33,23 @@ from scoring.protocol import StartPose
 class Chronicle:
     """Keeps the records of one run after the other.
 
+    Args:
+        source: publishes what is said.
+        clock: stamps it.
+        types: the message types.
+
     Attributes:
         log: the last lines, for people.
         problem: why the journal is not on disk, in words; None when it is.
     """
 
-    def __init__(self, source: Source, clock: Clock) -> None:
+    def __init__(self, source: Source, clock: Clock, types: MessageTypes) -> None:
         self.log = EventLog()
         self.problem: str | None = None
         self._source = source
         self._clock = clock
+        self._types = types
+        self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
         self._journal = Journal()
         self._path: Path | None = None
         self._entries: list[Entry] = []
@@ -122,7 +138,7 @@ class Chronicle:
         if self._deleted():
             self._renew()
         self.log.add(entry, start)
-        self._record(self._source.announce_event(entry.to_json()))
+        self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
 
     def catch_up(self) -> None:
         """Try again to write what waits; a journal that was deleted is written anew."""
@@ -163,12 +179,19 @@ class Chronicle:
             "timeout": setup.timeout if setup else None,
             "outcome": run.outcome,
         }
-        state = RefereeState(run.phase.value, condition, run.start, json.dumps(content))
-        self._record(self._source.announce_state(state))
+        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, json.dumps(content)))
 
     def announce_start_pose(self, pose: StartPose) -> None:
         """Tell the robot where it starts (`/madrob/referee/start_pose`)."""
-        self._record(self._source.announce_start_pose(pose))
+        data = encode_start_pose(self._types, pose, self._clock.now_ns())
+        self._say(REFEREE_START_POSE_TOPIC, data)
+
+    def _say(self, topic: str, data: bytes) -> None:
+        """Publish a message of the console's own, and record it."""
+        now_ns = self._clock.now_ns()
+        message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
+        self._source.publish(message)
+        self._record([message])
 
     def _record(self, messages: Sequence[RawMessage]) -> None:
         if self._recording is None:

@@ -75,7 +75,7 @@ class Engine:
         self.source = source
         self.config = config
         self._clock = clock
-        self._chronicle = Chronicle(source, clock)
+        self._chronicle = Chronicle(source, clock, types)
         self._observation = Observation(config.mappings, config.thresholds, config.limits, types)
         self._sensors = self._observation.sensors
         self._pre_start = PreStart(config, self._sensors)

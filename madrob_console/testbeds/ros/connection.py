@@ -71,12 +71,6 @@ class Connection:
         while (left := ends - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
-    def end_node(self, node: RosObject) -> None:
-        """Take a node out of the domain."""
-        self._executor.remove_node(node)
-        self._nodes.remove(node)
-        node.destroy_node()
-
     def close(self) -> None:
         """Leave the domain."""
         self._executor.shutdown()

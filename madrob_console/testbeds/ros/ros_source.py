@@ -16,19 +16,23 @@ from typing import TypeVar
 from madrob_console.clock import NS, Clock
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import MessageTypes, TopicMapping, referee_topics
-from madrob_console.testbeds.ros.announcer import Announcer
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    MessageTypes,
+    TopicMapping,
+    referee_topics,
+)
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.definitions import prefixes
-from madrob_console.testbeds.ros.inbox import Received, can_take
+from madrob_console.testbeds.ros.inbox import Received, can_take, qos_profile
 from madrob_console.testbeds.ros.intake import Intake
-from madrob_console.testbeds.ros.loading import domain_id
+from madrob_console.testbeds.ros.loading import RosObject, domain_id, load_message_class
 from madrob_console.testbeds.ros.mailbox import Mailbox
 from madrob_console.testbeds.ros.parameters import DoorParameters
-from madrob_console.testbeds.source import RefereeState, TopicStatus
+from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
-from scoring.protocol import Condition, StartPose
+from scoring.protocol import Condition
 
 _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")
@@ -38,6 +42,9 @@ _PERIOD = 0.02
 
 _DISCOVERY = 0.25
 """Seconds between two looks at the publishers."""
+
+_DEPTHS = {REFEREE_EVENT_TOPIC: 100}
+"""A late joiner gets the last state and pose, but the events of a whole run."""
 
 
 class RosSource:
@@ -77,7 +84,7 @@ class RosSource:
         self._environment = environment
         self._mailbox = Mailbox()
         self._connection: Connection | None = None
-        self._announcer: Announcer | None = None
+        self._publishers: dict[str, RosObject] = {}
         self._door: DoorParameters | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
@@ -95,11 +102,6 @@ class RosSource:
     def label(self) -> str:
         """For people: `LIVE ros domain 0`."""
         return f"LIVE ros domain {self._domain}"
-
-    @property
-    def ended(self) -> bool:
-        """Whether nothing more can come: closed, and everything taken."""
-        return self._stop.is_set() and not self._mailbox
 
     def open(self) -> None:
         """Join the ROS domain and start to listen.
@@ -128,7 +130,14 @@ class RosSource:
         self._direct = self._direct and can_take()
         console = connection.node("console")
         listener = connection.node("console_intake", spun=not self._direct)
-        self._announcer = Announcer(console, self._types, self._clock)
+        self._publishers = {
+            topic.name: console.create_publisher(
+                load_message_class(topic.type),
+                topic.name,
+                qos_profile(topic.qos, _DEPTHS.get(topic.name, 1)),
+            )
+            for topic in self._own_topics
+        }
         self._door = DoorParameters(console)
         places = prefixes(self._environment)
         self._intakes = tuple(
@@ -174,17 +183,10 @@ class RosSource:
         """Why the sides must be set by hand; None when the testbed confirmed them."""
         return self._door.problem if self._door is not None else "ROS is not connected"
 
-    def announce_state(self, state: RefereeState) -> list[RawMessage]:
-        """Publish the state; returns what was published."""
-        return [self._announcer.state(state.text)] if self._announcer else []
-
-    def announce_event(self, text: str) -> list[RawMessage]:
-        """Publish one event as JSON text; returns what was published."""
-        return [self._announcer.event(text)] if self._announcer else []
-
-    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
-        """Publish the start pose; returns what was published."""
-        return [self._announcer.start_pose(pose)] if self._announcer else []
+    def publish(self, message: RawMessage) -> None:
+        """Publish on one of the console's own topics; the last word reaches late joiners too."""
+        if publisher := self._publishers.get(message.topic):
+            publisher.publish(message.data)
 
     def close(self) -> None:
         """Leave the ROS domain; what arrived before can still be taken."""
@@ -192,7 +194,8 @@ class RosSource:
         thread, connection = self._thread, self._connection
         if thread is None or connection is None:
             return
-        self._thread = self._connection = self._announcer = None
+        self._thread = self._connection = None
+        self._publishers = {}
         thread.join()
         for intake in self._intakes:
             intake.close()

@@ -10,19 +10,22 @@ from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
     MessageTypes,
     TopicMapping,
+    decode_text,
     describe_topic,
     referee_topics,
 )
-from madrob_console.testbeds.announcements import Announcements
 from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 from madrob_console.testbeds.simulated.truth import Truth
-from madrob_console.testbeds.source import RefereeState, TopicStatus
+from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
-from scoring.protocol import Condition, StartPose
+from scoring.protocol import Condition
 
 _LARGEST_JITTER = 0.2
 """Of the period between two readings."""
@@ -38,7 +41,7 @@ _LONGEST_BACKLOG = 60.0
 class SimulatedSource:
     """A simulated testbed that lives on the engine's clock.
 
-    The robot sets out when a run starts: `announce_state` with the phase `countdown` or
+    The robot sets out when a run starts: a published state with the phase `countdown` or
     `running` names the instant, `idle` or `ready` sends it back for the next run.
 
     Args:
@@ -67,7 +70,7 @@ class SimulatedSource:
             *(describe_topic(types, m.topic, m.type) for m in self._mappings),
             *referee_topics(types),
         )
-        self._announcements = Announcements(types, clock)
+        self._types = types
         self._problem: str | None = None
         self._opened = False
         self._closed = False
@@ -81,11 +84,6 @@ class SimulatedSource:
     def label(self) -> str:
         """For people: `SIMULATED nominal`."""
         return f"SIMULATED {self.testbed.scenario}"
-
-    @property
-    def ended(self) -> bool:
-        """Whether nothing more can come: only once closed."""
-        return self._closed
 
     def truth(self, timeout: float = 300.0) -> Truth | None:
         """What truly happens in the run that has been started, in s since the epoch.
@@ -133,24 +131,22 @@ class SimulatedSource:
         """Nothing has to be set by hand."""
         return None
 
-    def announce_state(self, state: RefereeState) -> list[RawMessage]:
-        """Tell testbed and robot the state; returns the message to be recorded."""
+    def publish(self, message: RawMessage) -> None:
+        """Nobody listens but the testbed and its robot, who heed state and start pose."""
+        if message.topic == REFEREE_STATE_TOPIC:
+            self.heed(parse_state(decode_text(self._types, message.data)))
+        elif message.topic == REFEREE_START_POSE_TOPIC:
+            pose = self._types.decode(message.type, message.data).pose
+            self.testbed.set_start_distance(abs(pose.position.x))
+
+    def heed(self, state: RefereeState) -> None:
+        """Do what testbed and robot do in a state of the run."""
         if state.phase in ("idle", "ready"):
             self.testbed.reset()
         if state.condition is not None:
             self.testbed.set_condition(state.condition)
         if state.phase in ("countdown", "running") and state.start_time is not None:
             self._start(nanoseconds(state.start_time))
-        return self._announcements.state(state.text)
-
-    def announce_event(self, text: str) -> list[RawMessage]:
-        """Announce one event as JSON text; returns the message to be recorded."""
-        return self._announcements.event(text)
-
-    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
-        """Announce the start pose, where the robot then stands if no sensor sees it there."""
-        self.testbed.set_start_distance(abs(pose.x))
-        return self._announcements.start_pose(pose)
 
     def close(self) -> None:
         """Switch the sensors off; safe to call twice."""

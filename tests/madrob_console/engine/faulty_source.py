@@ -18,11 +18,11 @@ from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import CheckName, Phase
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import RefereeState, TopicStatus
+from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
 from recorder.reader import read_bag
-from scoring.protocol import Condition, StartPose
+from scoring.protocol import Condition
 from scoring.result import Result
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.engine.spoilt import Edit, Fault, Spoil, edited, spoiler
@@ -36,10 +36,12 @@ class FaultySource:
 
     Attributes:
         handed: every message handed to the engine, in order.
+        published: every message that the engine published, in order.
     """
 
     def __init__(self, source: SimulatedSource, clock: Clock) -> None:
         self.handed: list[RawMessage] = []
+        self.published: list[RawMessage] = []
         self._source = source
         self._clock = clock
         self._spoils: dict[str, Spoil] = {}
@@ -103,10 +105,6 @@ class FaultySource:
         return self._source.label
 
     @property
-    def ended(self) -> bool:
-        return self._source.ended
-
-    @property
     def sides_problem(self) -> str | None:
         return self._source.sides_problem
 
@@ -119,14 +117,9 @@ class FaultySource:
     def configure(self, condition: Condition) -> None:
         self._source.configure(condition)
 
-    def announce_state(self, state: RefereeState) -> list[RawMessage]:
-        return self._source.announce_state(state)
-
-    def announce_event(self, text: str) -> list[RawMessage]:
-        return self._source.announce_event(text)
-
-    def announce_start_pose(self, pose: StartPose) -> list[RawMessage]:
-        return self._source.announce_start_pose(pose)
+    def publish(self, message: RawMessage) -> None:
+        self.published.append(message)
+        self._source.publish(message)
 
     def close(self) -> None:
         self._source.close()

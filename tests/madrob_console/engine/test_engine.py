@@ -14,7 +14,7 @@ from madrob_console.archive.rescore import score_path
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.replay.replaying import ReplayingEngine
 from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, referee_topics
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -40,6 +40,7 @@ from scoring.protocol import Condition, LockDetection, Outcome, Step
 from scoring.result import IndicatorName, Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.slowly import slow_but_for
 
 
@@ -327,6 +328,20 @@ def test_every_act_and_change_is_in_the_journal_and_in_the_bag(tmp_path: Path) -
     assert len(counted) == len(entries) - 1  # the result is written after the bag is closed
     topics = {m.topic for m in bag.messages()}
     assert {"/madrob/referee/state", "/madrob/referee/start_pose"} <= topics
+
+
+def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) -> None:
+    drive = FaultyDrive(tmp_path)
+    drive.whole_run(make_setup())
+    assert drive.engine.folder is not None
+    recorded = [m for m in read_bag(drive.engine.folder).messages() if "/referee/" in m.topic]
+    published = drive.faulty.published
+    in_bag = [(m.topic, m.type, m.data) for m in recorded]
+    said = [(m.topic, m.type, m.data) for m in published]
+    begin = said.index(in_bag[0])
+    assert said[begin : begin + len(in_bag)] == in_bag
+    assert {m.topic for m in recorded} == {topic.name for topic in referee_topics(MessageTypes())}
+    assert all(m.publish_ns <= m.receive_ns for m in recorded)
 
 
 def test_a_used_run_number_is_refused_and_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from madrob_console.preparing.doctor_ros import look_at_installation
 from madrob_console.preparing.finding import Finding, Level
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
-from madrob_console.testbeds.source import RefereeState
+from tests.madrob_console import said
 from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, Peer, Taker, source
 
 ROOT = Path(__file__).parents[3]
@@ -95,7 +95,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     thread = threading.Thread(target=publish)
     thread.start()
     with Taker(source()) as other:
-        other.source.announce_state(RefereeState("idle", None, None, "{}"))
+        other.source.publish(said.state("idle"))
         found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, listen=0.5))
     enough.set()
     thread.join()

@@ -18,11 +18,11 @@ from madrob_console.messages.codec import (
 from madrob_console.testbeds.recorded_bag import ReplaySource
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import RefereeState
 from recorder.bag import Topic
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Condition, StartPose
+from tests.madrob_console import said
 
 START_NS = 1_700_000_000_000_000_000
 CONDITION = Condition.from_number(1)
@@ -35,12 +35,16 @@ def recorded() -> list[RawMessage]:
     source = SimulatedSource(SimulatedTestbed(Scenario.NOMINAL), clock, MessageTypes())
     source.open()
     start = seconds(START_NS) + 1.0
-    messages = source.announce_start_pose(StartPose(1.5, 0.0, 180.0))
-    messages += source.announce_state(RefereeState("countdown", CONDITION, start, "{}"))
+    messages = [
+        said.start_pose(StartPose(1.5, 0.0, 180.0), START_NS),
+        said.state("countdown", start, CONDITION, START_NS),
+    ]
+    for message in messages:
+        source.publish(message)
     for number in range(100):
         messages += source.take(0.05)
         if number % 25 == 0:
-            messages += source.announce_event(json.dumps({"line": number}))
+            messages.append(said.event(json.dumps({"line": number}), clock.now_ns()))
     return messages
 
 

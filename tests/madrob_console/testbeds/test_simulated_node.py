@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -19,18 +18,18 @@ from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated import Scenario, SensorSettings, SimulatedTestbed
-from madrob_console.testbeds.simulated_node import parse_state, refusal, serve_testbed
-from madrob_console.testbeds.source import RefereeState
+from madrob_console.testbeds.simulated.referee_state import parse_state
+from madrob_console.testbeds.simulated_node import refusal, serve_testbed
+from recorder.message import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.samples import DoorSample, HandleSample, Sample
+from tests.madrob_console import said
 
 CW = Condition(BenchmarkType.CONSTANT_FORCE, opening_side=Side.CW, starting_side=Side.CW)
 
 
-def state(phase: str, start: float | None = None, condition: Condition | None = CW) -> RefereeState:
-    number = condition.number if condition else None
-    text = json.dumps({"phase": phase, "start_time": start, "condition_number": number})
-    return RefereeState(phase, condition, start, text)
+def state(phase: str, start: float | None = None) -> RawMessage:
+    return said.state(phase, start, CW)
 
 
 class Console:
@@ -83,14 +82,14 @@ def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> No
         console.until(lambda: {s.topic for s in console.source.status() if s.publishers} == wanted)
         console.source.configure(CW)
         console.until(lambda: console.source.sides_problem is None)
-        console.source.announce_start_pose(StartPose(-1.0, 0.0, 0.0))
-        console.source.announce_state(state("countdown", time.time() + 0.2))
+        console.source.publish(said.start_pose(StartPose(-1.0, 0.0, 0.0)))
+        console.source.publish(state("countdown", time.time() + 0.2))
         console.until(lambda: testbed.plan is not None)
         time.sleep(0.5)
         console.source.take(0)
         assert "robot sets out" not in console.lines
         start = time.time()
-        console.source.announce_state(state("running", start))
+        console.source.publish(state("running", start))
         console.samples.clear()
 
         def touched() -> bool:
@@ -101,9 +100,9 @@ def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> No
         assert testbed.plan is not None
         assert testbed.plan.condition == CW
         assert console.samples[-1].time > start
-        console.source.announce_state(state("stopped", start))
+        console.source.publish(state("stopped", start))
         console.until(lambda: "run over" in console.lines)
-        console.source.announce_state(state("final", start))
+        console.source.publish(state("final", start))
         console.until(lambda: "messages on" in console.lines[-1])
     assert console.lines[0].startswith("simulated testbed touch-only in ROS domain ")
     assert console.lines[1:6] == [
@@ -141,7 +140,7 @@ def test_it_ends_after_the_runs_it_was_asked_for() -> None:
         console.until(lambda: console.samples)
         for run in range(2):
             for phase in ("countdown", "running", "stopped", "final", "idle"):
-                console.source.announce_state(state(phase, time.time()))
+                console.source.publish(state(phase, time.time()))
             console.until(lambda run=run: console.lines.count("run over") > run)  # type: ignore[misc]
         console.until(lambda: "messages on" in console.lines[-1])
     assert console.lines.count("robot sets out") == 2
@@ -188,9 +187,9 @@ def test_what_is_no_state_is_refused_in_one_line() -> None:
 
 
 def test_a_state_names_phase_condition_and_start() -> None:
-    parsed = parse_state(state("running", 12.5).text)
+    parsed = parse_state(said.state_text("running", 12.5, CW))
     assert (parsed.phase, parsed.condition, parsed.start_time) == ("running", CW, 12.5)
-    assert parse_state(state("idle", None, None).text).condition is None
+    assert parse_state(said.state_text("idle", None, None)).condition is None
 
 
 @pytest.mark.parametrize(

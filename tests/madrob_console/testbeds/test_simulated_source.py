@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import time
 from itertools import pairwise
 
@@ -14,7 +13,6 @@ from madrob_console.messages.codec import (
     Decoder,
     MessageTypes,
     TopicMapping,
-    decode_text,
 )
 from madrob_console.testbeds.simulated import (
     RobotBody,
@@ -24,12 +22,13 @@ from madrob_console.testbeds.simulated import (
     SimulatedTestbed,
 )
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import RefereeState, Source
+from madrob_console.testbeds.source import Source
 from recorder.message import RawMessage
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure
 from scoring.protocol import Condition, Event, LockDetection, Outcome, Signal, StartPose, Thresholds
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
+from tests.madrob_console import said
 
 TYPES = MessageTypes()
 START_NS = 1_700_000_000_000_000_000
@@ -48,8 +47,8 @@ def simulated(
     return source
 
 
-def state(phase: str, start: float | None = None, condition: Condition = CONDITION) -> RefereeState:
-    return RefereeState(phase, condition, start, json.dumps({"phase": phase}))
+def state(phase: str, start: float | None = None, condition: Condition = CONDITION) -> RawMessage:
+    return said.state(phase, start, condition)
 
 
 def test_it_says_that_it_is_simulated() -> None:
@@ -57,7 +56,6 @@ def test_it_says_that_it_is_simulated() -> None:
     assert source.kind is SourceKind.SIMULATED
     assert source.label == "SIMULATED closes-under-sensors"
     assert source.sides_problem is None
-    assert not source.ended
 
 
 def test_every_topic_comes_at_its_rate_in_the_order_of_reception() -> None:
@@ -108,7 +106,7 @@ def test_its_bytes_decode_to_the_samples_of_a_testbed_at_rest() -> None:
 def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
     def record(periods: list[float]) -> list[RawMessage]:
         source = simulated(Scenario.RANDOM, seed=11)
-        source.announce_state(state("countdown", seconds(START_NS) + 1.0))
+        source.publish(state("countdown", seconds(START_NS) + 1.0))
         return [message for period in periods for message in source.take(period)]
 
     once = record([16.0])
@@ -123,7 +121,7 @@ def run(
 ) -> tuple[tuple[Event, ...], Outcome, int]:
     """A run as the engine makes it: the events and the steps that the detector finds."""
     start = seconds(clock.now_ns()) + 1.5
-    source.announce_state(state("countdown", start, _condition(source)))
+    source.publish(state("countdown", start, _condition(source)))
     decoder, zero = Decoder(DEFAULT_MAPPINGS, TYPES), source.testbed.sensors.handle_offset
     detector = EventDetector(_condition(source), start, Thresholds(), handle_zero=zero)
     settle, stop, outcome = Thresholds().settle_time, start + timeout, Outcome.TIMEOUT
@@ -196,21 +194,21 @@ def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> No
         return [s.angle for s in samples if isinstance(s, DoorSample)]
 
     assert source.truth() is None
-    source.announce_state(state("ready"))
+    source.publish(state("ready"))
     assert set(angles(3.0)) == {0.0}
     start = seconds(clock.now_ns()) + 5.0
-    source.announce_state(state("countdown", start))
+    source.publish(state("countdown", start))
     assert set(angles(5.0)) == {0.0}
-    source.announce_state(state("running", start))
+    source.publish(state("running", start))
     assert max(angles(7.0)) > 1.0
     first = source.truth()
     assert first is not None
-    source.announce_state(state("stopped", start))
-    source.announce_state(state("final", start))
-    source.announce_state(state("ready"))
+    source.publish(state("stopped", start))
+    source.publish(state("final", start))
+    source.publish(state("ready"))
     assert source.truth() is None
     assert set(angles(1.0)) == {0.0}
-    source.announce_state(state("countdown", start + 60.0))
+    source.publish(state("countdown", start + 60.0))
     second = source.truth()
     assert second is not None
     assert second.stop - first.stop != pytest.approx(60.0, abs=1e-6), "another repetition"
@@ -219,9 +217,9 @@ def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> No
 def test_a_restarted_countdown_moves_the_robot_s_start() -> None:
     source = simulated()
     start = seconds(START_NS) + 5.0
-    source.announce_state(state("countdown", start))
+    source.publish(state("countdown", start))
     first = source.truth()
-    source.announce_state(state("countdown", start + 30.0))
+    source.publish(state("countdown", start + 30.0))
     moved = source.truth()
     assert first is not None
     assert moved is not None
@@ -230,29 +228,21 @@ def test_a_restarted_countdown_moves_the_robot_s_start() -> None:
 
 def test_the_robot_starts_where_the_referee_sends_it() -> None:
     source = simulated()
-    source.announce_start_pose(StartPose(2.25, 0.0, 180.0))
-    source.announce_state(state("countdown", seconds(START_NS)))
+    source.publish(said.start_pose(StartPose(2.25, 0.0, 180.0)))
+    source.publish(state("countdown", seconds(START_NS)))
     assert source.testbed.plan is not None
     assert source.testbed.plan.robot.initial == 2.25
-    source.announce_state(state("ready"))
-    source.announce_start_pose(StartPose(0.2, 0.0, 180.0))
-    source.announce_state(state("countdown", seconds(START_NS)))
+    source.publish(state("ready"))
+    source.publish(said.start_pose(StartPose(0.2, 0.0, 180.0)))
+    source.publish(state("countdown", seconds(START_NS)))
     assert source.testbed.plan.robot.initial > 0.45, "never under the sensors"
 
 
-def test_what_the_referee_says_is_given_back_to_be_recorded() -> None:
-    clock = VirtualClock(START_NS)
-    source = simulated(clock=clock)
-    (said,) = source.announce_state(state("ready"))
-    assert (said.topic, said.type) == ("/madrob/referee/state", "std_msgs/msg/String")
-    assert said.publish_ns == said.receive_ns == clock.now_ns()
-    assert json.loads(decode_text(TYPES, said.data)) == {"phase": "ready"}
-    (event,) = source.announce_event('{"what": "start"}')
-    assert event.topic == "/madrob/referee/event"
-    (pose,) = source.announce_start_pose(StartPose(1.5, 0.0, 180.0))
-    assert pose.topic == "/madrob/referee/start_pose"
+def test_its_topics_are_those_of_all_messages() -> None:
+    source = simulated()
     known = {topic.name: topic.type for topic in source.topics()}
-    for message in (said, event, pose, *source.take(0.1)):
+    own = (state("ready"), said.event("{}"), said.start_pose(StartPose(1.5, 0.0, 180.0)))
+    for message in (*own, *source.take(0.1)):
         assert known[message.topic] == message.type
 
 
@@ -268,7 +258,6 @@ def test_status_tells_which_topics_speak() -> None:
     assert {status.publishers for status in source.status()} == {1}
     source.close()
     source.close()
-    assert source.ended
     assert source.take(1.0) == []
 
 
@@ -276,7 +265,7 @@ def test_a_robot_that_cannot_be_played_shows_as_a_problem() -> None:
     testbed = SimulatedTestbed(robot=RobotSettings(RobotBody(height=0.51)))
     source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES)
     source.open()
-    source.announce_state(state("countdown", seconds(START_NS)))
+    source.publish(state("countdown", seconds(START_NS)))
     assert all("no clear run" in (status.problem or "") for status in source.status())
     assert len(source.take(1.0)) > 250
 
@@ -293,7 +282,7 @@ def test_a_testbed_configured_otherwise_is_simulated_as_configured() -> None:
     testbed = SimulatedTestbed(sensors=SensorSettings(latch=True))
     source = SimulatedSource(testbed, VirtualClock(START_NS), TYPES, mappings)
     source.open()
-    source.announce_state(state("countdown", seconds(START_NS)))
+    source.publish(state("countdown", seconds(START_NS)))
     decoder = Decoder(mappings, TYPES)
     samples = [decoder.decode(message) for message in source.take(6.0)]
     assert max(s.angle for s in samples if isinstance(s, DoorSample)) > 1.0
@@ -357,7 +346,7 @@ def test_a_stepped_clock_neither_floods_nor_silences(step: float) -> None:
 
 def test_simulating_is_a_hundred_times_faster_than_living() -> None:
     source = simulated()
-    source.announce_state(state("countdown", seconds(START_NS)))
+    source.publish(state("countdown", seconds(START_NS)))
     began = time.process_time()
     source.take(20.0)
     assert time.process_time() - began < 1.0
