@@ -1,4 +1,4 @@
-"""Runs that were cut off: no result, and nobody works on them (design: crash recovery)."""
+"""Runs that were cut off: no result, and nobody works on them."""
 
 from __future__ import annotations
 

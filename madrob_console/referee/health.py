@@ -1,4 +1,4 @@
-"""How alive a topic is: fresh, stale, lost (design: sources)."""
+"""How alive a topic is: fresh, stale, lost (protocol section 3)."""
 
 from __future__ import annotations
 

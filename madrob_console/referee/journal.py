@@ -1,4 +1,4 @@
-"""The run's journal: one JSON line for every act and every change (design: acts, journal).
+"""The run's journal: one JSON line for every act and every change.
 
 A line is on disk before what it says takes effect. A torn last line is set aside, never fatal.
 """

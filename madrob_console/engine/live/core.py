@@ -1,4 +1,4 @@
-"""The engine: joins source, recorder, detector and the referee's domain (design: data flow).
+"""The engine: joins source, recorder, detector and the referee's domain.
 
 It decides everything and waits for nobody. It is single-threaded: whoever owns it calls
 `step` again and again; `madrob_console.engine.process.local` does so in a thread of its own.

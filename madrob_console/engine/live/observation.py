@@ -1,4 +1,4 @@
-"""What the testbed's messages say: the one path behind every source (design: one data flow)."""
+"""What the testbed's messages say: the one path behind every source."""
 
 from __future__ import annotations
 

@@ -1,0 +1,129 @@
+"""The papers beside the code: what the code cites is there, what they name exists."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from scoring.protocol import EventName, Outcome, Step, Thresholds
+from scoring.result import UNITS, IndicatorName
+from scoring.rulesets import RulesetName
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("madrob_console", "scoring", "recorder")
+SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
+
+_CITATION = re.compile(
+    r"""\bsections?\s(?P<numbers>\d+(?:(?:,\s|\sand\s|,\sand\s|\sto\s)\d+)*)(?:,\s"(?P<words>[^"]+)")?""",
+    re.IGNORECASE,
+)
+_LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
+
+
+def protocol_sections() -> dict[int, str]:
+    """The text of each section of the protocol page, by its number."""
+    text = resources.files("scoring").joinpath("PROTOCOL.md").read_text(encoding="utf-8")
+    parts = re.split(r"^## (\d+)\. ", text, flags=re.MULTILINE)[1:]
+    return {int(number): body for number, body in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def rows(section: str) -> list[list[str]]:
+    """The cells of the tables of a section, without code marks and without the headers."""
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    cells = [[cell.strip().replace("`", "") for cell in line.split("|")[1:-1]] for line in lines]
+    ruled = [index for index, row in enumerate(cells) if set(row[0]) == {"-"}]
+    return [row for i, row in enumerate(cells) if i not in ruled and i + 1 not in ruled]
+
+
+def citations(text: str) -> Iterator[tuple[int, str]]:
+    """The sections that a source cites, each with the words that it quotes from there."""
+    for match in _CITATION.finditer(re.sub(r"\s*\n\s*(?:# ?)?", " ", text)):
+        numbers = [int(number) for number in re.findall(r"\d+", match["numbers"])]
+        if " to " in match["numbers"]:
+            numbers = list(range(numbers[0], numbers[-1] + 1))
+        for number in numbers:
+            yield number, match["words"] or ""
+
+
+@pytest.mark.parametrize(
+    ("text", "cited"),
+    [
+        ("(protocol section 3)", [(3, "")]),
+        ("(protocol sections 1, 4 and 7)", [(1, ""), (4, ""), (7, "")]),
+        ("(protocol sections 6 to 9).", [(6, ""), (7, ""), (8, ""), (9, "")]),
+        ("# a rule\n    # of section\n    # 8: late", [(8, "")]),
+        ('Section 7, "at the stop"', [(7, "at the stop")]),
+        ("section(3), sections of a page", []),
+    ],
+)
+def test_citations_are_found_in_all_their_forms(text: str, cited: list[tuple[int, str]]) -> None:
+    assert list(citations(text)) == cited
+
+
+def test_every_section_that_the_code_cites_is_in_the_protocol_page() -> None:
+    sections = protocol_sections()
+    cited = 0
+    for path in SOURCES:
+        for number, words in citations(path.read_text(encoding="utf-8")):
+            cited += 1
+            assert number in sections, f"{path.relative_to(ROOT)}: section {number}"
+            said = " ".join(sections[number].lower().split())
+            assert words in said, f"{path.relative_to(ROOT)}: {words}"
+    assert cited > 50
+
+
+def test_the_protocol_page_names_the_topics_that_are_listened_to() -> None:
+    told = {
+        topic: (f"{type_.replace(', ', '/msg/')}", field.removesuffix("[0..3]"))
+        for topic, type_, field in rows(protocol_sections()[3])
+    }
+    assert told == {m.topic: (m.type, m.field) for m in DEFAULT_MAPPINGS}
+
+
+def test_the_protocol_page_names_all_events_and_the_masks_of_the_panel() -> None:
+    section = protocol_sections()[4]
+    for name in EventName:
+        told = re.sub(r"_(cw|ccw)_side$", "_{cw,ccw}_side", name)
+        assert f"`{told}`" in section
+    masks = [tuple(float(cell) for cell in row[1:]) for row in rows(section)[-3:]]
+    assert masks == [Thresholds().mask_from, Thresholds().mask_to_cw, Thresholds().mask_to_ccw]
+
+
+def test_the_protocol_page_names_all_indicators_with_their_units() -> None:
+    told = [(name, unit) for name, unit, _ in rows(protocol_sections()[6])]
+    assert told == [(name, UNITS[name]) for name in IndicatorName]
+
+
+def test_the_protocol_page_names_all_steps_outcomes_and_rulesets() -> None:
+    sections = protocol_sections()
+    for step in Step:
+        assert f"{step}. {step.text}" in sections[2]
+    for outcome in Outcome:
+        assert f"- `{outcome}`: " in sections[2]
+    for ruleset in RulesetName:
+        assert f"`{ruleset}`" in sections[9]
+
+
+def test_every_folder_says_what_lives_there() -> None:
+    folders = {path.parent for path in SOURCES}
+    assert len(folders) > 20
+    for folder in folders:
+        text = (folder / "__init__.py").read_text(encoding="utf-8")
+        assert ast.get_docstring(ast.parse(text)), folder.relative_to(ROOT)
+
+
+@pytest.mark.parametrize(
+    "paper",
+    ["README.md", "scoring/PROTOCOL.md"],
+)
+def test_links_to_files_lead_somewhere(paper: str) -> None:
+    path = ROOT / paper
+    for match in _LINK.finditer(path.read_text(encoding="utf-8")):
+        if "://" not in match["target"]:
+            assert (path.parent / match["target"]).exists(), match["target"]
