@@ -120,7 +120,7 @@ def test_every_folder_says_what_lives_there() -> None:
 
 @pytest.mark.parametrize(
     "paper",
-    ["README.md", "scoring/PROTOCOL.md"],
+    ["README.md", "scoring/PROTOCOL.md", "madrob_console/CHANGELOG.md"],
 )
 def test_links_to_files_lead_somewhere(paper: str) -> None:
     path = ROOT / paper
