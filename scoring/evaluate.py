@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scoring import indicators as pi
 from scoring.events import EventDetector
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import (
@@ -31,7 +32,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, QualityCounter, missing_readings
-from scoring.result import Ending, Indicator, IndicatorName, Result
+from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, Sample
 
@@ -104,7 +105,7 @@ def compute_indicators(
     ruleset: Ruleset,
     closed_angle: float,
 ) -> tuple[Indicator, ...]:
-    """The eight indicators of a run that is not aborted.
+    """The indicators of a run that is not aborted.
 
     Args:
         events: all events of the run.

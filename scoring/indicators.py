@@ -1,4 +1,4 @@
-"""The eight performance indicators, one function each (protocol sections 6 and 9).
+"""The performance indicators, one function each (protocol sections 6 and 9).
 
 An indicator that cannot be computed has no value but a reason in words. Values are plain
 `float` or `int`, always finite.
@@ -13,8 +13,9 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Event, EventName, Step
-from scoring.result import Indicator, IndicatorName
+from scoring.result import Indicator
 from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
 
 Steps = AbstractSet[Step] | tuple[Step, ...]

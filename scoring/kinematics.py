@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 LARGEST_GAP = 0.1
 """Intervals above this between samples are gaps, s (section 5)."""
 
-_EUROBENCH_SAVGOL = 11
 _NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
 
 
@@ -251,12 +250,12 @@ def _windows(interval: float, ruleset: Ruleset) -> tuple[int, int]:
     """Samples in the moving average and in the Savitzky-Golay filter."""
     if ruleset.windows is WindowRule.COVERING:
         average = 1 + 2 * math.ceil(ruleset.window_time / interval / 2)
-        return average, _EUROBENCH_SAVGOL
-    rate = math.floor(1 / interval + 0.5)
-    # rounded: a product such as 0.2 * 55 must not exceed 11 by its last digit
-    least = math.ceil(round(ruleset.window_time * rate - 1, 9))
-    window = max(1, least + (least + 1) % 2)
-    return window, window
+    else:
+        rate = math.floor(1 / interval + 0.5)
+        # rounded: a product such as 0.2 * 55 must not exceed 11 by its last digit
+        least = math.ceil(round(ruleset.window_time * rate - 1, 9))
+        average = max(1, least + (least + 1) % 2)
+    return average, ruleset.savgol_window or average
 
 
 def _too_slow(interval: float) -> str:

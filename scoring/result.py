@@ -3,40 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 
 from scoring.errors import ScoringError
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import Condition, Event, LockDetection, Outcome
 from scoring.quality import Quality
 from scoring.rulesets import RulesetName
-
-
-class IndicatorName(StrEnum):
-    """The indicators in the protocol's order, named like their files."""
-
-    EXECUTION_TIME = "execution_time"
-    TIME_TO_HANDLE = "time_to_handle"
-    DOOR_OCCUPATION_TIME = "door_occupation_time"
-    PASSAGE_TIME = "passage_time"
-    UNSAFETY_OF_DOOR_OPERATION = "unsafety_of_door_operation"
-    SMOOTHNESS_OF_DOOR_ACTUATION = "smoothness_of_door_actuation"
-    ROUGHNESS_OF_DOOR_ACTUATION = "roughness_of_door_actuation"
-    CAPABILITY_LEVEL = "capability_level"
-
-
-UNITS: Mapping[IndicatorName, str] = {
-    IndicatorName.EXECUTION_TIME: "s",
-    IndicatorName.TIME_TO_HANDLE: "s",
-    IndicatorName.DOOR_OCCUPATION_TIME: "s",
-    IndicatorName.PASSAGE_TIME: "s",
-    IndicatorName.UNSAFETY_OF_DOOR_OPERATION: "rad/s^2",
-    IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: "s^3/rad",
-    IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: "N",
-    IndicatorName.CAPABILITY_LEVEL: "steps",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +44,13 @@ class Indicator:
         if not math.isfinite(value):
             return cls.missing(name, "out of the range of numbers")
         # numpy scalars would be written as object tags by YAML
-        plain = int(value) if name is IndicatorName.CAPABILITY_LEVEL else float(value)
-        return cls(name, plain, UNITS[name], None)
+        plain = int(value) if name.spec.counts else float(value)
+        return cls(name, plain, name.spec.unit, None)
 
     @classmethod
     def missing(cls, name: IndicatorName, reason: str) -> Indicator:
         """An indicator without a value."""
-        return cls(name, None, UNITS[name], reason)
+        return cls(name, None, name.spec.unit, reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +77,7 @@ class Result:
         condition: of the run.
         ending: how it ended.
         start: s since the epoch.
-        indicators: the eight, in the protocol's order.
+        indicators: all that there are, in the protocol's order.
         steps: the six, with what sensors and referee say.
         lock_detection: what decided step 6; never `AUTO`.
         events: all events by time.
@@ -123,7 +97,7 @@ class Result:
     quality: Quality
 
     def indicator(self, name: IndicatorName) -> Indicator:
-        """One of the eight."""
+        """One of them."""
         return next(i for i in self.indicators if i.name is name)
 
 

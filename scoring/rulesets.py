@@ -5,10 +5,12 @@ A ruleset holds choices, not code: the modules that compute look their choice up
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum, StrEnum, auto
 
 from scoring.errors import ScoringError
+from scoring.indicator_table import IndicatorName
 
 
 class RulesetName(StrEnum):
@@ -19,10 +21,10 @@ class RulesetName(StrEnum):
 
 
 class WindowRule(Enum):
-    """How many samples the moving average and the Savitzky-Golay filter take.
+    """How many samples the moving average takes.
 
-    `INSIDE`: both the smallest odd number >= window_time * rate - 1, with the rate rounded to
-    whole Hz. `COVERING`: the average 1 + 2 * ceil(window_time / interval / 2), Savitzky-Golay 11.
+    `INSIDE`: the smallest odd number >= window_time * rate - 1, with the rate rounded to whole
+    Hz. `COVERING`: 1 + 2 * ceil(window_time / interval / 2).
     """
 
     INSIDE = auto()
@@ -63,9 +65,10 @@ class Ruleset:
 
     Attributes:
         name: how results name it.
-        windows: how long the two filters of the door angle are.
-        window_time: time on which their length is based, s.
-        savgol_order: order of the Savitzky-Golay polynomial.
+        windows: how long the moving average of the door angle is.
+        window_time: time on which its length is based, s.
+        savgol_window: samples in the Savitzky-Golay filter; None = as in the average.
+        savgol_order: order of its polynomial.
         low_pass: how the low-pass filter of the acceleration runs.
         low_pass_order: order of that Butterworth filter.
         low_pass_frequency: its critical frequency, Hz.
@@ -82,11 +85,13 @@ class Ruleset:
         present_height: an obstacle higher than this is a robot, m; None = as in `Thresholds`.
         masked_is_absent: whether a masked passage sensor counts as absent (and so makes
             edges) instead of keeping its state.
+        explanations: what indicators mean, where it is not what `IndicatorSpec` says.
     """
 
     name: RulesetName
     windows: WindowRule
     window_time: float = 0.2
+    savgol_window: int | None = None
     savgol_order: int = 2
     low_pass: LowPassRule
     low_pass_order: int = 5
@@ -102,6 +107,11 @@ class Ruleset:
     passage_events_to_end: bool
     present_height: float | None
     masked_is_absent: bool
+    explanations: Mapping[IndicatorName, str] = field(default_factory=dict, hash=False)
+
+    def explanation(self, name: IndicatorName) -> str:
+        """What an indicator means under these rules, for those who do not know the protocol."""
+        return self.explanations.get(name, name.spec.explanation)
 
 
 PROTOCOL = Ruleset(
@@ -125,6 +135,7 @@ PROTOCOL = Ruleset(
 EUROBENCH_2020 = Ruleset(
     name=RulesetName.EUROBENCH_2020,
     windows=WindowRule.COVERING,
+    savgol_window=11,
     low_pass=LowPassRule.ONE_PASS,
     knows_gaps=False,
     jerk=JerkRule.SELECT_THEN_DERIVE,
@@ -137,10 +148,17 @@ EUROBENCH_2020 = Ruleset(
     passage_events_to_end=True,
     present_height=1.00,
     masked_is_absent=True,
+    explanations={
+        IndicatorName.EXECUTION_TIME: (
+            "From the start of the run until the door was closed and the robot through, whichever "
+            "came later."
+        ),
+        IndicatorName.CAPABILITY_LEVEL: (
+            "How many of four things happened, in any order: arrival, touch, passage, closing."
+        ),
+    },
 )
 """As the published EUROBENCH scripts compute, so that new results can be put beside old ones."""
-
-_RULESETS = {ruleset.name: ruleset for ruleset in (PROTOCOL, EUROBENCH_2020)}
 
 
 def ruleset(name: str) -> Ruleset:
@@ -150,7 +168,12 @@ def ruleset(name: str) -> Ruleset:
         ScoringError: there is none of that name.
     """
     try:
-        return _RULESETS[RulesetName(name)]
+        known = RulesetName(name)
     except ValueError:
         allowed = " or ".join(RulesetName)
         raise ScoringError(f"ruleset {name!r} does not exist: use {allowed}") from None
+    match known:
+        case RulesetName.PROTOCOL:
+            return PROTOCOL
+        case RulesetName.EUROBENCH_2020:
+            return EUROBENCH_2020

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName, Outcome, Step, Thresholds
-from scoring.result import UNITS, IndicatorName
 from scoring.rulesets import RulesetName
 
 ROOT = Path(__file__).parents[1]
@@ -97,7 +97,7 @@ def test_the_protocol_page_names_all_events_and_the_masks_of_the_panel() -> None
 
 def test_the_protocol_page_names_all_indicators_with_their_units() -> None:
     told = [(name, unit) for name, unit, _ in rows(protocol_sections()[6])]
-    assert told == [(name, UNITS[name]) for name in IndicatorName]
+    assert told == [(name, name.spec.unit) for name in IndicatorName]
 
 
 def test_the_protocol_page_names_all_steps_outcomes_and_rulesets() -> None:

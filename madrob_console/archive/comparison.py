@@ -8,7 +8,8 @@ from pathlib import Path
 
 from madrob_console.archive.result_file import ResultPart, UnusableResultError, read_result
 from madrob_console.names import terminal_safe
-from scoring.result import IndicatorName, Result
+from scoring.indicator_table import IndicatorName
+from scoring.result import Result
 
 EQUAL = "equals the stored result to the last digit"
 """What is said of the result of a replay that differs in nothing."""

@@ -27,19 +27,9 @@ from madrob_console.standings.data_files import standings_csv, standings_json
 from madrob_console.standings.tally import Tally
 from madrob_console.standings.web_page import counts, standings_html, which
 from madrob_console.version import software_version
-from scoring.result import UNITS, IndicatorName
+from scoring.indicator_table import IndicatorName
 
 _STDOUT = Path("-")
-_TITLES = {
-    IndicatorName.EXECUTION_TIME: "exec",
-    IndicatorName.TIME_TO_HANDLE: "handle",
-    IndicatorName.DOOR_OCCUPATION_TIME: "occup",
-    IndicatorName.PASSAGE_TIME: "passage",
-    IndicatorName.UNSAFETY_OF_DOOR_OPERATION: "unsafety",
-    IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: "smooth",
-    IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: "rough",
-    IndicatorName.CAPABILITY_LEVEL: "level",
-}
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -105,13 +95,13 @@ def _group_lines(group: RulesetStandings) -> Iterator[str]:
 
 
 def _team_lines(tallies: tuple[Tally, ...]) -> Iterator[str]:
-    yield _columns("", _TITLES.values())
-    yield _columns("", (UNITS[name] for name in _TITLES))
+    yield _columns("", (name.spec.title for name in IndicatorName))
+    yield _columns("", (name.spec.unit for name in IndicatorName))
     for tally in tallies:
         yield f"{tally.subject} {tally.team}: {', '.join(counts(tally))}"
-        rows = {name: figures(tally.aggregates.get(name), name) for name in _TITLES}
+        rows = {name: figures(tally.aggregates.get(name), name) for name in IndicatorName}
         for word in ("mean", "median", "std", "min", "max"):
-            numbers = [rows[name].get(word) for name in _TITLES]
+            numbers = [rows[name].get(word) for name in IndicatorName]
             if any(number is not None for number in numbers):
                 yield _columns(word, ("-" if n is None else f"{n:.4g}" for n in numbers))
 

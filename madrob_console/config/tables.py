@@ -60,7 +60,8 @@ class RunDefaults(Table, frozen=True):
         LockDetection, Meta(description="what decides step 6: auto, settle, sensor or referee")
     ] = LockDetection.AUTO
     ruleset: Annotated[
-        RulesetName, Meta(description="which rules make the results: protocol or eurobench-2020")
+        RulesetName,
+        Meta(description=f"which rules make the results: {' or '.join(RulesetName)}"),
     ] = RulesetName.PROTOCOL
 
 

@@ -8,50 +8,14 @@ from datetime import UTC, datetime
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.run import TeamWord
 from scoring.protocol import Condition, LockDetection, Outcome
-from scoring.result import IndicatorName
-from scoring.rulesets import RulesetName
 
 NONE = "-"
 """Where there is nothing to say."""
-
-FROM_THE_START = frozenset({IndicatorName.EXECUTION_TIME, IndicatorName.TIME_TO_HANDLE})
-"""They include the delay of a start made by hand."""
 
 MANUAL_START = (
     "* Robot and clock were started by hand: execution time and time to handle include the delay "
     "between the two."
 )
-
-EXPLANATIONS: Mapping[IndicatorName, str] = {
-    IndicatorName.EXECUTION_TIME: "From the start of the run to its end.",
-    IndicatorName.TIME_TO_HANDLE: "From the start of the run until the handle was first touched.",
-    IndicatorName.DOOR_OCCUPATION_TIME: (
-        "From the robot's arrival at the doorway until it had left on the other side."
-    ),
-    IndicatorName.PASSAGE_TIME: "From the touch of the handle until the door was closed again.",
-    IndicatorName.UNSAFETY_OF_DOOR_OPERATION: (
-        "How hard the panel was swung: its largest angular acceleration. Lower is safer."
-    ),
-    IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: (
-        "How free of jolts the open door moved: 10 divided by the mean jerk. Higher is smoother."
-    ),
-    IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: (
-        "The largest force on the handle, in either direction. Lower is gentler."
-    ),
-    IndicatorName.CAPABILITY_LEVEL: (
-        "How many of the six steps were done, each after all the ones before it."
-    ),
-}
-
-_OF_EUROBENCH: Mapping[IndicatorName, str] = {
-    IndicatorName.EXECUTION_TIME: (
-        "From the start of the run until the door was closed and the robot through, whichever "
-        "came later."
-    ),
-    IndicatorName.CAPABILITY_LEVEL: (
-        "How many of four things happened, in any order: arrival, touch, passage, closing."
-    ),
-}
 
 OUTCOMES: Mapping[Outcome, str] = {
     Outcome.COMPLETED: "COMPLETED",
@@ -104,21 +68,9 @@ RULED: Mapping[bool | None, str] = {
 }
 
 
-def explanation(name: IndicatorName, rules: RulesetName) -> str:
-    """What an indicator means, in a line."""
-    if rules is RulesetName.EUROBENCH_2020:
-        return _OF_EUROBENCH.get(name, EXPLANATIONS[name])
-    return EXPLANATIONS[name]
-
-
 def plain(name: str) -> str:
     """A name from a file, with blanks."""
     return name.replace("_", " ")
-
-
-def unit_text(unit: str) -> str:
-    """A unit as people write it: `rad/s²`."""
-    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def since(time: float | None, start: float) -> str:

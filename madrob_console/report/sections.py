@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
 from madrob_console.report.explanations import (
-    FROM_THE_START,
     LOCKED_BY,
     MANUAL_START,
     NONE,
@@ -15,11 +14,9 @@ from madrob_console.report.explanations import (
     SOURCES,
     TEAM_WORDS,
     date_text,
-    explanation,
     plain,
     since,
     task_text,
-    unit_text,
 )
 from madrob_console.report.markup import (
     NOTHING,
@@ -31,9 +28,11 @@ from madrob_console.report.markup import (
     section,
     table,
 )
+from scoring.indicator_table import unit_text
 from scoring.procedure import Ruling, StepRecord
 from scoring.quality import SignalQuality
 from scoring.result import Indicator, Result, value_text
+from scoring.rulesets import ruleset
 
 _QUALITY = (
     "signal",
@@ -74,12 +73,13 @@ def set_up(record: RunRecord, result: Result) -> Markup:
 
 
 def indicators(result: Result) -> Markup:
-    """The eight, with unit and explanation."""
+    """All of them, with unit and explanation."""
+    rules = ruleset(result.ruleset)
 
     def row(indicator: Indicator) -> tuple[Content, Content]:
-        star = " *" if indicator.name in FROM_THE_START else ""
-        name = element("b", plain(indicator.name) + star)
-        what = element("small", explanation(indicator.name, result.ruleset))
+        star = " *" if indicator.name.spec.with_the_start else ""
+        name = element("b", indicator.name.words + star)
+        what = element("small", rules.explanation(indicator.name))
         if indicator.value is None:
             return (name, what), element("span", f"none: {indicator.reason}", class_="none")
         unit = element("span", f" {unit_text(indicator.unit)}", class_="unit")

@@ -17,21 +17,11 @@ from madrob_console.standings.tally import (
     overall,
     standings,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome
-from scoring.result import IndicatorName
 
 CONDITION_NUMBERS = range(1, 21)
 """All that there are (section 1)."""
-
-WITH_EXTREMES = frozenset(
-    {
-        IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
-        IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
-        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION,
-        IndicatorName.CAPABILITY_LEVEL,
-    }
-)
-"""The indicators of which EUROBENCH tells the smallest and the largest value, too."""
 
 
 class LeftOut(NamedTuple):
@@ -182,7 +172,7 @@ def figures(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float
         "median": a.median if a else None,
         "std": a.deviation if a else None,
     }
-    if name in WITH_EXTREMES:
+    if name.spec.extremes:
         found["min"] = a.smallest if a else None
         found["max"] = a.largest if a else None
     return found

@@ -19,8 +19,8 @@ from madrob_console.standings.competition import (
     figures,
 )
 from madrob_console.standings.tally import Tally
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
-from scoring.result import UNITS, IndicatorName
 
 FORMAT = 1
 """Version of the layout of the json file."""
@@ -73,7 +73,7 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
         "provisional": found.provisional,
         "protested": found.protested,
         "remarks": (*_warning(found), *found.remarks, found.basis, *NOTES),
-        "units": dict(UNITS),
+        "units": {name: name.spec.unit for name in IndicatorName},
         "rulesets": [
             {
                 "ruleset": group.ruleset,
@@ -133,7 +133,7 @@ def _rows(
         aggregate = tally.aggregates.get(name)
         values = figures(aggregate, name)
         numbers = [values.get(column) for column in COLUMNS[-5:]]
-        yield [*of, name, UNITS[name], aggregate.count if aggregate else 0, *numbers]
+        yield [*of, name, name.spec.unit, aggregate.count if aggregate else 0, *numbers]
 
 
 def _tally(tally: Tally) -> dict[str, Any]:
@@ -147,7 +147,7 @@ def _tally(tally: Tally) -> dict[str, Any]:
         "counted": tally.counted,
         "indicators": {
             name: {
-                "unit": UNITS[name],
+                "unit": name.spec.unit,
                 "runs": aggregate.count if aggregate else 0,
                 **figures(aggregate, name),
             }

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from madrob_console.archive.history import RunSummary
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import IndicatorName
 
 PRACTICE = "simulated"
 """The source of practice runs."""

@@ -8,14 +8,11 @@ from importlib.resources import files
 from madrob_console.archive.history import RunSummary
 from madrob_console.kinds import SourceKind
 from madrob_console.report.explanations import (
-    FROM_THE_START,
     MANUAL_START,
     NONE,
     UNOFFICIAL,
     date_text,
-    plain,
     task_text,
-    unit_text,
 )
 from madrob_console.report.markup import (
     Content,
@@ -34,7 +31,8 @@ from madrob_console.standings.competition import (
     figures,
 )
 from madrob_console.standings.tally import Overall, Tally
-from scoring.result import UNITS, IndicatorName, value_text
+from scoring.indicator_table import IndicatorName, unit_text
+from scoring.result import value_text
 
 _STYLES = (("madrob_console.report", "report.css"), (__package__, "standings.css"))
 
@@ -95,7 +93,7 @@ def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
 
 def _teams(tallies: Iterable[Tally]) -> Markup:
     heads = [
-        f"{plain(name)}{' *' if name in FROM_THE_START else ''}, {unit_text(UNITS[name])}"
+        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}"
         for name in IndicatorName
     ]
     return table(("team", "runs", *heads), map(_row, tallies), class_="standings")

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from scoring.evaluate import Rows
 from scoring.figures.drawing import BLUE, Panel, draw_sheet
 from scoring.figures.event_labels import Mark, Window
+from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import EventName, Outcome, Thresholds
-from scoring.result import Indicator, IndicatorName, Result, value_text
+from scoring.result import Indicator, Result, value_text
 
 Array = NDArray[np.float64]
 
@@ -241,11 +242,10 @@ def _title(name: FigureName, finding: str) -> str:
 
 
 def _finding(indicator: Indicator) -> str:
-    words = indicator.name.replace("_", " ")
+    words = indicator.name.words
     if indicator.value is None:
         return f"{words}: none"
-    unit = indicator.unit.replace("^2", "²").replace("^3", "³")
-    return f"{words} {value_text(indicator.value)} {unit}"
+    return f"{words} {value_text(indicator.value)} {unit_text(indicator.unit)}"
 
 
 def _marks(run: _Run) -> Sequence[Mark]:

@@ -9,8 +9,8 @@ from typing import Any
 
 from madrob_console.archive.folders import RESULT_FILE, RunId
 from madrob_console.archive.history import RunSummary
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import UNITS, IndicatorName
 
 EPOCH = 1_700_000_000.0
 HOUR = 3600.0
@@ -45,7 +45,7 @@ def document(run: RunSummary) -> dict[str, Any]:
         "indicators": {
             name: {
                 "value": run.values.get(name),
-                "unit": UNITS[name],
+                "unit": name.spec.unit,
                 "reason": None if name in run.values else "why not",
             }
             for name in IndicatorName

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scoring import indicator_table
 from scoring.errors import ScoringError
+from scoring.indicator_table import IndicatorName
 from scoring.indicators import (
     capability_level,
     door_occupation_time,
@@ -20,7 +23,7 @@ from scoring.indicators import (
 )
 from scoring.kinematics import jerk, joint_state, low_pass
 from scoring.protocol import Condition, Event, EventName, Side, Step
-from scoring.result import UNITS, Indicator, IndicatorName
+from scoring.result import Indicator
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
 CCW_TO_CW = Condition.from_number(1)
@@ -209,20 +212,26 @@ def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
     assert smoothness.value == pytest.approx(10 / (mean * smoothing), rel=0.01)
 
 
-def test_indicators_carry_their_units_in_the_protocols_order() -> None:
-    assert [name.value for name in IndicatorName] == [
-        "execution_time",
-        "time_to_handle",
-        "door_occupation_time",
-        "passage_time",
-        "unsafety_of_door_operation",
-        "smoothness_of_door_actuation",
-        "roughness_of_door_actuation",
-        "capability_level",
-    ]
-    assert list(UNITS) == list(IndicatorName)
+def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:
+    names = (
+        *("execution_time", "time_to_handle", "door_occupation_time", "passage_time"),
+        *("unsafety_of_door_operation", "smoothness_of_door_actuation"),
+        *("roughness_of_door_actuation", "capability_level"),
+    )
+    assert tuple(str(name) for name in IndicatorName if name in names) == names
     assert time_to_handle(NOMINAL).unit == "s"
     assert unsafety_of_door_operation(np.ones(1)).unit == "rad/s^2"
+
+
+def test_an_indicator_without_its_row_cannot_be_imported() -> None:
+    source = Path(indicator_table.__file__).read_text(encoding="utf-8")
+    end = "    @property\n    def words"
+    forgotten = source.replace(end, f'    PEAK_POWER = "peak_power"\n\n{end}')
+    assert forgotten != source
+    with pytest.raises(TypeError, match="spec"):
+        exec(
+            compile(forgotten, "indicator_table.py", "exec"), {"__name__": indicator_table.__name__}
+        )
 
 
 def test_an_indicator_has_either_a_value_or_a_reason() -> None:

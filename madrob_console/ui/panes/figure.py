@@ -12,8 +12,9 @@ from madrob_console.ui.cells.lines import Line, Span, Tone, line
 from madrob_console.ui.cells.plot import BRAILLE, Frame, Ink, Mark, Plot
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_summary import who_text
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName
-from scoring.result import IndicatorName, value_text
+from scoring.result import value_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -161,7 +162,7 @@ class Sheet:
     def _finding(self) -> Line:
         """The indicator that the figure explains, by the ruleset of the result."""
         figure, result = FIGURES[self.number], self.snapshot.result
-        name = figure.indicator.replace("_", " ")
+        name = figure.indicator.words
         if result is None:
             return line(name)
         indicator = result.indicator(figure.indicator)

@@ -8,8 +8,8 @@ from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.panes.indicator_columns import MISSING, indicator_column
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import IndicatorName
 
 _OUTCOME_TONES = {
     Outcome.COMPLETED: Tone.GOOD,

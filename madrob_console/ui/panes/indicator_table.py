@@ -1,4 +1,4 @@
-"""The eight indicators: a value with its unit, or the reason why there is none."""
+"""The indicators: a value with its unit, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
 _NAME = 29
 _ROOMY = 75
-
-FROM_THE_START = ("execution_time", "time_to_handle")
-"""They include the delay of a start made by hand (protocol section 8)."""
 
 
 class IndicatorTable(View):
@@ -52,8 +49,7 @@ class IndicatorTable(View):
 
 
 def _rows(indicator: Indicator, mean: tuple[float, int] | None, width: int) -> list[Line]:
-    star = " *" if indicator.name in FROM_THE_START else ""
-    name = str(indicator.name).replace("_", " ") + star
+    name = indicator.name.words + (" *" if indicator.name.spec.with_the_start else "")
     if indicator.value is None:
         texts = wrapped(f"none: {indicator.reason}", max(10, width - _NAME))
         first = line(f"{name:<{_NAME}}", Span(texts[0], Tone.WARN))

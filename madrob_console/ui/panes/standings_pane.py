@@ -19,7 +19,7 @@ from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.indicator_columns import indicator_column
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
-from scoring.result import IndicatorName
+from scoring.indicator_table import IndicatorName
 
 PRACTICE_BANNER = "SIMULATED runs: not official"
 

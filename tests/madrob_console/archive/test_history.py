@@ -21,8 +21,8 @@ from madrob_console.archive.result_file import LARGEST_RESULT
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise
 from madrob_console.referee.run import TeamWord
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import IndicatorName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import EPOCH, document, summary, write
 

@@ -21,8 +21,8 @@ from madrob_console.errors import MadrobError
 from madrob_console.standings.competition import CompetitionStandings, competition_standings
 from madrob_console.standings.data_files import COLUMNS, standings_csv, standings_json
 from madrob_console.standings.web_page import standings_html
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import UNITS, IndicatorName
 from tests.madrob_console.run_folders import EPOCH, VALUES, summary, write
 
 TIME = IndicatorName.EXECUTION_TIME
@@ -208,7 +208,7 @@ def test_provisional_and_protested_results_are_told() -> None:
 def test_the_json_has_format_units_and_whole_numbers() -> None:
     of = document(found())
     assert (of["format"], of["software"], of["made"]) == (1, "madrob-console 9.9", EPOCH)
-    assert of["units"] == UNITS
+    assert of["units"] == {name: name.spec.unit for name in IndicatorName}
     (group,) = of["rulesets"]
     assert [team["conditions"] for team in group["overall"]] == [[7], [7, 12]]
     seven, twelve = group["conditions"]

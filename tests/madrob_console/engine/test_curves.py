@@ -17,6 +17,7 @@ from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curve
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.evaluate import Rows
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
 from scoring.protocol import (
@@ -30,7 +31,7 @@ from scoring.protocol import (
     Step,
 )
 from scoring.quality import Quality
-from scoring.result import Ending, Indicator, IndicatorName, Result
+from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 

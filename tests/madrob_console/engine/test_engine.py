@@ -36,8 +36,9 @@ from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, LockDetection, Outcome, Step
-from scoring.result import IndicatorName, Result
+from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive

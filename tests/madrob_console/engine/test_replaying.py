@@ -47,8 +47,8 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
-from scoring.result import IndicatorName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.slowly import slow_but_for
 

@@ -17,8 +17,9 @@ from madrob_console.testbeds.simulated.perception import observe
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.truth import Truth
 from recorder.reader import read_bag
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
-from scoring.result import IndicatorName, Result
+from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.slowly import slow_but_for
 

@@ -38,14 +38,14 @@ from madrob_console.referee.run import (
     Waiver,
 )
 from madrob_console.report import PictureFormat
-from madrob_console.report.explanations import EXPLANATIONS
 from madrob_console.report.page import report_html
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.version import software_version
 from scoring.figures.plots import FigureName
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
-from scoring.result import Ending, IndicatorName
+from scoring.result import Ending
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 
@@ -204,14 +204,14 @@ def test_the_outcome_is_told_in_words(page: Page) -> None:
 
 def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scored) -> None:
     told = page.section("Indicators")
-    assert len(scored.result.indicators) == len(EXPLANATIONS) == 8
+    assert len(scored.result.indicators) == len(IndicatorName)
     for indicator in scored.result.indicators:
         value = indicator.value
         assert value is not None
         shown = f"{value}" if isinstance(value, int) else f"{value:.4f}"
         unit = indicator.unit.replace("^2", "²").replace("^3", "³")
         assert f"{shown} {unit}" in told
-        assert EXPLANATIONS[indicator.name] in told
+        assert indicator.name.spec.explanation in told
         assert indicator.name.replace("_", " ") in told
 
 
@@ -340,7 +340,7 @@ def test_explanations_are_those_of_the_ruleset(scored: Scored) -> None:
     page = Page(report_html(ended(replace(scored, result=result), Outcome.ABORTED)))
     told = page.section("Indicators")
     assert "four things happened, in any order" in told
-    assert EXPLANATIONS[IndicatorName.CAPABILITY_LEVEL] not in told
+    assert IndicatorName.CAPABILITY_LEVEL.spec.explanation not in told
 
 
 @pytest.mark.parametrize("source", [SourceKind.SIMULATED, SourceKind.REPLAY])

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.standings.tally import Aggregate, overall, standings
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import IndicatorName
 from tests.madrob_console.run_folders import VALUES, summary
 
 TIME = IndicatorName.EXECUTION_TIME

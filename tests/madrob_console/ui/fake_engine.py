@@ -27,6 +27,7 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
 from madrob_console.referee.transitions import begin_run, stop
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,
@@ -39,7 +40,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, SignalQuality
-from scoring.result import UNITS, Ending, Indicator, IndicatorName, Result
+from scoring.result import Ending, Indicator, Result
 
 EPOCH = 1_700_000_000.0
 TOPICS = (
@@ -268,9 +269,9 @@ def indicators(*, missing: bool = False) -> tuple[Indicator, ...]:
     values = (17.432, 3.214, 4.5, 12.25, 1.875, 0.0625, 14.75, 6)
     gone = (IndicatorName.DOOR_OCCUPATION_TIME, IndicatorName.PASSAGE_TIME)
     return tuple(
-        Indicator(name, None, UNITS[name], "robot never reached the destination side")
+        Indicator(name, None, name.spec.unit, "robot never reached the destination side")
         if missing and name in gone
-        else Indicator(name, value, UNITS[name], None)
+        else Indicator(name, value, name.spec.unit, None)
         for name, value in zip(IndicatorName, values, strict=True)
     )
 

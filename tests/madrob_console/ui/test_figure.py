@@ -11,8 +11,9 @@ from madrob_console.ui.cells.axes import Window
 from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import ASCII, BRAILLE, Ink
 from madrob_console.ui.panes.figure import FIGURES, Sheet
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName
-from scoring.result import Indicator, IndicatorName
+from scoring.result import Indicator
 from tests.madrob_console.ui.figure_data import CURVES, finished
 
 WHOLE = Window(0.0, 15.0)

@@ -17,8 +17,8 @@ from madrob_console.ui.panes.standings_pane import (
     filter_for,
     number_of,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from scoring.result import IndicatorName
 from tests.madrob_console.run_folders import VALUES, summary
 from tests.madrob_console.ui.pane_app import showing
 

@@ -15,7 +15,7 @@ from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_ou
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, width_of
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.indicator_columns import indicator_column, number_text
-from scoring.result import IndicatorName
+from scoring.indicator_table import IndicatorName
 
 Pair = tuple[str, int | None]
 PAIRS: list[Pair] = [("b", 2), ("a", None), ("c", 1), ("d", 2)]

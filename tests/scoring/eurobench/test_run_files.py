@@ -22,9 +22,10 @@ from scoring.eurobench.run_files import (
 )
 from scoring.eurobench.run_info import RunInfo
 from scoring.eurobench.run_names import run_prefixes
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, joint_state
 from scoring.protocol import Condition, Event, EventName, StartPose
-from scoring.result import Indicator, IndicatorName
+from scoring.result import Indicator
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName
 
 START = 1580487388.2376215

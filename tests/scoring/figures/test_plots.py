@@ -23,9 +23,10 @@ from scoring.evaluate import Rows, process_rows
 from scoring.figures.drawing import MOST_POINTS, stretches
 from scoring.figures.event_labels import Label, Mark, labels_of, rows_of
 from scoring.figures.plots import LARGEST_JERK, FigureName, figures_of, missing_figures, png, svg
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
-from scoring.result import Ending, IndicatorName, Result
+from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL
 from scoring.samples import Sample
 from tests.scoring.runs import START, assessment, clear, door, handle, under

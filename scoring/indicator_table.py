@@ -1,0 +1,169 @@
+"""The performance indicators: everything that is said of each, in one table (protocol section 6).
+
+Results, screens, reports, standings and files ask here. A new indicator is a row here and its
+computation in `indicators`; one without a row cannot be imported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IndicatorSpec:
+    """What is said of one indicator.
+
+    Attributes:
+        unit: of the value, in ASCII: `rad/s^2`.
+        title: over a column of at most 8 characters, the unit apart.
+        column: over a column of the screens, the unit in it where there is room.
+        decimals: that the screens' columns show.
+        definition: what it is, for those who know the protocol; the schema says it.
+        explanation: what it means, for those who do not; reports say it. A ruleset may say
+            otherwise.
+        higher_is_better: which values come first where a column is sorted.
+        counts: its values are whole numbers.
+        extremes: its smallest and largest value are told beside the means, as EUROBENCH does.
+        with_the_start: it includes the delay of a start made by hand (section 8).
+    """
+
+    unit: str
+    title: str
+    column: str
+    decimals: int
+    definition: str
+    explanation: str
+    higher_is_better: bool = False
+    counts: bool = False
+    extremes: bool = False
+    with_the_start: bool = False
+
+
+class IndicatorName(StrEnum):
+    """The indicators in the protocol's order, named like their files."""
+
+    spec: IndicatorSpec
+
+    def __new__(cls, name: str, spec: IndicatorSpec) -> Self:
+        """A name with its row of the table."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.spec = spec
+        return member
+
+    EXECUTION_TIME = (
+        "execution_time",
+        IndicatorSpec(
+            unit="s",
+            title="exec",
+            column="exec s",
+            decimals=2,
+            definition="from the start to the stop, the manual start included.",
+            explanation="From the start of the run to its end.",
+            with_the_start=True,
+        ),
+    )
+    TIME_TO_HANDLE = (
+        "time_to_handle",
+        IndicatorSpec(
+            unit="s",
+            title="handle",
+            column="hand s",
+            decimals=2,
+            definition="from the start to the touch of the handle, the manual start included.",
+            explanation="From the start of the run until the handle was first touched.",
+            with_the_start=True,
+        ),
+    )
+    DOOR_OCCUPATION_TIME = (
+        "door_occupation_time",
+        IndicatorSpec(
+            unit="s",
+            title="occup",
+            column="occup s",
+            decimals=2,
+            definition="from the approach to the arrival on the destination side.",
+            explanation=(
+                "From the robot's arrival at the doorway until it had left on the other side."
+            ),
+        ),
+    )
+    PASSAGE_TIME = (
+        "passage_time",
+        IndicatorSpec(
+            unit="s",
+            title="passage",
+            column="pass s",
+            decimals=2,
+            definition="from the touch of the handle to the last closing of the door.",
+            explanation="From the touch of the handle until the door was closed again.",
+        ),
+    )
+    UNSAFETY_OF_DOOR_OPERATION = (
+        "unsafety_of_door_operation",
+        IndicatorSpec(
+            unit="rad/s^2",
+            title="unsafety",
+            column="unsafe",
+            decimals=3,
+            definition="largest low-passed acceleration of the panel.",
+            explanation=(
+                "How hard the panel was swung: its largest angular acceleration. Lower is safer."
+            ),
+            extremes=True,
+        ),
+    )
+    SMOOTHNESS_OF_DOOR_ACTUATION = (
+        "smoothness_of_door_actuation",
+        IndicatorSpec(
+            unit="s^3/rad",
+            title="smooth",
+            column="smooth",
+            decimals=3,
+            definition="ten divided by the mean jerk of the open panel.",
+            explanation=(
+                "How free of jolts the open door moved: 10 divided by the mean jerk. "
+                "Higher is smoother."
+            ),
+            higher_is_better=True,
+            extremes=True,
+        ),
+    )
+    ROUGHNESS_OF_DOOR_ACTUATION = (
+        "roughness_of_door_actuation",
+        IndicatorSpec(
+            unit="N",
+            title="rough",
+            column="rough N",
+            decimals=2,
+            definition="largest force on the handle.",
+            explanation=("The largest force on the handle, in either direction. Lower is gentler."),
+            extremes=True,
+        ),
+    )
+    CAPABILITY_LEVEL = (
+        "capability_level",
+        IndicatorSpec(
+            unit="steps",
+            title="level",
+            column="cap",
+            decimals=2,
+            definition="how many of the six steps were done, 0 to 6.",
+            explanation="How many of the six steps were done, each after all the ones before it.",
+            higher_is_better=True,
+            counts=True,
+            extremes=True,
+        ),
+    )
+
+    @property
+    def words(self) -> str:
+        """Its name with blanks."""
+        return self.replace("_", " ")
+
+
+def unit_text(unit: str) -> str:
+    """A unit as people write it: `rad/s²`."""
+    return unit.replace("^2", "²").replace("^3", "³")
