@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
 import pytest
 
+from madrob_console.cli.main import build_parser
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName, Outcome, Step, Thresholds
@@ -23,6 +25,7 @@ _CITATION = re.compile(
     r"""\bsections?\s(?P<numbers>\d+(?:(?:,\s|\sand\s|,\sand\s|\sto\s)\d+)*)(?:,\s"(?P<words>[^"]+)")?""",
     re.IGNORECASE,
 )
+_PLACEHOLDERS = {"PATH": "somewhere", "PATH...": "somewhere", "N": "3", "KG": "2.5"}
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
 
 
@@ -127,3 +130,49 @@ def test_links_to_files_lead_somewhere(paper: str) -> None:
     for match in _LINK.finditer(path.read_text(encoding="utf-8")):
         if "://" not in match["target"]:
             assert (path.parent / match["target"]).exists(), match["target"]
+
+
+def fenced(text: str, language: str) -> list[str]:
+    """The blocks of a page in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def readme_commands() -> list[list[str]]:
+    """What the README's sh blocks and its table of commands give `madrob`, word by word."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    lines = [part for block in fenced(text, "sh") for part in re.split(r"\n|&&", block)]
+    lines += re.findall(r"^\| `(madrob [^`]*)` \|", text, re.MULTILINE)
+    return [
+        [_PLACEHOLDERS.get(word, word) for word in words[1:]]
+        for words in map(shlex.split, lines)
+        if words and words[0].rpartition("/")[2] == "madrob"
+    ]
+
+
+@pytest.mark.parametrize("words", readme_commands(), ids=" ".join)
+def test_the_readme_s_commands_parse(words: list[str]) -> None:
+    build_parser().parse_args(words)
+
+
+def test_the_readme_names_every_command() -> None:
+    named = {words[0] for words in readme_commands()}
+    help_text = build_parser().format_help()
+    assert named == set(re.findall(r"^    ([a-z]+)", help_text, re.MULTILINE))
+
+
+def test_the_readme_s_options_are_those_of_the_commands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    command = r"madrob ((?:calibrate |engine )?[a-z]+)"
+    lines = re.findall(rf"^\| `{command}[^`]*` \| (.*) \|$", text, re.MULTILINE)
+    lines += re.findall(rf"`(?:\w+=)?{command}([^`]*)`", text)
+    seen = 0
+    for words, rest in lines:
+        with pytest.raises(SystemExit):
+            build_parser().parse_args([*words.split(), "--help"])
+        help_text = capsys.readouterr().out
+        for option in re.findall(r"--[a-z-]+", rest):
+            seen += 1
+            assert option in help_text, f"madrob {words} {option}"
+    assert seen > 10
