@@ -19,7 +19,7 @@ class Wanted:
     """What to say of every run.
 
     Attributes:
-        rules: the rulesets, one or two; None = that of the run.
+        rules: the rulesets, each once; None = that of the run.
         check: compare with the stored result instead.
         as_json: for programs instead of people.
     """
@@ -63,7 +63,7 @@ def _scored(run: RunPath, wanted: Wanted) -> Told:
     if wanted.as_json:
         return Told(_json(run, _document(scored)))
     results = [one.result for one in scored]
-    lines = result_lines(*results) if len(results) == 1 else comparison_lines(*results)
+    lines = result_lines(*results) if len(results) == 1 else comparison_lines(results)
     return Told("\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)]))
 
 
@@ -73,11 +73,14 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
 
     if len(scored) == 1:
         return scores(scored[0].result)
-    one, two = (each.result for each in scored)
-    pairs = zip(one.indicators, two.indicators, strict=True)
+    first, *others = (each.result for each in scored)
+    differences: dict[str, Any] = {}
+    for one in first.indicators:
+        by = {other.ruleset: difference(one, other.indicator(one.name)) for other in others}
+        differences[one.name] = by if len(others) > 1 else next(iter(by.values()))
     return {
-        "rulesets": {result.ruleset: scores(result) for result in (one, two)},
-        "differences": {a.name: difference(a, b) for a, b in pairs},
+        "rulesets": {result.ruleset: scores(result) for result in (first, *others)},
+        "differences": differences,
     }
 
 

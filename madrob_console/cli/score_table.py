@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.results import MANUAL_START
 from madrob_console.names import terminal_safe
@@ -19,23 +19,35 @@ def result_lines(result: Result) -> Iterator[str]:
     yield from _notes(result)
 
 
-def comparison_lines(result: Result, other: Result) -> Iterator[str]:
-    """The results of one run by two rulesets, side by side; the difference is other - result."""
-    yield _outcome(result)
-    yield f"{'':<30} {result.ruleset:>14} {other.ruleset:>14} {'difference':>14}"
-    for one, two in zip(result.indicators, other.indicators, strict=True):
-        values = f"{_value(one):>14} {_value(two):>14}"
-        yield f"{_name(one)} {values} {_difference(one, two):>14}  {one.unit}"
-    for each in (result, other):
+def comparison_lines(results: Sequence[Result]) -> Iterator[str]:
+    """The results of one run by several rulesets, side by side.
+
+    Beside each but the first stands its difference to the first: that one's value is subtracted.
+    """
+    first, *others = results
+    yield _outcome(first)
+    heads = [first.ruleset, *(head for other in others for head in (other.ruleset, "difference"))]
+    yield _row("", heads)
+    for one in first.indicators:
+        cells = [_value(one)]
+        for other in others:
+            two = other.indicator(one.name)
+            cells += [_value(two), _difference(one, two)]
+        yield f"{_row(_name(one), cells)}  {one.unit}"
+    for each in results:
         for indicator in each.indicators:
             if indicator.reason is not None:
                 yield f"{_name(indicator).rstrip()}, {each.ruleset}: {indicator.reason}"
-    yield from _notes(result)
+    yield from _notes(first)
 
 
 def difference(one: Indicator, two: Indicator) -> float | int | None:
     """By how much the second is larger, in their unit; None where one has no value."""
     return None if one.value is None or two.value is None else two.value - one.value
+
+
+def _row(name: str, cells: Sequence[str]) -> str:
+    return f"{name:<30}" + "".join(f" {cell:>14}" for cell in cells)
 
 
 def _outcome(result: Result) -> str:
@@ -48,7 +60,7 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def _name(indicator: Indicator) -> str:
-    return f"{indicator.name.replace('_', ' '):<30}"
+    return f"{indicator.name.words:<30}"
 
 
 def _value(indicator: Indicator) -> str:

@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
+from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.main import main
+from madrob_console.cli.score_run import Wanted, tell
 from madrob_console.testbeds.simulated import Scenario
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -142,30 +144,49 @@ def test_both_rulesets_stand_side_by_side_with_their_differences(
         alone = scored(capsys, "--ruleset", name, *runs)
         assert [run["path"] for run in both] == [run.pop("path") for run in alone]
         assert [run["rulesets"][name] for run in both] == alone
-    for run in both:
-        protocol, published = (run["rulesets"][name]["indicators"] for name in RulesetName)
+
+
+TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
+
+
+def test_of_two_rulesets_each_indicator_has_one_difference() -> None:
+    for scenario, level in ((Scenario.NOMINAL, -2), (Scenario.TOUCH_ONLY, None)):
+        (of,) = runs_at(recorded(scenario))
+        run = json.loads(tell(of, Wanted(TWO, as_json=True)).text)
+        protocol, published = (run["rulesets"][name]["indicators"] for name in TWO)
         for name, by in run["differences"].items():
             values = protocol[name]["value"], published[name]["value"]
             assert by == (None if None in values else values[1] - values[0])
-    assert both[0]["differences"]["capability_level"] == -2
+        assert level is None or run["differences"]["capability_level"] == level
 
 
-def test_both_rulesets_are_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
-    assert score("--ruleset", "both", *runs) == 0
-    text = capsys.readouterr().out
+def test_both_rulesets_are_a_table_for_people() -> None:
+    runs = [run for of in (Scenario.NOMINAL, Scenario.TOUCH_ONLY) for run in runs_at(recorded(of))]
+    text = "\n".join(tell(run, Wanted(TWO)).text for run in runs)
     assert len(re.findall(r"^ +protocol eurobench-2020 +difference$", text, re.MULTILINE)) == 2
     assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
     assert re.search(r"^  time to handle +(\d\.\d{6}) +\1 +=  s$", text, re.MULTILINE)
     assert re.search(r"^  passage time +- +- +-  s$", text, re.MULTILINE)
-    for name in RulesetName:
+    for name in TWO:
         assert f"\n  passage time, {name}: " in text
+
+
+def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first() -> None:
+    (run,) = runs_at(recorded(Scenario.NOMINAL))
+    rules = (RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020, RulesetName.PROTOCOL)
+    text = tell(run, Wanted(rules)).text
+    heads = r"^ +protocol eurobench-2020 +difference +protocol +difference$"
+    assert len(re.findall(heads, text, re.MULTILINE)) == 1
+    assert re.search(r"^  capability level +6 +4 +-2 +6 +=  steps$", text, re.MULTILINE)
+    document = json.loads(tell(run, Wanted(rules, as_json=True)).text)
+    assert document["differences"]["capability_level"] == {"protocol": 0, "eurobench-2020": -2}
 
 
 def test_an_unknown_ruleset_is_refused_with_those_that_there_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "'protocol', 'eurobench-2020', 'both'" in refusal(capsys, "--ruleset", "best", tmp_path)
+    allowed = ", ".join(repr(str(name)) for name in (*RulesetName, "both"))
+    assert allowed in refusal(capsys, "--ruleset", "best", tmp_path)
 
 
 def test_a_recording_with_a_ruleset_of_a_newer_version_is_named(
