@@ -1,1 +1,4 @@
-"""Bytes in, MCAP out."""
+"""Bytes in, MCAP out.
+
+What the bytes mean is in madrob_console; no ROS is needed to read or write them.
+"""

@@ -1,4 +1,7 @@
-"""The settings: one TOML file with everything about a testbed that is not code."""
+"""The settings: one TOML file with everything about a testbed that is not code.
+
+Its types hold the defaults, but for the protocol's own numbers, which are in scoring.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a team takes home of a run: one page, readable on a phone and on paper, and pictures."""
+"""What a team takes home of a run: one page, readable on a phone and on paper, and pictures.
+
+Several runs side by side are in standings; figures in the terminal are in ui.
+"""
 
 from __future__ import annotations
 

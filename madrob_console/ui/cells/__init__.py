@@ -1,1 +1,4 @@
-"""Parts of a screen that know no run: lines, fields, tables, plots."""
+"""Parts of a screen that know no run: lines, fields, tables, plots.
+
+What shows a run is in panes and frame.
+"""
