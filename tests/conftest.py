@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Generator
 
 import pytest
 from hypothesis import settings
+
+from tests import rings
 
 # textual reads these when it is imported
 for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):
@@ -20,3 +23,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """How often the slow proofs repeat themselves; whether screens are stored anew."""
     parser.addoption("--runs", type=int, default=20, help="runs of each repeated proof")
     parser.addoption("--update-screens", action="store_true", help="store the screens as they are")
+
+
+@pytest.hookimpl(tryfirst=True)  # before `-m` picks
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Each test is in a ring; the slow ones run when `-m` asks for them."""
+    rings.mark(items)
+    if "slow" not in str(config.getoption("-m")):
+        slow = {item for item in items if item.get_closest_marker("slow") is not None}
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool | None, bool | None]:
+    """What needs the machine says so."""
+    with rings.kept(item):
+        return (yield)

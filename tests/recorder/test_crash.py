@@ -15,6 +15,7 @@ import pytest
 from recorder.message import RawMessage
 from recorder.reader import read_bag
 
+pytestmark = pytest.mark.machine
 ROOT = Path(__file__).parents[2]
 
 

@@ -38,6 +38,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
+@pytest.mark.machine
 def test_a_killed_recording_is_repaired_at_once(folder: Path) -> None:
     with victim("until-killed", folder) as process:
         assert process.stdout is not None

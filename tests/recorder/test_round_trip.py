@@ -123,6 +123,7 @@ def test_mcap_ros2_decodes_it_by_the_schemas_of_the_file(
     assert decoded["/madrob/referee/start_pose"].header.frame_id == "madrob_door"
 
 
+@pytest.mark.machine
 def test_mcap_core_of_foxglove_reads_the_same(bag: Path, recorded: list[RawMessage]) -> None:
     node = shutil.which("node")
     if node is None:

@@ -19,6 +19,7 @@ from recorder.reader import read_bag
 from recorder.stats import DropReason, RecorderState
 from recorder.writer import BagWriter
 from tests.recorder.samples import strings, talk
+from tests.watching import until
 
 
 class StuckDisk:
@@ -41,10 +42,7 @@ def stuck() -> Iterator[StuckDisk]:
 
 
 def wait_for(writer: BagWriter, state: RecorderState) -> None:
-    deadline = time.monotonic() + 10
-    while writer.stats().state is not state:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: writer.stats().state is state)
 
 
 def test_recording_starts_only_when_the_bag_is_on_disk(tmp_path: Path) -> None:
@@ -67,10 +65,7 @@ def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
         for message in messages:
             writer.put(message)
-        deadline = time.monotonic() + 10
-        while writer.stats().written < len(messages):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        until(lambda: writer.stats().written == len(messages))
         stats = writer.stats()
         assert list(read_bag(tmp_path / "bag").messages()) == messages
         assert stats.queued_bytes == 0

@@ -60,6 +60,7 @@ def test_only_no_force_switches_the_brake_off() -> None:
     assert set(braking_table(BenchmarkType.CONSTANT_FORCE, Side.CCW)) == {4000}
 
 
+@pytest.mark.machine
 def test_what_screens_import_loads_no_slow_library() -> None:
     code = (
         "import sys, scoring.rulesets, scoring.braking, scoring.indicators;"

@@ -348,6 +348,7 @@ def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
     assert read == [runs] * 4
 
 
+@pytest.mark.machine
 def test_reading_runs_needs_no_numeric_library() -> None:
     modules = (
         "madrob_console.archive.history, madrob_console.standings.tally, "

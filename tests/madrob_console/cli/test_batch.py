@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
+import threading
 from collections.abc import Iterator
 
 import joblib
@@ -13,12 +13,21 @@ import pytest
 
 from madrob_console.cli.batch import WORTH_A_PROCESS, in_order
 from madrob_console.errors import MadrobError
+from tests.watching import PATIENCE
 
 
-def slower_first(number: int) -> int:
-    """The first takes longest."""
-    time.sleep(0.05 if number == 0 else 0.0)
-    return -number
+class SlowerFirst:
+    """The first is not done before another one is, where they are done side by side."""
+
+    def __init__(self) -> None:
+        self._another = threading.Event()
+
+    def __call__(self, number: int) -> int:
+        if number > 0:
+            self._another.set()
+        elif threading.current_thread() is not threading.main_thread():
+            assert self._another.wait(PATIENCE)
+        return -number
 
 
 def die(number: int) -> int:
@@ -35,7 +44,7 @@ def no_joblib(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("backend", ["threading", "sequential"])
 def test_results_come_in_the_order_of_the_items(backend: str) -> None:
-    done = in_order(slower_first, range(20), jobs=4, backend=backend)
+    done = in_order(SlowerFirst(), range(20), jobs=4, backend=backend)
     assert list(done) == [-number for number in range(20)]
 
 
@@ -77,13 +86,14 @@ def test_a_result_is_there_before_the_next_item_is_begun() -> None:
 
 
 def test_leaving_early_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    done = in_order(slower_first, range(20), jobs=2, backend="threading")
+    done = in_order(SlowerFirst(), range(20), jobs=2, backend="threading")
     assert isinstance(done, Iterator)
     assert next(done) == 0
     del done
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 def test_a_process_that_dies_is_told_on_one_line() -> None:
     with pytest.raises(MadrobError, match="a worker process died: make memory free"):

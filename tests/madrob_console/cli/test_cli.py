@@ -240,6 +240,7 @@ def test_help_is_there(command: str, capsys: pytest.CaptureFixture[str]) -> None
     assert "usage: madrob" in capsys.readouterr().out
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     "number", slow_but_for([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], signal.SIGTERM)
 )

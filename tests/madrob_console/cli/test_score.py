@@ -309,6 +309,7 @@ def test_a_run_that_was_cut_off_is_scored_as_such(
     assert "outcome: interrupted" in capsys.readouterr().out
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 def test_processes_give_what_one_process_gives(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -14,11 +14,14 @@ from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from recorder.reader import read_bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
+from tests.watching import until
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP = 0.02
+_ON_DISK_NS = 100_000_000  # how old the newest message may be
 PULL = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
 
@@ -51,6 +54,16 @@ class Drive:
         while not done():
             assert self.engine.now() < end, "waited in vain"
             self.engine.step(STEP)
+
+    def wait_for_disk(self) -> None:
+        """Until everything so far is on the disk: the recorder writes in a thread of its own."""
+        folder, now = self.engine.folder, self.clock.now_ns()
+        assert folder is not None
+
+        def newest() -> int:
+            return max((m.receive_ns for m in read_bag(folder).messages()), default=0)
+
+        until(lambda: newest() > now - _ON_DISK_NS)
 
     def act(self, *acts: Act) -> None:
         for act in acts:

@@ -20,6 +20,7 @@ from madrob_console.engine.process.reporting import Papers
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.files.whole import whole_file
 
+pytestmark = pytest.mark.machine
 PATIENCE = 30.0
 
 BEGIN = """

@@ -173,6 +173,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
     assert all(recorded[at] == height for at, height in zip(times, kept, strict=True))
 
 
+@pytest.mark.machine
 def test_the_shapes_come_without_the_numbers_machinery() -> None:
     code = (
         "import sys, madrob_console.engine.shown.curves\n"

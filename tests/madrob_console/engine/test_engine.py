@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from pathlib import Path
 
 import pytest
@@ -395,7 +394,7 @@ def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_pat
     drive = Drive(tmp_path)
     drive.start(make_setup())
     drive.wait(6.0)
-    time.sleep(0.5)  # the bag is synced every 0.2 s of real time
+    drive.wait_for_disk()
     cut = tmp_path / "cut"
     shutil.copytree(folder_of(drive), cut)  # what a kill at this moment leaves behind
     drive.engine.close()

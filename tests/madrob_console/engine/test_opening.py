@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from pathlib import Path
 
 import msgspec
@@ -34,7 +33,7 @@ def cut_off(results: Path) -> Path:
     drive.wait(6.0)
     folder = drive.engine.folder
     assert folder is not None
-    time.sleep(0.6)  # the recorder syncs by the wall clock
+    drive.wait_for_disk()
     copy = results / "copy"
     shutil.copytree(folder, copy)
     drive.engine.close()

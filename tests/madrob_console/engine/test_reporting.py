@@ -84,6 +84,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     assert told[6:] == [(cut_off, 1)]
 
 
+@pytest.mark.machine
 def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
     papers = Papers(aside.COMMAND, lambda: False)
@@ -103,6 +104,7 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
     assert page.read_text() == report_html(scored_run(drive.engine.folder), software_version())
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -152,6 +154,7 @@ def wait(done: Callable[[], object]) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.machine
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
     with (
@@ -184,6 +187,7 @@ def processes_of(parent: int) -> list[str]:
     return found
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_path: Path) -> None:
     setup = make_setup(countdown=1.0)

@@ -38,6 +38,7 @@ from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 
+pytestmark = pytest.mark.machine
 SPEED = 8.0
 
 

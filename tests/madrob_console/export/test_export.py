@@ -92,6 +92,7 @@ def held(folder: Path) -> Iterator[None]:
         yield
 
 
+@pytest.mark.machine
 def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -222,6 +223,7 @@ def test_nothing_from_outside_and_nothing_half_written_is_packed(
         assert b"secret" not in b"".join(packed.read(name) for name in packed.namelist())
 
 
+@pytest.mark.machine
 def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) -> None:
     first, second, third = folders(root)
     (first / "result.json").write_bytes(b"\xff{")

@@ -40,6 +40,7 @@ def by_subject(findings: Iterable[Finding]) -> dict[str, Finding]:
     return {f.subject: f for f in findings}
 
 
+@pytest.mark.machine
 def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path) -> None:
     stop = threading.Event()
     node = threading.Thread(
@@ -67,6 +68,7 @@ def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path)
     assert "console" not in found
 
 
+@pytest.mark.machine
 @pytest.mark.usefixtures("ros_domain")
 def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
     tmp_path: Path,
@@ -113,6 +115,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     assert usable(list(found.values()))
 
 
+@pytest.mark.machine
 def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path: Path) -> None:
     program = f"""
         import sys
@@ -220,6 +223,7 @@ def test_output_that_goes_elsewhere_is_no_fault() -> None:
     assert next(look_at_terminal({})).level is Level.OK
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     ("term", "size", "level", "text"),
     [

@@ -97,6 +97,7 @@ print("later:", journal.append(Entry(3.0, Origin.SYSTEM, "end"), must_take_effec
 """
 
 
+@pytest.mark.machine
 def test_a_full_disk_refuses_a_note_but_no_abort_and_writes_it_later(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     done = subprocess.run(

@@ -25,6 +25,7 @@ from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.samples import DoorSample, HandleSample, Sample
 from tests.madrob_console import said
 
+pytestmark = pytest.mark.machine
 CW = Condition(BenchmarkType.CONSTANT_FORCE, opening_side=Side.CW, starting_side=Side.CW)
 
 

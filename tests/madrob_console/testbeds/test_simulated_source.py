@@ -306,6 +306,7 @@ def test_what_cannot_be_simulated_is_refused(type_name: str, field: str) -> None
         SimulatedSource(None, VirtualClock(START_NS), TYPES, [mapping])
 
 
+@pytest.mark.machine
 def test_in_real_time_messages_come_as_time_passes() -> None:
     clock = SystemClock()
     clock.hold()
@@ -318,6 +319,7 @@ def test_in_real_time_messages_come_as_time_passes() -> None:
     assert all(m.receive_ns <= clock.now_ns() for m in messages)
 
 
+@pytest.mark.machine
 def test_at_ten_times_the_speed_ten_times_as_much_comes() -> None:
     source = simulated(clock=SystemClock(speed=10.0))
     began = time.monotonic()

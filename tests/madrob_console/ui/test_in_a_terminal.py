@@ -15,6 +15,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.ui.terminal import check_terminal
 from tests.terminal import Terminal
 
+pytestmark = pytest.mark.machine
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
 F8, F10 = "\x1b[19~", "\x1b[21~"

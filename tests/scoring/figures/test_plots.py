@@ -339,6 +339,7 @@ def test_no_number_is_too_large_to_be_drawn(force: Array, acceleration: Array) -
         assert "nan" not in svg(figure).lower()
 
 
+@pytest.mark.machine
 def test_drawing_needs_no_pyplot_and_the_report_no_matplotlib_until_it_draws() -> None:
     program = (
         "import sys, madrob_console.report.page\n"

@@ -1,0 +1,129 @@
+"""The rings of the tests, from what only computes to what needs the whole machine.
+
+Every test is in exactly one: the one that it is marked with, else that of its folder.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from enum import StrEnum
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pytest
+
+_HERE = Path(__file__).parent
+
+
+class Ring(StrEnum):
+    """What a test needs of the machine that it runs on."""
+
+    PURE = "pure"  # its cores: time is virtual, nothing sleeps, no process is started
+    SCREENS = "screens"  # textual as well, without a terminal
+    MACHINE = "machine"  # processes, DDS, ssh, tmux, signals, real time
+
+
+FOLDERS: Mapping[str, Ring] = {
+    "benchmarks": Ring.PURE,
+    "madrob_console/archive": Ring.PURE,
+    "madrob_console/cli": Ring.PURE,
+    "madrob_console/config": Ring.PURE,
+    "madrob_console/engine": Ring.PURE,
+    "madrob_console/export": Ring.PURE,
+    "madrob_console/messages": Ring.PURE,
+    "madrob_console/preparing": Ring.PURE,
+    "madrob_console/referee": Ring.PURE,
+    "madrob_console/report": Ring.PURE,
+    "madrob_console/standings": Ring.PURE,
+    "madrob_console/test_names.py": Ring.PURE,
+    "madrob_console/testbeds": Ring.PURE,
+    "madrob_console/testbeds/ros": Ring.MACHINE,
+    "madrob_console/ui": Ring.SCREENS,
+    "madrob_console/whole": Ring.MACHINE,
+    "recorder": Ring.PURE,
+    "scoring": Ring.PURE,
+    "test_rings.py": Ring.PURE,
+    "test_terminal.py": Ring.MACHINE,
+}
+LIMIT, SLOW_LIMIT = 60.0, 600.0  # s; a test that takes longer hangs, unless it says otherwise
+
+
+class NeedsMachineError(RuntimeError):
+    """A test outside of the ring `machine` started a process or slept."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what}: watch for it, use virtual time, or mark it pytest.mark.machine")
+
+
+def ring_of(item: pytest.Item) -> Ring:
+    """The ring of a test.
+
+    Raises:
+        pytest.UsageError: it is in none, or in more than one.
+    """
+    marked = {ring for ring in Ring if item.get_closest_marker(ring) is not None}
+    if len(marked) > 1:
+        raise pytest.UsageError(f"{item.nodeid}: in the rings {', '.join(sorted(marked))}; use one")
+    if marked:
+        return marked.pop()
+    inside = item.path.relative_to(_HERE)
+    for place in (inside, *inside.parents):
+        if ring := FOLDERS.get(place.as_posix()):
+            return ring
+    raise pytest.UsageError(f"{item.nodeid}: in no ring; add its folder to tests/rings.py")
+
+
+def mark(items: Iterable[pytest.Item]) -> None:
+    """Give each test its ring and the time after which it counts as hanging."""
+    for item in items:
+        ring = ring_of(item)
+        if item.get_closest_marker(ring) is None:
+            item.add_marker(ring.value)
+        if item.get_closest_marker("timeout") is None:
+            slow = item.get_closest_marker("slow") is not None
+            item.add_marker(pytest.mark.timeout(SLOW_LIMIT if slow else LIMIT))
+
+
+_STARTS = ("os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "subprocess.Popen")
+_watched = False
+_sleep = time.sleep
+_start_process = BaseProcess.start
+
+
+def _heard(event: str, _arguments: object) -> None:
+    if _watched and event in _STARTS:
+        raise NeedsMachineError(event)
+
+
+def _slept(seconds: float) -> None:
+    caller = Path(sys._getframe(1).f_code.co_filename)
+    if caller.is_relative_to(_HERE.parent) and "site-packages" not in caller.parts:
+        raise NeedsMachineError("time.sleep")
+    _sleep(seconds)  # a library's
+
+
+def _started(self: BaseProcess) -> None:
+    raise NeedsMachineError(f"the process {self.name}")
+
+
+sys.addaudithook(_heard)  # for good: it cannot be taken away again
+
+
+@contextmanager
+def kept(item: pytest.Item) -> Iterator[None]:
+    """While a test runs: it starts no process and does not sleep, but in the ring `machine`."""
+    global _watched  # noqa: PLW0603  so is the hook that reads it
+    if ring_of(item) is Ring.MACHINE:
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "sleep", _slept)
+        patch.setattr(BaseProcess, "start", _started)
+        _watched = True
+        try:
+            yield
+        finally:
+            _watched = False
