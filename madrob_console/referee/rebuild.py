@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from enum import StrEnum
-from typing import Any
-
-import msgspec
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.referee.acts import (
-    ACTS,
-    Act,
-    SetUp,
-    Situation,
-)
+from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import FalseStart, Run, TestbedFault
 from madrob_console.referee.transitions import begin_run, stop, time_out
@@ -35,43 +27,18 @@ class Change(StrEnum):
     RESULT_WRITTEN = "result written"
 
 
-_ACT_TYPES = {act.name: act for act in ACTS}
-
-
-def act_details(act: Act) -> dict[str, Any]:
-    """What a journal line must hold to do the act again."""
-    details: dict[str, Any] = msgspec.to_builtins(act)
-    return details
-
-
 def act_of(entry: Entry) -> Act | None:
     """The act that a journal line tells of; None for a line of another kind.
 
     Raises:
         MadrobError: the line's details do not fit the act.
     """
-    if entry.what not in _ACT_TYPES:
+    if not is_act(entry.what):
         return None
     try:
         return act_named(entry.what, entry.details)
     except MadrobError as error:
         raise MadrobError(f"journal line is damaged: {error}") from None
-
-
-def act_named(name: str, details: Mapping[str, Any]) -> Act:
-    """An act from its name and its fields.
-
-    Raises:
-        MadrobError: there is none of that name, or the fields do not fit it.
-    """
-    kind = _ACT_TYPES.get(name)
-    if kind is None:
-        raise MadrobError(f"no act is called {name!r}")
-    try:
-        act: Act = msgspec.convert(details, kind)
-    except msgspec.ValidationError as error:
-        raise MadrobError(f"'{name}': {terminal_safe(str(error))}") from None
-    return act
 
 
 def rebuild(entries: Iterable[Entry], handle_zero: float = 0.0) -> Run:
@@ -103,9 +70,9 @@ def after(run: Run, entry: Entry, handle_zero: float) -> Run:
     """
     act = act_of(entry)
     if act is not None:
-        if run.setup is None and not isinstance(act, SetUp):
+        if run.setup is None and Consequence.NEW_RUN not in act.consequences:
             return run
-        return act.apply(Situation(run, handle_mean=handle_zero), entry.time)
+        return act.apply(Situation(run, measure=lambda: handle_zero), entry.time)
     try:
         match entry.what:
             case Change.RUN_STARTS:

@@ -230,3 +230,10 @@ class Run:
             at = "" if self.start is None else f" at {fault.time - self.start:.1f} s"
             remarks.append(f"fault{at}: {fault.text}")
         return remarks
+
+
+def relative_text(at: float | None, start: float | None) -> str:
+    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
+    if at is None or start is None:
+        return "-"
+    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"

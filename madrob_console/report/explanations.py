@@ -61,12 +61,6 @@ LOCKED_BY: Mapping[LockDetection, str] = {
     LockDetection.REFEREE: "the referee",
 }
 
-RULED: Mapping[bool | None, str] = {
-    True: "confirmed",
-    False: "denied",
-    None: "as the sensors say",
-}
-
 
 def plain(name: str) -> str:
     """A name from a file, with blanks."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from madrob_console.archive.run_record import RunRecord
+from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
 from madrob_console.report.explanations import (
     LOCKED_BY,
     MANUAL_START,
     NONE,
-    RULED,
     SOURCES,
     TEAM_WORDS,
     date_text,

@@ -18,13 +18,13 @@ from textual.screen import Screen
 from madrob_console.engine.shown.playback import CONTROL, AnyCommand, Command
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
-from madrob_console.referee.acts import Act, Finalise
+from madrob_console.referee.acts import Act, SetUp, Waive
+from madrob_console.referee.questions import Ask
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults, Look
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.asks import ask_next_run, ask_waiver
-from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Answer, Key, bindings
-from madrob_console.ui.keys.questions import Ask, Leave, Open
+from madrob_console.ui.keys.asks import Leave, Open, Wish
+from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key, bindings
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.look.glyphs import ASCII, uses_ascii
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
@@ -177,8 +177,8 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.poll()  # first: a change of phase wipes the message
         if refused is None:
             self._console.say(done_text(act), Tone.GOOD)
-            if isinstance(act, Finalise):
-                self._console.panes.setup.remember_referee(act.referee)
+            if act.signature:
+                self._console.panes.setup.remember_referee(act.signature)
         else:
             self._refuse(act.name, refused)
         return refused is None
@@ -214,8 +214,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._export(key)
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse(key.act, refused)
-        elif key.answer is not None and (snapshot := self._link.snapshot()) is not None:
-            await self._take(key, key.answer(snapshot, pressed))
+        elif key.ask is not None and (snapshot := self._link.snapshot()) is not None:
+            await self._ask(key, key.ask(snapshot, pressed))
 
     def _commit(self) -> str | None:
         """What is typed in the set-up counts; returns what is wrong with it."""
@@ -255,19 +255,27 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.say("A question is open: answer it, or Escape closes it.", Tone.WARN)
         return False
 
-    async def _take(self, key: Key, answer: Answer) -> None:
-        match answer:
-            case Ask():
-                ask = answer.shortest if self._console.tiny else answer
-                await self._console.open(key.name, ask)
+    async def _ask(self, key: Key, wish: Wish | Ask[Wish]) -> None:
+        """Do at once what a key brings about, or ask first."""
+        if isinstance(wish, Ask):
+            await self._console.open(key.name, wish.shortest if self._console.tiny else wish)
+        else:
+            await self._do(wish, key.name, key.act)
+
+    async def _do(self, wish: Wish, name: str, what: str) -> None:
+        """Do what a key or a dialog of that name brings about; `what` a refusal is of."""
+        match wish:
             case Leave():
                 self.exit()
-            case Act():
-                await self.act(answer)
+            case Open():
+                await self._open_run(wish)
             case Command():
-                await self.control(answer)
+                await self.control(wish)
             case str():
-                self._refuse(key.act, answer)
+                self._refuse(what, wish)
+            case _:
+                if await self.act(wish) and name == "next":
+                    self._console.show_pane("setup")
 
     async def _next_run(self) -> None:
         key = KEYS["next"]
@@ -282,27 +290,14 @@ class MadrobApp(App[None], inherit_bindings=False):
             return
         snapshot = self._link.snapshot()
         assert snapshot is not None
-        answer = ask_next_run(snapshot, setup)
-        if isinstance(answer, Act):
-            if await self.act(answer):
-                self._console.show_pane("setup")
-        else:
-            await self._take(key, answer)
+        await self._ask(key, SetUp(setup).unless_final(snapshot))
 
     async def on_dialog_answered(self, event: Dialog.Answered) -> None:
         """Do what the answers say."""
-        await self._console.close(event.dialog)
-        deed = event.dialog.ask.deed(*event.answers)
-        if isinstance(deed, Leave):
-            self.exit()
-        elif isinstance(deed, Open):
-            await self._open_run(deed)
-        elif isinstance(deed, Command):
-            await self.control(deed)
-        elif isinstance(deed, str):
-            self._refuse(event.dialog.name or "", deed)
-        elif await self.act(deed) and event.dialog.name == "next":
-            self._console.show_pane("setup")
+        dialog = event.dialog
+        await self._console.close(dialog)
+        name = dialog.name or ""
+        await self._do(dialog.ask.make(*event.answers), name, name)
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
         """Nothing happens."""
@@ -315,7 +310,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if (refused := self.key_refusal(key)) is not None:
             self._refuse(key.act, refused)
         elif (snapshot := self._link.snapshot()) is not None:
-            await self._take(key, ask_waiver(snapshot, event.check))
+            await self._ask(key, Waive.ask_why(snapshot, event.check))
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         """The last field of the set-up asks for the next run."""

@@ -26,23 +26,12 @@ from madrob_console.engine.live.observation import Observation
 from madrob_console.engine.live.pre_start import PreStart
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
-from madrob_console.engine.live.view import refusals
 from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
-from madrob_console.referee.acts import (
-    Abort,
-    Act,
-    DeclareTimeout,
-    Finalise,
-    RestartCountdown,
-    SetUp,
-    Situation,
-    Start,
-    ZeroHandle,
-)
+from madrob_console.referee.acts import Act, Consequence, Situation, act_details, refusals
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.rebuild import Change, act_details
+from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from madrob_console.testbeds.source import Source
@@ -232,9 +221,9 @@ class Engine:
         now = self._sensors_now
         return Situation(
             run=self._run,
-            checks=self._pre_start.checks(self._run, self.source.status(), now),
-            handle_mean=self._sensors.handle_mean(now),
             scored=self._scored is not None,
+            look=lambda: self._pre_start.checks(self._run, self.source.status(), now),
+            measure=lambda: self._sensors.handle_mean(now),
         )
 
     @property
@@ -254,7 +243,7 @@ class Engine:
         situation = self.situation()
         if refused := act.refusal(situation):
             return refused
-        if isinstance(act, Start):
+        if Consequence.RECORDING in act.consequences:
             self._clock.hold()
         try:
             self._take_effect(act, situation, self.now())
@@ -263,7 +252,7 @@ class Engine:
         return None
 
     def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
-        if isinstance(act, SetUp):
+        if Consequence.NEW_RUN in act.consequences:
             if self._opened is not None:  # its handle zero is of its day
                 situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
             self._keeper.leave(self._unwritten())
@@ -271,11 +260,11 @@ class Engine:
             self._clear()
         run = act.apply(situation, at)
         try:
-            if isinstance(act, Start):
+            if Consequence.RECORDING in act.consequences:
                 self._open_recording(run)
             self._write_act(act, run, at)
         except MadrobError:
-            if isinstance(act, Start):
+            if Consequence.RECORDING in act.consequences:
                 self._discard_recording()
             raise
         before, self._run = self._run, run
@@ -284,34 +273,35 @@ class Engine:
 
     def _follow_up(self, act: Act, before: Run) -> None:
         """What an act brings with it, once it has taken effect."""
-        run = self._run
-        if isinstance(act, ZeroHandle):
+        run, brings = self._run, act.consequences
+        if Consequence.HANDLE_ZERO in brings:
             self._kept_zero = run.handle_zero
-        if isinstance(act, SetUp):
-            self.source.configure(act.setup.condition)
-            self._chronicle.announce_start_pose(act.setup.start_pose)
-        if isinstance(act, Start):
-            assert self._record is not None
-            silence = self.config.limits.lost
-            course = Course(self._record, run, silence, self._sensors.newest())
-            self._observation.course = course
-        if isinstance(act, RestartCountdown):
-            assert self._observation.course is not None
-            self._observation.course.restart(run)
+        if Consequence.NEW_RUN in brings:
+            assert run.setup is not None
+            self.source.configure(run.setup.condition)
+            self._chronicle.announce_start_pose(run.setup.start_pose)
+        if Consequence.COUNTDOWN in brings:
+            self._count_down(run)
         if run.phase is Phase.STOPPED and before.active:
             self._decided = self.now()
-        if run.phase is not before.phase or isinstance(act, (SetUp, RestartCountdown)):
+        if run.phase is not before.phase or brings & (Consequence.NEW_RUN | Consequence.COUNTDOWN):
             self._chronicle.announce_state(run)
-        if self._scored is not None and (
-            run.phase is Phase.STOPPED or isinstance(act, Finalise)
-        ):  # a final result stays as it was signed
-            self._score()
+        if self._scored is not None and Phase.STOPPED in (before.phase, run.phase):
+            self._score()  # but what was final stays as it was signed
+
+    def _count_down(self, run: Run) -> None:
+        """The countdown begins, for the first time or anew."""
+        if self._observation.course is not None:
+            self._observation.course.restart(run)
+            return
+        assert self._record is not None
+        silence = self.config.limits.lost
+        self._observation.course = Course(self._record, run, silence, self._sensors.newest())
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
         referee = run.setup.referee if run.setup else ""
         entry = Entry(at, Origin.REFEREE, act.name, referee, act.reason_given, act_details(act))
-        must = isinstance(act, (Abort, DeclareTimeout))
-        self._chronicle.write(entry, self._run.start, must_take_effect=must)
+        self._chronicle.write(entry, self._run.start, must_take_effect=act.at_once)
 
     def _clear(self) -> None:
         """A clean next run: nothing of the one before stays."""

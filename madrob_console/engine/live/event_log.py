@@ -7,8 +7,7 @@ from collections import deque
 from madrob_console.engine.shown.snapshot import LogLine
 from madrob_console.names import terminal_safe
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.rebuild import Change
-from scoring.protocol import Step
+from madrob_console.referee.rebuild import Change, act_of
 
 KEPT_LINES = 200
 
@@ -48,13 +47,6 @@ def _in_words(entry: Entry) -> str:
             return f"FALSE START: {details['event']}"
         case Change.RUN_STOPS:
             return f"run stops: {details['outcome']}{ending}"
-        case "rule on a step":
-            verb = {True: "confirms", False: "denies", None: "withdraws the ruling on"}
-            step = Step(details["step"]).value
-            return f"referee {verb[details['confirmed']]} step {step}{ending}"
-        case "mark an incident":
-            return f"incident: {details['kind']}{ending}"
-        case "waive a check":
-            return f"check waived: {details['check']}{ending}"
         case _:
-            return f"{entry.what}{ending}"
+            act = act_of(entry)
+            return f"{entry.what if act is None else act.logged}{ending}"

@@ -1,63 +1,17 @@
-"""Parts of a snapshot that are worked out from the state: clock, refusals, faults, questions."""
+"""Parts of a snapshot that are worked out from the state: clock, faults, questions."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 from madrob_console.engine.shown.snapshot import DoorView, LatchView, RecorderView, TopicView
-from madrob_console.referee.acts import (
-    Abort,
-    AcceptFalseStart,
-    Act,
-    AddNote,
-    ConfirmPose,
-    DeclareTimeout,
-    Finalise,
-    MarkIncident,
-    Reissue,
-    RestartCountdown,
-    Rule,
-    SetUp,
-    Situation,
-    Start,
-    Waive,
-    WithdrawIncident,
-    ZeroHandle,
-)
 from madrob_console.referee.health import Freshness
-from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import CheckName, IncidentKind, Phase, Run, RunSetup, TeamWord
+from madrob_console.referee.run import Phase, Run
 from scoring.procedure import Procedure, StepRecord
-from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose, Step
+from scoring.protocol import LockDetection, Step
 
 NO_STEPS = tuple(StepRecord(step, None, None, None) for step in Step)
 """The six steps before a run."""
-
-_SAMPLE_SETUP = RunSetup(
-    subject=1,
-    team="",
-    run_number=1,
-    condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
-    start_pose=StartPose(1.0, 0.0, 0.0),
-)
-
-_SAMPLE_ACTS: tuple[Act, ...] = (
-    SetUp(_SAMPLE_SETUP),
-    ConfirmPose(),
-    ZeroHandle(),
-    Start(),
-    RestartCountdown(),
-    AcceptFalseStart("given"),
-    Abort(),
-    DeclareTimeout(),
-    Rule(Step.TOUCH, confirmed=True, reason="given"),
-    MarkIncident(IncidentKind.OTHER),
-    WithdrawIncident("given"),
-    AddNote("given"),
-    Finalise(TeamWord.ACKNOWLEDGED, "given"),
-    Reissue("given"),
-)
-"""Acts that can be judged by their kind; reasons are asked for afterwards."""
 
 
 def elapsed(run: Run, now: float) -> float | None:
@@ -76,14 +30,6 @@ def remaining(run: Run, now: float) -> float | None:
     if run.phase is Phase.RUNNING:
         return max(0.0, run.start + run.setup.timeout - now)
     return None
-
-
-def refusals(situation: Situation) -> dict[str, str]:
-    """Act name -> why it is not possible now."""
-    failing = [check.name for check in blocking(situation.checks)]
-    waive = Waive(failing[0] if failing else CheckName.TOPICS, "given")
-    judged = ((act.name, act.refusal(situation)) for act in (*_SAMPLE_ACTS, waive))
-    return {name: why for name, why in judged if why is not None}
 
 
 def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | None:

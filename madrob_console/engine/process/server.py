@@ -23,7 +23,7 @@ from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.client import Role
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.referee.rebuild import act_named
+from madrob_console.referee.acts import act_named
 
 SNAPSHOT_PERIOD = 0.1
 """Between two looks at the engine, s."""

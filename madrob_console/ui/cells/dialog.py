@@ -10,16 +10,17 @@ from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
 
+from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
-from madrob_console.ui.keys.questions import Ask, Option, Pick, Question, Sure, Write
+from madrob_console.ui.keys.asks import Wish
 from madrob_console.ui.look.words import wrapped
 
 
 class Prompt(Lines, can_focus=True):
     """Title, answers so far, and the question."""
 
-    def __init__(self, ask: Ask, about: str) -> None:
+    def __init__(self, ask: Ask[Wish], about: str) -> None:
         super().__init__()
         self._title = ask.title
         self._about = about
@@ -84,7 +85,7 @@ class Dialog(Vertical):
             super().__init__()
             self.dialog = dialog
 
-    def __init__(self, name: str, ask: Ask, about: str = "") -> None:
+    def __init__(self, name: str, ask: Ask[Wish], about: str = "") -> None:
         super().__init__(name=name)
         self.ask = ask
         self._open = list(ask.questions)

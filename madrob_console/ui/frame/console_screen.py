@@ -21,14 +21,15 @@ from madrob_console.ui.frame.playback_bar import PlaybackBar
 from madrob_console.ui.frame.tiny_clock import TinyClock
 from madrob_console.ui.frame.top_line import TopLine
 from madrob_console.ui.keys.asks import ask_unfinished
-from madrob_console.ui.keys.questions import Ask
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.run_summary import who_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.referee.questions import Ask
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.defaults import ConsoleDefaults
+    from madrob_console.ui.keys.asks import Wish
     from madrob_console.ui.keys.console_app import ConsoleApp
     from madrob_console.ui.link import EngineLink
     from madrob_console.ui.panes.all_panes import Panes
@@ -256,7 +257,7 @@ class ConsoleScreen(Screen[None]):
             return
         self.panes[self.pane].enter()
 
-    async def open(self, name: str, ask: Ask) -> None:
+    async def open(self, name: str, ask: Ask[Wish]) -> None:
         """Open a dialog in front of everything."""
         from madrob_console.ui.cells.dialog import Dialog
 

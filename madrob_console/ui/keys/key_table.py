@@ -17,7 +17,6 @@ from madrob_console.engine.shown.playback import (
     CONTROL,
     LONG_STEP,
     SAMPLE_STEP,
-    AnyCommand,
     Faster,
     PlayOrPause,
     Skip,
@@ -25,14 +24,11 @@ from madrob_console.engine.shown.playback import (
 )
 from madrob_console.referee import acts
 from madrob_console.ui.keys import asks
-from madrob_console.ui.keys.questions import Ask, Leave
-from scoring.protocol import Step
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
-
-Answer = acts.Act | AnyCommand | Ask | Leave | str
-"""What a key gives: an act, a move of a replay, a dialog, the way out, or a refusal in words."""
+    from madrob_console.referee.questions import Ask
+    from madrob_console.ui.keys.asks import Wish
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +42,7 @@ class Key:
         label: what it does, in a word.
         help: what it does, in a sentence.
         act: name of the act whose refusal dims the key; empty = always possible.
-        answer: what it gives; None = the screen itself does it.
+        ask: what it brings about, or what is asked before; None = the screen itself does it.
         pane: the pane that it shows; empty = none.
         where: the panes whose footer shows it where there is no room for all; empty = every.
         commits: what is typed in the set-up counts before the act.
@@ -59,7 +55,7 @@ class Key:
     label: str
     help: str
     act: str = ""
-    answer: Callable[[Snapshot, str], Answer] | None = None
+    ask: Callable[[Snapshot, str], Wish | Ask[Wish]] | None = None
     pane: str = ""
     where: frozenset[str] = frozenset()
     commits: bool = False
@@ -80,27 +76,27 @@ FUNCTION_KEYS = (
     Key("results", "f4", "F4", "Result", "the result of the run", pane="results"),
     Key(
         "start", "f5", "F5", "START", "open the recording and begin the countdown",
-        acts.Start.name, lambda _s, _k: acts.Start(), commits=True,
+        acts.Start.name, acts.Start.ask, commits=True,
     ),
     Key(
         "pose", "f6", "F6", "Pose", "confirm: the robot stands at its start pose",
-        acts.ConfirmPose.name, lambda _s, _k: acts.ConfirmPose(), commits=True,
+        acts.ConfirmPose.name, acts.ConfirmPose.ask, commits=True,
     ),
     Key(
         "zero", "f7", "F7", "Zero", "take the handle force of the last second as zero",
-        acts.ZeroHandle.name, lambda _s, _k: acts.ZeroHandle(),
+        acts.ZeroHandle.name, acts.ZeroHandle.ask,
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
-        acts.Abort.name, lambda _s, _k: asks.ABORT, over=True,
+        acts.Abort.name, acts.Abort.ask, over=True,
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
-        acts.DeclareTimeout.name, lambda _s, _k: asks.TIMEOUT,
+        acts.DeclareTimeout.name, acts.DeclareTimeout.ask,
     ),
     Key(
         "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
-        answer=lambda s, _k: asks.ask_leave(s), over=True,
+        ask=lambda s, _k: asks.ask_leave(s), over=True,
     ),
 )  # fmt: skip
 
@@ -113,39 +109,39 @@ _AFTER = frozenset({"results", "figures", "history", "standings", "help"})
 LETTER_KEYS = (
     Key(
         "rule", "1,2,3,4,5,6", "1-6", " Step", "confirm or deny a step, with a reason",
-        acts.Rule.name, lambda s, k: asks.ask_ruling(s, Step(int(k))), where=_LIVE | _RESULTS,
+        acts.Rule.name, acts.Rule.ask, where=_LIVE | _RESULTS,
     ),
     Key(
         "incident", "i", "i", " Incident", "mark an incident; the second key says which",
-        acts.MarkIncident.name, lambda _s, _k: asks.INCIDENT, where=_LIVE,
+        acts.MarkIncident.name, acts.MarkIncident.ask, where=_LIVE,
     ),
     Key(
         "withdraw", "d", "d", " Withdraw", "take back the last incident, with a reason",
-        acts.WithdrawIncident.name, lambda _s, _k: asks.WITHDRAW, where=_NOWHERE,
+        acts.WithdrawIncident.name, acts.WithdrawIncident.ask, where=_NOWHERE,
     ),
     Key(
         "note", "n", "n", " Note", "write a note beside the run",
-        acts.AddNote.name, lambda _s, _k: asks.NOTE, where=_SETUP | _LIVE | _RESULTS,
+        acts.AddNote.name, acts.AddNote.ask, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(
         "waive", "w", "w", " Waive", "let a failing check pass for this run, with a reason",
-        acts.Waive.name, lambda s, _k: asks.ask_waiver(s), where=_SETUP,
+        acts.Waive.name, acts.Waive.ask, where=_SETUP,
     ),
     Key(
         "accept", "a", "a", " Accept", "accept a false start, with a reason",
-        acts.AcceptFalseStart.name, lambda _s, _k: asks.FALSE_START, where=_LIVE,
+        acts.AcceptFalseStart.name, acts.AcceptFalseStart.ask, where=_LIVE,
     ),
     Key(
         "restart", "r", "r", " Restart", "begin the countdown again",
-        acts.RestartCountdown.name, lambda s, _k: asks.ask_restart(s), where=_LIVE,
+        acts.RestartCountdown.name, acts.RestartCountdown.ask, where=_LIVE,
     ),
     Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
-        acts.Finalise.name, lambda s, _k: asks.ask_finalise(s), where=_RESULTS,
+        acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
     ),
     Key(
         "reissue", "u", "u", " Redo", "open a final result again; its next issue gets a number",
-        acts.Reissue.name, lambda _s, _k: asks.REISSUE, where=_RESULTS,
+        acts.Reissue.name, acts.Reissue.ask, where=_RESULTS,
     ),
     Key(
         "next", "x", "x", " Next", "set up the next run; from the history: one like the marked",

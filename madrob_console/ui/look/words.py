@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
-from madrob_console.referee.acts import Act, Finalise, MarkIncident, Rule, SetUp, Waive
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import ExportView
+    from madrob_console.referee.acts import Act
 
 _LONGEST_REASON = 60
 
@@ -24,8 +24,6 @@ OUTCOMES = {
     Outcome.ABORTED: "ABORTED: the run is invalid",
     Outcome.INTERRUPTED: "INTERRUPTED: the machine failed, left out of every aggregate",
 }
-RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
-"""What a ruling says of a step."""
 
 PHASES = {
     Phase.IDLE: "NO RUN SET UP",
@@ -55,13 +53,6 @@ def time_of_day(epoch: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(epoch))
 
 
-def relative_text(at: float | None, start: float | None) -> str:
-    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
-    if at is None or start is None:
-        return "-"
-    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
-
-
 def seconds_of(text: str) -> float | None:
     """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
     minutes, colon, rest = text.strip().rpartition(":")
@@ -84,21 +75,8 @@ def size_text(size: float) -> str:
 
 def done_text(act: Act) -> str:
     """What an act that took effect did."""
-    match act:
-        case SetUp(setup):
-            return f"Done: run {setup.run_number} of subject {setup.subject} is set up"
-        case Rule(step, confirmed):
-            what = f"step {step} {RULED[confirmed]}"
-        case Waive(check):
-            what = f"'{check}' waived"
-        case MarkIncident(kind):
-            what = f"{kind} marked"
-        case Finalise(team_word):
-            what = f"the result is final, {team_word} by the team"
-        case _:
-            what = act.name
     reason = act.reason_given
-    return f"Done: {what}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
+    return f"Done: {act.done}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
 
 
 def export_text(export: ExportView, results: PurePath) -> str:

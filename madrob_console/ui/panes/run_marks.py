@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import RULED, wrapped
+from madrob_console.ui.look.words import wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot

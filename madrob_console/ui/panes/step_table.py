@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from madrob_console.referee.run import relative_text
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import fitted, relative_text
+from madrob_console.ui.look.words import fitted
 from scoring.procedure import StepRecord
 
 if TYPE_CHECKING:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from dataclasses import replace
 
 import pytest
 
+from madrob_console.engine.live.event_log import EventLog
+from madrob_console.referee import acts
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
@@ -25,8 +29,12 @@ from madrob_console.referee.acts import (
     Waive,
     WithdrawIncident,
     ZeroHandle,
+    act_details,
+    refusals,
 )
+from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, CheckState
+from madrob_console.referee.questions import Option, Pick
 from madrob_console.referee.run import (
     CheckName,
     FalseStart,
@@ -38,6 +46,7 @@ from madrob_console.referee.run import (
     TeamWord,
 )
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
+from madrob_console.ui.look.words import done_text
 from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, StartPose, Step
 
 SETUP = RunSetup(
@@ -85,11 +94,30 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
 
 
 def situation(run: Run, *checks: Check) -> Situation:
-    return Situation(run, checks, handle_mean=5.9, scored=True)
+    return Situation(run, scored=True, look=lambda: checks, measure=lambda: 5.9)
 
 
 def test_all_acts_are_here() -> None:
     assert [type(act) for act, _ in POSSIBLE] == list(ACTS)
+    assert len({act.name for act in ACTS}) == len(ACTS)
+
+
+def test_every_file_of_an_act_is_in_the_list() -> None:
+    found = set()
+    for file in pkgutil.iter_modules(acts.__path__):
+        module = importlib.import_module(f"{acts.__name__}.{file.name}")
+        found |= {a for a in vars(module).values() if isinstance(a, type) and issubclass(a, Act)}
+    assert found - {Act} == set(ACTS)
+
+
+def test_an_act_has_to_say_when_it_is_possible() -> None:
+    with pytest.raises(TypeError, match="Void does not say its phases"):
+
+        class Void(Act):
+            name = "void"
+
+            def apply(self, situation: Situation, at: float) -> Run:
+                return situation.run
 
 
 @pytest.mark.parametrize("phase", list(Phase))
@@ -104,6 +132,79 @@ def test_an_act_is_possible_in_its_phases_and_refused_with_words_elsewhere(
         act.apply(situation(RUNS[phase], *checks), 130.0)
     else:
         assert refusal
+    assert refusals(situation(RUNS[phase], *checks)).get(act.name) == refusal
+
+
+WORDS = {
+    SetUp: ("run 2 of subject 3 is set up", "set up"),
+    ConfirmPose: ("confirm the start pose", "confirm the start pose"),
+    ZeroHandle: ("zero the handle", "zero the handle"),
+    Waive: ("'door closed' waived (it is warped)", "check waived: door closed: it is warped"),
+    Start: ("start", "start"),
+    RestartCountdown: (
+        "restart the countdown (false start)",
+        "restart the countdown: false start",
+    ),
+    AcceptFalseStart: ("accept the false start (wind)", "accept the false start: wind"),
+    Abort: ("abort (fire)", "abort: fire"),
+    DeclareTimeout: ("declare timeout (gave up)", "declare timeout: gave up"),
+    Rule: ("step 1 confirmed (seen)", "referee confirms step 1: seen"),
+    MarkIncident: ("collision marked", "incident: collision"),
+    WithdrawIncident: ("withdraw an incident (by mistake)", "withdraw an incident: by mistake"),
+    AddNote: ("note (slow)", "note: slow"),
+    Finalise: ("the result is final, protested by the team", "finalise"),
+    Reissue: ("re-issue (appeal)", "re-issue: appeal"),
+}
+"""What who did it is told, and what the log says."""
+
+
+@pytest.mark.parametrize("act", [act for act, _ in POSSIBLE], ids=lambda act: act.name)
+def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
+    told, logged = WORDS[type(act)]
+    assert done_text(act) == f"Done: {told}"
+    log = EventLog()
+    entry = Entry(1.0, Origin.REFEREE, act.name, "", act.reason_given, act_details(act))
+    for line in (entry, Entry.from_json(entry.to_json())):
+        log.add(line, None)
+    assert [line.text for line in log.lines] == [logged, logged]
+
+
+@pytest.mark.parametrize(
+    ("confirmed", "told", "logged"),
+    [
+        (False, "step 6 denied", "referee denies step 6"),
+        (None, "step 6 as the sensors say", "referee withdraws the ruling on step 6"),
+    ],
+)
+def test_a_ruling_says_which_way(confirmed: bool | None, told: str, logged: str) -> None:
+    ruling = Rule(Step.LOCK, confirmed, "seen")
+    assert (ruling.done, ruling.logged) == (told, logged)
+
+
+def test_what_the_sensors_say_is_worked_out_only_for_who_needs_it() -> None:
+    looked: list[str] = []
+
+    def look() -> tuple[Check, ...]:
+        looked.append("checks")
+        return (FAILED,)
+
+    def measure() -> float:
+        looked.append("force")
+        return 5.9
+
+    here = Situation(RUNNING, look=look, measure=measure)
+    assert Abort("fire").refusal(here) is None
+    assert Start().refusal(here)
+    assert looked == []
+    ready = Situation(READY, look=look, measure=measure)
+    assert refusals(ready)
+    assert sorted(looked) == ["checks", "force"]
+
+
+def test_two_answers_to_a_question_never_have_the_same_key() -> None:
+    fall, fire = Option("f", "fall", "fall"), Option("f", "fire", "fire")
+    with pytest.raises(ValueError, match="'Which\\?': two options have the same key"):
+        Pick("Which?", (fall, fire))
 
 
 def test_start_needs_every_check_and_says_which_fails() -> None:
@@ -165,7 +266,7 @@ def test_an_act_without_its_reason_is_refused(act: Act, run: Run) -> None:
 
 
 def test_zeroing_needs_fresh_data() -> None:
-    assert ZeroHandle().refusal(Situation(READY, handle_mean=None)) == "no fresh handle force"
+    assert ZeroHandle().refusal(Situation(READY)) == "no fresh handle force"
 
 
 def test_a_reissue_keeps_rulings_and_counts_up() -> None:

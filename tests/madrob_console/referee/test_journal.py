@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import Abort, Rule, SetUp
+from madrob_console.referee.acts import Abort, Rule, SetUp, act_details
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
-from madrob_console.referee.rebuild import Change, act_details, act_of, rebuild
+from madrob_console.referee.rebuild import Change, act_of, rebuild
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.referee.test_acts import SETUP

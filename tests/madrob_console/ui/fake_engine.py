@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from madrob_console.archive.unfinished import Unfinished
-from madrob_console.engine.live.view import NO_STEPS, elapsed, refusals, remaining
+from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
 from madrob_console.engine.shown.curves import Curves
 from madrob_console.engine.shown.playback import AnyCommand, PlaybackView
 from madrob_console.engine.shown.snapshot import (
@@ -21,7 +21,7 @@ from madrob_console.engine.shown.snapshot import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.acts import Act, Situation, Start
+from madrob_console.referee.acts import Act, Situation, Start, refusals
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
@@ -236,7 +236,7 @@ class FakeEngine:
             raise MadrobError(self.failure)
 
     def _situation(self) -> Situation:
-        return Situation(self.run, self._checks(), self.force, scored=self.result is not None)
+        return Situation(self.run, self.result is not None, self._checks, lambda: self.force)
 
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero

@@ -26,9 +26,8 @@ from madrob_console.ui.cells.lines import width_of
 from madrob_console.ui.frame.key_line import KeyLine
 from madrob_console.ui.frame.playback_bar import playback_line, position_text, speed_text
 from madrob_console.ui.frame.tiny_clock import tiny_lines
-from madrob_console.ui.keys.asks import ask_leave
+from madrob_console.ui.keys.asks import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.keys.questions import Leave
 from madrob_console.ui.look.words import seconds_of
 from madrob_console.ui.panes.result_head import ResultHead
 from tests.madrob_console.ui.driver import Driver, driving

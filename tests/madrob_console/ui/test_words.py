@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
+from madrob_console.referee.run import relative_text
 from madrob_console.ui.look.words import (
     clock_text,
     fitted,
     minutes_text,
-    relative_text,
     size_text,
     wrapped,
 )

@@ -24,8 +24,7 @@ from madrob_console.config.settings import load_settings
 from madrob_console.engine.shown import wire
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name, terminal_safe
-from madrob_console.referee.acts import Abort, SetUp, Waive
-from madrob_console.referee.rebuild import act_details, act_named
+from madrob_console.referee.acts import Abort, SetUp, Waive, act_details, act_named
 from madrob_console.referee.run import CheckName
 from madrob_console.standings.teams import read_teams
 from madrob_console.testbeds.simulated import Scenario

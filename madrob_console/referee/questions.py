@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
-from madrob_console.engine.shown.playback import AnyCommand
-from madrob_console.referee.acts import Act
+T_co = TypeVar("T_co", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +28,19 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Choose one; Enter takes the marked one, which is the first to begin with."""
+    """Choose one; Enter takes the marked one, which is the first to begin with.
+
+    Raises:
+        ValueError: two options have the same key: the second could never be chosen.
+    """
 
     text: str
     options: tuple[Option, ...]
+
+    def __post_init__(self) -> None:
+        keys = [option.key for option in self.options]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"{self.text!r}: two options have the same key, of {' '.join(keys)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,46 +63,35 @@ Question = Pick | Write | Sure
 
 
 @dataclass(frozen=True, slots=True)
-class Leave:
-    """Leave the console."""
-
-
-@dataclass(frozen=True, slots=True)
-class Open:
-    """Open an earlier run; `invalid`: one that was cut off does not count."""
-
-    folder: str
-    invalid: bool = False
-
-
-Deed = Act | AnyCommand | Leave | Open | str
-"""What the answers bring about; a text says why nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ask:
+class Ask(Generic[T_co]):
     """A dialog.
 
     Attributes:
         title: what it is about.
         questions: asked one after the other.
-        deed: makes it out of the answers of `Pick` and `Write`, in order.
+        make: makes what is wanted out of the answers of `Pick` and `Write`, in order.
     """
 
     title: str
     questions: tuple[Question, ...]
-    deed: Callable[..., Deed]
+    make: Callable[..., T_co]
 
     @property
-    def shortest(self) -> Ask:
+    def shortest(self) -> Ask[T_co]:
         """For a screen with room for one line: a question after a reason goes without it."""
         if len(self.questions) < 2 or not isinstance(self.questions[-1], Sure):
             return self
         title = self.title.partition(":")[0]
-        return Ask(title, self.questions[-1:], lambda: self.deed("none given"))
+        return Ask(title, self.questions[-1:], lambda: self.make("none given"))
 
 
 def reasons(*texts: str) -> tuple[Option, ...]:
     """A short list of reasons under digits, and free text under `o`."""
     listed = (Option(str(number), text, text) for number, text in enumerate(texts, 1))
     return (*listed, Option("o", "other: type it", None, free=True))
+
+
+def meanwhile(*texts: str) -> Pick:
+    """Why a run is to end; who takes the first answer ends nothing."""
+    no = Option("n", "no, the run goes on", None)
+    return Pick("Why? The run and its clock go on meanwhile.", (no, *reasons(*texts)))

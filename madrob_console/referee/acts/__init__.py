@@ -1,0 +1,86 @@
+"""What a referee can do: one file an act, which says all of it, and their list.
+
+`impossible` says in words why there can be no such act now (the screens show it beside a dim
+key), `refusal` the same of an act with its fields; `apply` gives the new state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from madrob_console.referee.acts.abort import Abort as Abort
+from madrob_console.referee.acts.accept_false_start import AcceptFalseStart as AcceptFalseStart
+from madrob_console.referee.acts.act import Act as Act
+from madrob_console.referee.acts.act import Consequence as Consequence
+from madrob_console.referee.acts.act import Situation as Situation
+from madrob_console.referee.acts.add_note import AddNote as AddNote
+from madrob_console.referee.acts.confirm_pose import ConfirmPose as ConfirmPose
+from madrob_console.referee.acts.declare_timeout import DeclareTimeout as DeclareTimeout
+from madrob_console.referee.acts.finalise import Finalise as Finalise
+from madrob_console.referee.acts.mark_incident import MarkIncident as MarkIncident
+from madrob_console.referee.acts.reissue import Reissue as Reissue
+from madrob_console.referee.acts.restart_countdown import RestartCountdown as RestartCountdown
+from madrob_console.referee.acts.rule import Rule as Rule
+from madrob_console.referee.acts.set_up import SetUp as SetUp
+from madrob_console.referee.acts.start import Start as Start
+from madrob_console.referee.acts.waive import Waive as Waive
+from madrob_console.referee.acts.withdraw_incident import WithdrawIncident as WithdrawIncident
+from madrob_console.referee.acts.zero_handle import ZeroHandle as ZeroHandle
+
+ACTS: tuple[type[Act], ...] = (
+    SetUp,
+    ConfirmPose,
+    ZeroHandle,
+    Waive,
+    Start,
+    RestartCountdown,
+    AcceptFalseStart,
+    Abort,
+    DeclareTimeout,
+    Rule,
+    MarkIncident,
+    WithdrawIncident,
+    AddNote,
+    Finalise,
+    Reissue,
+)
+"""All acts."""
+
+_BY_NAME = {act.name: act for act in ACTS}
+
+
+def refusals(situation: Situation) -> dict[str, str]:
+    """Act name -> why there can be no such act now; those that are possible are missing."""
+    judged = ((act.name, act.impossible(situation)) for act in ACTS)
+    return {name: why for name, why in judged if why is not None}
+
+
+def is_act(name: str) -> bool:
+    """Whether an act is called so."""
+    return name in _BY_NAME
+
+
+def act_details(act: Act) -> dict[str, object]:
+    """The fields of an act, as JSON values."""
+    details: dict[str, object] = msgspec.to_builtins(act)
+    return details
+
+
+def act_named(name: str, details: Mapping[str, object]) -> Act:
+    """An act from its name and its fields.
+
+    Raises:
+        MadrobError: there is none of that name, or the fields do not fit it.
+    """
+    kind = _BY_NAME.get(name)
+    if kind is None:
+        raise MadrobError(f"no act is called {name!r}")
+    try:
+        act: Act = msgspec.convert(details, kind)
+    except msgspec.ValidationError as error:
+        raise MadrobError(f"'{name}': {terminal_safe(str(error))}") from None
+    return act

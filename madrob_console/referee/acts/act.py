@@ -1,0 +1,178 @@
+"""What every act says of itself, and what it is judged against."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Flag, auto
+from functools import cached_property
+from typing import ClassVar, Protocol
+
+from madrob_console.referee.preflight import Check
+from madrob_console.referee.questions import Ask, Question
+from madrob_console.referee.run import Phase, Run
+from scoring.procedure import StepRecord
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What an act is judged against. What the sensors say is worked out once, where it is wanted.
+
+    Attributes:
+        run: the state of the run.
+        scored: whether the run's result is written.
+        look: works out the pre-start checks.
+        measure: works out the mean handle force of the last second, N; None = no data.
+    """
+
+    run: Run
+    scored: bool = False
+    look: Callable[[], tuple[Check, ...]] = tuple
+    measure: Callable[[], float | None] = lambda: None
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The pre-start checks as they stand."""
+        return self.look()
+
+    @cached_property
+    def handle_mean(self) -> float | None:
+        """Mean handle force of the last second, N; None = no data."""
+        return self.measure()
+
+
+class Shown(Protocol):
+    """What the referee sees when asking for an act."""
+
+    @property
+    def run(self) -> Run:
+        """The state of the run."""
+        ...
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """The pre-start checks as they stand."""
+        ...
+
+    @property
+    def steps(self) -> tuple[StepRecord, ...]:
+        """The six steps as they stand."""
+        ...
+
+
+class Consequence(Flag):
+    """What an act brings with it, beside the new state of the run; the engine sees to it."""
+
+    NONE = 0
+    NEW_RUN = auto()
+    """The run before is put away; testbed and robot hear of the set-up."""
+    RECORDING = auto()
+    """The recording opens; where it cannot, the act is refused."""
+    COUNTDOWN = auto()
+    """The countdown begins, and the watch for false starts."""
+    HANDLE_ZERO = auto()
+    """The handle zero is kept for the runs to come."""
+
+
+class Act(ABC):
+    """One act of the referee: plain data that can cross a socket.
+
+    Attributes:
+        name: in the journal and on the screens.
+        phases: when it is possible.
+        elsewhere: refuses it in the others, in words; empty = the phase says why.
+        missing: refuses it without its reason or text, in words; empty = none is needed.
+        title, questions: the dialog before it, whose answers are its fields; none = at once.
+        at_once: it takes effect whatever the disk says; others only when the journal has them.
+        consequences: what it brings with it.
+    """
+
+    __slots__ = ()
+    name: ClassVar[str]
+    phases: ClassVar[tuple[Phase, ...]]
+    elsewhere: ClassVar[str] = ""
+    missing: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    questions: ClassVar[tuple[Question, ...]] = ()
+    at_once: ClassVar[bool] = False
+    consequences: ClassVar[Consequence] = Consequence.NONE
+
+    def __init_subclass__(cls) -> None:
+        """An act that does not say when it is possible is none.
+
+        Raises:
+            TypeError: its name or its phases are missing.
+        """
+        for said in ("name", "phases"):
+            if not hasattr(cls, said):
+                raise TypeError(f"{cls.__name__} does not say its {said}")
+
+    @classmethod
+    def impossible(cls, situation: Situation) -> str | None:
+        """Why there can be no such act now, whatever its fields, in words; None when there can."""
+        phase = situation.run.phase
+        if phase in cls.phases:
+            return cls.hindrance(situation)
+        return cls.elsewhere or _WHY_NOT[phase]
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """What stands in its way in a phase that allows it, in words; None = nothing."""
+        return None
+
+    def problem(self, situation: Situation) -> str | None:
+        """What is wrong with its fields, in words; None = nothing."""
+        return None
+
+    def refusal(self, situation: Situation) -> str | None:
+        """Why the act is not possible now, in words; None when it is."""
+        refused = self.impossible(situation) or self.problem(situation)
+        return refused or (None if self.reason_given.strip() else self.missing or None)
+
+    @classmethod
+    def ask(cls, shown: Shown, pressed: str) -> Act | Ask[Act] | str:
+        """What its key brings about.
+
+        Args:
+            shown: what the referee sees.
+            pressed: the key, where there are several.
+
+        Returns:
+            The act itself, what to ask before it, or in words why neither.
+        """
+        return Ask(cls.title, cls.questions, cls) if cls.questions else cls()
+
+    @abstractmethod
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The state after the act, done at time `at` (s since the epoch)."""
+
+    @property
+    def reason_given(self) -> str:
+        """The reason or note that the referee gave, for the journal."""
+        return str(getattr(self, "reason", getattr(self, "note", "")))
+
+    @property
+    def signature(self) -> str:
+        """The name that the referee signed with; empty where nothing is signed."""
+        return ""
+
+    @property
+    def done(self) -> str:
+        """What it did, for who did it; the reason comes after that."""
+        return self.name
+
+    @property
+    def logged(self) -> str:
+        """What it did, for the event log; the reason comes after that."""
+        return self.name
+
+
+_WHY_NOT = {
+    Phase.IDLE: "no run is set up yet",
+    Phase.READY: "the run has not started",
+    Phase.COUNTDOWN: "the countdown is running",
+    Phase.RUNNING: "a run is going on",
+    Phase.STOPPED: "the run has stopped",
+    Phase.FINAL: "the result is final",
+}
