@@ -45,6 +45,7 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/whole": Ring.MACHINE,
     "recorder": Ring.PURE,
     "scoring": Ring.PURE,
+    "test_papers.py": Ring.PURE,
     "test_rings.py": Ring.PURE,
     "test_terminal.py": Ring.MACHINE,
 }
