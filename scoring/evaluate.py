@@ -9,15 +9,14 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scoring import indicators as pi
 from scoring.events import EventDetector
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
+from scoring.kinematics import joint_state
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import (
     PASSAGE_SENSORS,
@@ -27,108 +26,20 @@ from scoring.protocol import (
     LockDetection,
     Outcome,
     Signal,
-    Step,
     Strip,
     Thresholds,
 )
 from scoring.quality import Quality, QualityCounter, missing_readings
 from scoring.result import Ending, Indicator, Result
+from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, Sample
-
-Array = NDArray[np.float64]
 
 _MOST_PROBLEMS = 20
 """Different problems that are told one by one; random bytes make a new one each time."""
 _OTHER_PROBLEMS = "other problems with the recording"
 
 _USED = {strip: tuple(s.element for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """The pre-processed data of a run (section 5).
-
-    Attributes:
-        joint_state: panel motion.
-        low_passed: low-passed acceleration of its rows, rad/s^2, shape (n,), NaN = undefined.
-        jerk_time, jerk: jerk of the open door, s and rad/s^3, shape (m,).
-        force_time, force: handle force as recorded, s and N, shape (k,).
-        problem: why no low-passed acceleration could be computed; None if it could.
-    """
-
-    joint_state: JointState
-    low_passed: Array
-    jerk_time: Array
-    jerk: Array
-    force_time: Array
-    force: Array
-    problem: str | None
-
-
-def process_rows(
-    joint: JointState, force_time: Array, force: Array, ruleset: Ruleset, thresholds: Thresholds
-) -> Rows:
-    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
-    jerk_time, jerks = jerk(joint, ruleset, thresholds.closed_angle, thresholds.largest_gap)
-    return Rows(
-        joint_state=joint,
-        low_passed=low_pass(joint, ruleset, thresholds.largest_gap),
-        jerk_time=jerk_time,
-        jerk=jerks,
-        force_time=force_time,
-        force=force,
-        problem=low_pass_problem(joint, ruleset, thresholds.largest_gap),
-    )
-
-
-def cut_rows(rows: Rows, start: float, end: float) -> Rows:
-    """Only the rows that lie in [start, end]."""
-    jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
-    force_kept = (rows.force_time >= start) & (rows.force_time <= end)
-    return Rows(
-        joint_state=rows.joint_state.cut(start, end),
-        low_passed=rows.low_passed[rows.joint_state.rows(start, end)],
-        jerk_time=rows.jerk_time[jerk_kept],
-        jerk=rows.jerk[jerk_kept],
-        force_time=rows.force_time[force_kept],
-        force=rows.force[force_kept],
-        problem=rows.problem,
-    )
-
-
-def compute_indicators(
-    events: Sequence[Event],
-    done: frozenset[Step],
-    rows: Rows,
-    condition: Condition,
-    ruleset: Ruleset,
-    closed_angle: float,
-) -> tuple[Indicator, ...]:
-    """The indicators of a run that is not aborted.
-
-    Args:
-        events: all events of the run.
-        done: the steps that count.
-        rows: cut to the run, as the ruleset has it.
-        condition: of the run.
-        ruleset: whose rules.
-        closed_angle: the door is open where abs(position) exceeds this, rad.
-    """
-    joint = rows.joint_state
-    no_motion = None if joint.time.size else "no door angle recorded during the run"
-    opened = bool(np.any(np.abs(joint.position) > closed_angle))
-    jerk_problem = rows.joint_state.reason if opened or no_motion else None
-    return (
-        pi.execution_time(events, condition, ruleset),
-        pi.time_to_handle(events),
-        pi.door_occupation_time(events, condition, ruleset),
-        pi.passage_time(events, done, ruleset),
-        pi.unsafety_of_door_operation(rows.low_passed, no_motion or rows.problem),
-        pi.smoothness_of_door_actuation(rows.jerk, opened, no_motion or jerk_problem),
-        pi.roughness_of_door_actuation(rows.force),
-        pi.capability_level(events, condition, done, ruleset),
-    )
 
 
 def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
@@ -195,7 +106,7 @@ class Assessment:
         self._ended = sample.log_time
         counter = self._counters.get(sample.signal)
         if counter is None:
-            counter = QualityCounter(sample.signal, self._thresholds.largest_gap)
+            counter = QualityCounter(sample.signal, self._thresholds)
             self._counters[sample.signal] = counter
         admitted = counter.admit(sample)
         if admitted is None:
@@ -270,13 +181,8 @@ class Assessment:
         if problem is not None:
             indicators = tuple(Indicator.missing(name, problem) for name in IndicatorName)
         else:
-            indicators = compute_indicators(
-                events,
-                procedure.done,
-                rows,
-                self.condition,
-                self._ruleset,
-                self._thresholds.closed_angle,
+            indicators = pi.compute_indicators(
+                events, procedure.done, rows, self.condition, self._ruleset
             )
         result = Result(
             ruleset=self._ruleset.name,
@@ -302,7 +208,7 @@ class Assessment:
             np.array(self._door_time, dtype=np.float64),
             np.array(self._door_angle, dtype=np.float64),
             self._ruleset,
-            self._thresholds.largest_gap,
+            self._thresholds,
         )
         force_time = np.array(self._force_time, dtype=np.float64)
         force = np.array(self._force, dtype=np.float64)
@@ -325,10 +231,10 @@ class Assessment:
             counter = self._counters.get(signal)
             if counter is None:
                 remarks.append(f"{signal.value}: nothing recorded")
-                counter = QualityCounter(signal, self._thresholds.largest_gap)
+                counter = QualityCounter(signal, self._thresholds)
             quality = counter.quality(self._began, self._ended)
             signals.append(quality)
-            remarks += quality.remarks()
+            remarks += quality.remarks(self._thresholds.largest_skew)
             remarks += [
                 f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
                 for step in counter.guard.steps

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Event, EventName, Step
 from scoring.result import Indicator
+from scoring.rows import Rows
 from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
 
 Steps = AbstractSet[Step] | tuple[Step, ...]
@@ -32,6 +33,49 @@ _NEVER_OPENED = "door never opened"
 _NEVER_CLOSED = "door never closed"
 _NEVER_APPROACHED = "robot never approached on the starting side"
 _NEVER_THROUGH = "robot never reached the destination side"
+
+
+def compute_indicators(
+    events: Sequence[Event],
+    done: Steps,
+    rows: Rows,
+    condition: Condition,
+    ruleset: Ruleset,
+) -> tuple[Indicator, ...]:
+    """All indicators of a run that is not aborted.
+
+    Args:
+        events: all events of the run.
+        done: the steps that count.
+        rows: cut to the run, as the ruleset has it.
+        condition: of the run.
+        ruleset: whose rules.
+    """
+    joint = rows.joint_state
+    no_motion = None if joint.time.size else "no door angle recorded during the run"
+    opened = bool(np.any(np.abs(joint.position) > rows.thresholds.closed_angle))
+    jerk_problem = joint.reason if opened or no_motion else None
+
+    def computed(name: IndicatorName) -> Indicator:
+        match name:
+            case IndicatorName.EXECUTION_TIME:
+                return execution_time(events, condition, ruleset)
+            case IndicatorName.TIME_TO_HANDLE:
+                return time_to_handle(events)
+            case IndicatorName.DOOR_OCCUPATION_TIME:
+                return door_occupation_time(events, condition, ruleset)
+            case IndicatorName.PASSAGE_TIME:
+                return passage_time(events, done, ruleset)
+            case IndicatorName.UNSAFETY_OF_DOOR_OPERATION:
+                return unsafety_of_door_operation(rows.low_passed, no_motion or rows.problem)
+            case IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION:
+                return smoothness_of_door_actuation(rows.jerk, opened, no_motion or jerk_problem)
+            case IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
+                return roughness_of_door_actuation(rows.force)
+            case IndicatorName.CAPABILITY_LEVEL:
+                return capability_level(events, condition, done, ruleset)
+
+    return tuple(map(computed, IndicatorName))
 
 
 def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
 from scoring.imports import import_kept
+from scoring.protocol import Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 
 Array = NDArray[np.float64]
-
-LARGEST_GAP = 0.1
-"""Intervals above this between samples are gaps, s (section 5)."""
 
 _NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
 
@@ -72,7 +70,7 @@ def load_filters() -> None:
 
 
 def joint_state(
-    time: Array, position: Array, ruleset: Ruleset, largest_gap: float = LARGEST_GAP
+    time: Array, position: Array, ruleset: Ruleset, thresholds: Thresholds
 ) -> JointState:
     """Velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
 
@@ -82,14 +80,14 @@ def joint_state(
         time: strictly increasing times of the whole recording, s, shape (n,).
         position: panel angles, rad, shape (n,).
         ruleset: how long the filters are, and whether gaps count.
-        largest_gap: intervals above this are gaps, s.
+        thresholds: what a gap is.
 
     Raises:
         ScoringError: shapes differ, or times do not increase.
     """
     time, position = _readings(time, position)
     velocity, acceleration = np.full(time.size, np.nan), np.full(time.size, np.nan)
-    gap = largest_gap if ruleset.knows_gaps else math.inf
+    gap = _gap(ruleset, thresholds)
     filters = _filters(time, ruleset, gap)
     if isinstance(filters, str):
         return JointState(time, position, velocity, acceleration, filters)
@@ -103,14 +101,14 @@ def joint_state(
     return JointState(time, position, velocity, acceleration, reason)
 
 
-def low_pass(joint: JointState, ruleset: Ruleset, largest_gap: float = LARGEST_GAP) -> Array:
+def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array:
     """Low-passed acceleration of every row of a whole recording, rad/s^2, shape (n,).
 
     NaN where undefined; `low_pass_problem` says why, where that is every row.
     """
     filtered = np.full(joint.time.size, np.nan)
-    interval = _low_pass_interval(joint, ruleset, largest_gap)
-    if interval is None or low_pass_problem(joint, ruleset, largest_gap) is not None:
+    interval = _low_pass_interval(joint, ruleset, thresholds)
+    if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
         return filtered
     from scipy import signal
 
@@ -120,28 +118,24 @@ def low_pass(joint: JointState, ruleset: Ruleset, largest_gap: float = LARGEST_G
             defined = np.isfinite(joint.acceleration)
             filtered[defined] = signal.lfilter(b, a, joint.acceleration[defined])
         else:
-            for stretch in _filtered_stretches(joint, ruleset, largest_gap):
+            for stretch in _filtered_stretches(joint, ruleset, thresholds):
                 filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
     return _or_nan(filtered)
 
 
-def low_pass_problem(
-    joint: JointState, ruleset: Ruleset, largest_gap: float = LARGEST_GAP
-) -> str | None:
+def low_pass_problem(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> str | None:
     """Why no row can have a low-passed acceleration, in words; None if some row can."""
     if joint.reason is not None:
         return joint.reason
-    interval = _low_pass_interval(joint, ruleset, largest_gap)
+    interval = _low_pass_interval(joint, ruleset, thresholds)
     if interval is not None and 2 * ruleset.low_pass_frequency * interval >= 1:
         return _too_slow(interval)
-    if interval is None or not _filtered_stretches(joint, ruleset, largest_gap):
+    if interval is None or not _filtered_stretches(joint, ruleset, thresholds):
         return "no stretch of acceleration without gaps is long enough for the low-pass filter"
     return None
 
 
-def jerk(
-    joint: JointState, ruleset: Ruleset, closed_angle: float, largest_gap: float = LARGEST_GAP
-) -> tuple[Array, Array]:
+def jerk(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> tuple[Array, Array]:
     """Jerk of the panel while the door is open.
 
     A difference quotient belongs to the later one of its two rows.
@@ -149,22 +143,19 @@ def jerk(
     Args:
         joint: the panel's motion over the whole recording.
         ruleset: whether rows of a closed door are dropped after or before deriving.
-        closed_angle: the door is open where abs(position) exceeds this, rad.
-        largest_gap: intervals above this are gaps, s, over which nothing is derived.
+        thresholds: when the door is open, and what a gap is, over which nothing is derived.
 
     Returns:
         Times, s, and jerk, rad/s^3, both of shape (m,), all finite.
     """
-    is_open = np.abs(joint.position) > closed_angle
+    is_open = np.abs(joint.position) > thresholds.closed_angle
     time, acceleration = joint.time, joint.acceleration
     if ruleset.jerk is JerkRule.SELECT_THEN_DERIVE:
         time, acceleration, is_open = time[is_open], acceleration[is_open], is_open[is_open]
     intervals = np.diff(time)
     with np.errstate(over="ignore", invalid="ignore"):
         quotients = np.diff(acceleration) / intervals
-    selected = is_open[1:] & np.isfinite(quotients)
-    if ruleset.knows_gaps:
-        selected &= intervals <= largest_gap
+    selected = is_open[1:] & np.isfinite(quotients) & (intervals <= _gap(ruleset, thresholds))
     return time[1:][selected], quotients[selected]
 
 
@@ -224,6 +215,11 @@ def _readings(time: Array, position: Array) -> tuple[Array, Array]:
     return time, position
 
 
+def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:
+    """Intervals above this between samples are gaps, s."""
+    return thresholds.largest_gap if ruleset.knows_gaps else math.inf
+
+
 def _interval(time: Array, largest_gap: float) -> float | None:
     """The mean of all intervals up to `largest_gap`, s; None if there are none."""
     intervals = np.diff(time)
@@ -272,17 +268,17 @@ def _stretches(time: Array, defined: NDArray[np.bool_], largest_gap: float) -> l
     return [run for run in runs if defined[run.start]]
 
 
-def _low_pass_interval(joint: JointState, ruleset: Ruleset, largest_gap: float) -> float | None:
+def _low_pass_interval(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> float | None:
     """The sampling interval for the low-pass filter, s."""
     if ruleset.knows_gaps:
-        return _interval(joint.time, largest_gap)
+        return _interval(joint.time, thresholds.largest_gap)
     return _interval(joint.time[np.isfinite(joint.acceleration)], math.inf)
 
 
-def _filtered_stretches(joint: JointState, ruleset: Ruleset, largest_gap: float) -> list[slice]:
+def _filtered_stretches(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> list[slice]:
     """The stretches of acceleration that are long enough for the low-pass filter."""
-    gap = largest_gap if ruleset.knows_gaps else math.inf
-    stretches = _stretches(joint.time, np.isfinite(joint.acceleration), gap)
+    defined = np.isfinite(joint.acceleration)
+    stretches = _stretches(joint.time, defined, _gap(ruleset, thresholds))
     if ruleset.low_pass is LowPassRule.ONE_PASS:
         return stretches
     padding = 3 * (ruleset.low_pass_order + 1)  # filtfilt's default

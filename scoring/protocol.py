@@ -235,7 +235,7 @@ PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """The numbers that turn signals into events (sections 4 and 7).
+    """A testbed's numbers: what makes an event, and what good data are (sections 4, 5 and 7).
 
     Attributes:
         touch_force: abs(force - handle zero) above this is a touch, N.
@@ -246,6 +246,7 @@ class Thresholds:
             abs(angle) in which the panel passes under it, rad.
         settle_time: how long the door must stay closed to count as locked, s.
         largest_gap: intervals above this between samples are gaps, s.
+        largest_skew: stamps that differ by this much from reception are worth a remark, s.
     """
 
     touch_force: float = 200 * GRAM_FORCE
@@ -269,6 +270,7 @@ class Thresholds:
     )
     settle_time: float = 1.0
     largest_gap: float = 0.1
+    largest_skew: float = 0.1
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
         """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""

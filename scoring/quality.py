@@ -6,12 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from scoring.protocol import Signal
+from scoring.protocol import Signal, Thresholds
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.stamps import KEPT_STEPS, StampGuard
-
-LARGEST_SKEW = 0.1
-"""Stamps that differ by this much from the time of reception are worth a remark, s."""
 
 LARGEST_UNEVENNESS = 1 / 3
 """A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
@@ -51,8 +48,12 @@ class SignalQuality:
     begins_late: float = 0.0
     ends_early: float = 0.0
 
-    def remarks(self) -> list[str]:
-        """What to know of the signal, in words; empty for a good one."""
+    def remarks(self, largest_skew: float) -> list[str]:
+        """What to know of the signal, in words; empty for a good one.
+
+        Args:
+            largest_skew: stamps that differ by this much from reception are worth one, s.
+        """
         name = self.signal.value
         remarks = []
         if self.dropped:
@@ -64,7 +65,7 @@ class SignalQuality:
             remarks += [f"{name}: {words}" for words in self._interruptions()]
         if self.no_reading:
             remarks.append(f"{name}: {self.no_reading} values without a reading")
-        if self.skew is not None and self.skew >= LARGEST_SKEW:
+        if self.skew is not None and self.skew >= largest_skew:
             remarks.append(f"{name}: stamps differ from reception by up to {self.skew:.3f} s")
         return remarks
 
@@ -95,14 +96,14 @@ class QualityCounter:
 
     Args:
         signal: which.
-        largest_gap: intervals above this are gaps, s.
+        thresholds: what a gap is.
     """
 
-    def __init__(self, signal: Signal, largest_gap: float) -> None:
+    def __init__(self, signal: Signal, thresholds: Thresholds) -> None:
         self.guard = StampGuard()
         self.no_reading = 0
         self._signal = signal
-        self._limit = largest_gap
+        self._limit = thresholds.largest_gap
         self._samples = 0
         self._newest = 0.0
         self._first_log = 0.0

@@ -30,9 +30,10 @@ from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import read_run
-from scoring.evaluate import Assessment, Rows, with_remarks
+from scoring.evaluate import Assessment, with_remarks
 from scoring.kinematics import load_filters
 from scoring.result import Result
+from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 
 

@@ -18,9 +18,9 @@ from madrob_console.referee.run import Run
 from scoring.errors import ScoringError
 from scoring.eurobench.run_files import Wrench, write_run_files
 from scoring.eurobench.run_info import RunInfo
-from scoring.evaluate import Rows
 from scoring.protocol import Outcome
 from scoring.result import Ending, Result
+from scoring.rows import Rows
 
 MANUAL_START = "execution time and time to handle include the delay of the manual start"
 

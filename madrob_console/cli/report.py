@@ -18,9 +18,9 @@ from madrob_console.names import terminal_safe
 from madrob_console.report import PictureFormat
 from madrob_console.report.page import report_html
 from madrob_console.version import software_version
-from scoring.evaluate import Rows, with_remarks
-from scoring.protocol import Thresholds
+from scoring.evaluate import with_remarks
 from scoring.result import Result
+from scoring.rows import Rows
 
 File = tuple[Path, bytes]
 """Where it goes, and what is in it."""
@@ -82,22 +82,22 @@ def _page(path: Path, output: Path | None) -> Iterator[File]:
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[File]:
     from scoring.figures.plots import figures_of, missing_figures, png, svg
 
-    for run, result, rows, thresholds in _results(path):
-        for name, figure in figures_of(result, rows, thresholds).items():
+    for run, result, rows in _results(path):
+        for name, figure in figures_of(result, rows).items():
             data = png(figure) if pictures is PictureFormat.PNG else svg(figure).encode()
             yield _target(path, output, f"{run}{name}.{pictures}"), data
-        for name, reason in missing_figures(result, rows, thresholds).items():
+        for name, reason in missing_figures(result, rows).items():
             _complain(f"{path}: {run}no figure {name.number}: {reason}")
 
 
-def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Thresholds]]:
+def _results(path: Path) -> Iterator[tuple[str, Result, Rows]]:
     """What the figures of a path show, and how the files of each run begin."""
     if _published(path):
         for published in score_path(path):
-            yield f"{published.path.name}_", published.result, published.rows, Thresholds()
+            yield f"{published.path.name}_", published.result, published.rows
     else:
         scored = scored_run(path)
-        yield "", scored.result, scored.rows, scored.record.thresholds
+        yield "", scored.result, scored.rows
 
 
 def _published(path: Path) -> bool:

@@ -71,7 +71,7 @@ class Settings(Table, frozen=True):
 
     def scoring_thresholds(self) -> Thresholds:
         """The thresholds as `scoring` takes them."""
-        return Thresholds(**asdict(self.thresholds))
+        return Thresholds(**asdict(self.thresholds), largest_skew=self.checks.largest_skew)
 
     def door_geometry(self) -> DoorGeometry:
         """The simulated doorway, with the masks that belong to it."""

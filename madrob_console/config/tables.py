@@ -175,7 +175,9 @@ class Checks(Table, frozen=True):
     rate: Annotated[float, within(0.1, 10000, "Hz; what the testbed's topics should have")] = 50.0
     least_rate: Annotated[float, within(0, 1, "healthy from this part of it")] = 0.8
     most_rate: Annotated[float, within(1, 1000, "healthy up to this part of it")] = 3.0
-    largest_skew: Annotated[float, within(0.001, 3600, "s between stamp and reception")] = 0.1
+    largest_skew: Annotated[float, within(0.001, 3600, "s between stamp and reception")] = (
+        _T.largest_skew
+    )
     disk_space: Annotated[int, Meta(ge=0, le=10**15, description="bytes that must be free")] = (
         500_000_000
     )

@@ -31,13 +31,12 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
 def figures(scored: Scored) -> Markup:
     """The figures that the run has, and the reasons for those that it has not."""
-    thresholds = scored.record.thresholds
-    drawn = figures_of(scored.result, scored.rows, thresholds)
-    missing = missing_figures(scored.result, scored.rows, thresholds)
+    drawn = figures_of(scored.result, scored.rows)
+    missing = missing_figures(scored.result, scored.rows)
     if not drawn:
         return section("Figures", element("p", f"None: {_reasons(missing)}."))
     pictures = [
-        element("figure", inline(svg(figure), FigureName(name)), _caption(FigureName(name)))
+        element("figure", inline(svg(figure), name), _caption(name))
         for name, figure in drawn.items()
     ]
     lacking = [

@@ -11,12 +11,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from scoring.eurobench.run_files import EurobenchRun, door_stays_closed, recorded_until
-from scoring.evaluate import Rows, completed_by_settling, compute_indicators, cut_rows, process_rows
+from scoring.evaluate import completed_by_settling
 from scoring.events import Edge, Evidence
+from scoring.indicators import compute_indicators
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, Result
+from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
 
 _AS_PUBLISHED = "scored from published files: events as they stand there"
@@ -54,9 +56,7 @@ def evaluate_published(
         if completed_by_settling(ending, procedure):
             end += thresholds.settle_time
         rows = cut_rows(rows, run.start_time, end)
-    indicators = compute_indicators(
-        events, procedure.done, rows, run.condition, ruleset, thresholds.closed_angle
-    )
+    indicators = compute_indicators(events, procedure.done, rows, run.condition, ruleset)
     result = Result(
         ruleset=ruleset.name,
         condition=run.condition,
@@ -103,10 +103,8 @@ def _evidence(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> 
     closed = _last(run.events, EventName.DOOR_CLOSES)
     crossed = _last(run.events, EventName.moves_to(run.condition.destination_side))
     seen = None
-    if closed is not None and door_stays_closed(
-        run.joint_state, closed, thresholds.settle_time, thresholds.closed_angle
-    ):
-        seen = recorded_until(run.joint_state)
+    if closed is not None and door_stays_closed(run.joint_state, closed, thresholds):
+        seen = recorded_until(run.joint_state, thresholds)
     return Evidence(
         start=run.start_time,
         stop=stop,

@@ -22,8 +22,8 @@ from scoring.errors import ScoringError
 from scoring.eurobench.csv_tables import Table, parse_table
 from scoring.eurobench.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
 from scoring.eurobench.run_names import numbers_of
-from scoring.kinematics import LARGEST_GAP, JointState
-from scoring.protocol import Condition, Event, EventName
+from scoring.kinematics import JointState
+from scoring.protocol import Condition, Event, EventName, Thresholds
 from scoring.result import Indicator
 from scoring.rulesets import ruleset
 
@@ -107,8 +107,8 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     )
 
 
-def door_stays_closed(joint: JointState, since: float, settle: float, closed_angle: float) -> bool:
-    """Whether the recording shows the door closed for `settle` seconds after `since`.
+def door_stays_closed(joint: JointState, since: float, thresholds: Thresholds) -> bool:
+    """Whether the recording shows the door closed for the settle time after `since`.
 
     Judges step 6 of a run without `benchmark_stop` (section 7); `since` is the time of the last
     `door_closes`. A row stands for the time until the next one would come: files of a run that
@@ -117,21 +117,21 @@ def door_stays_closed(joint: JointState, since: float, settle: float, closed_ang
     Args:
         joint: the panel's motion.
         since: when the door closed, s since the epoch.
-        settle: how long it must stay closed, s.
-        closed_angle: abs(position) below this is a closed door, rad.
+        thresholds: the settle time, and what a closed door and a gap are.
     """
-    if recorded_until(joint) < since + settle:
+    until = since + thresholds.settle_time
+    if recorded_until(joint, thresholds) < until:
         return False
-    rows = (joint.time > since) & (joint.time <= since + settle)
-    return bool(rows.any() and (np.abs(joint.position[rows]) < closed_angle).all())
+    rows = (joint.time > since) & (joint.time <= until)
+    return bool(rows.any() and (np.abs(joint.position[rows]) < thresholds.closed_angle).all())
 
 
-def recorded_until(joint: JointState) -> float:
+def recorded_until(joint: JointState, thresholds: Thresholds) -> float:
     """Until when the panel's motion is known, s since the epoch; -inf without rows."""
     if not joint.time.size:
         return -math.inf
     intervals = np.diff(joint.time)
-    regular = intervals[intervals <= LARGEST_GAP]
+    regular = intervals[intervals <= thresholds.largest_gap]
     return float(joint.time[-1] + (np.max(regular) if regular.size else 0.0))
 
 

@@ -18,12 +18,12 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.evaluate import Rows
 from scoring.figures.drawing import BLUE, Panel, draw_sheet
 from scoring.figures.event_labels import Mark, Window
 from scoring.indicator_table import IndicatorName, unit_text
-from scoring.protocol import EventName, Outcome, Thresholds
+from scoring.protocol import EventName, Outcome
 from scoring.result import Indicator, Result, value_text
+from scoring.rows import Rows
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,6 @@ class _Run:
 
     result: Result
     rows: Rows
-    thresholds: Thresholds
 
     @property
     def door_time(self) -> Array:
@@ -114,29 +113,24 @@ class _Run:
         return max(first, begin - _MARGIN), min(last, end + _MARGIN)
 
 
-def figures_of(
-    result: Result, rows: Rows, thresholds: Thresholds | None = None
-) -> dict[str, Figure]:
+def figures_of(result: Result, rows: Rows) -> dict[FigureName, Figure]:
     """The figures of a run by `FigureName`; `missing_figures` says why one is not there.
 
     Args:
         result: of the run.
         rows: its pre-processed data.
-        thresholds: the testbed's numbers.
     """
-    run = _Run(result, rows, thresholds or Thresholds())
-    missing = missing_figures(result, rows, thresholds)
+    run = _Run(result, rows)
+    missing = missing_figures(result, rows)
     with _look():
         return {name: _draw(run, name) for name in FigureName if name not in missing}
 
 
-def missing_figures(
-    result: Result, rows: Rows, thresholds: Thresholds | None = None
-) -> Mapping[FigureName, str]:
+def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
     """The figures that a run does not have, and why, in words."""
     if result.ending.outcome is Outcome.ABORTED:
         return dict.fromkeys(FigureName, "the run was aborted and is invalid")
-    run = _Run(result, rows, thresholds or Thresholds())
+    run = _Run(result, rows)
     missing: dict[FigureName, str] = {}
     if not run.door_time.size:
         missing = dict.fromkeys(FigureName, "no door angle was recorded during the run")
@@ -225,15 +219,15 @@ def _force(run: _Run) -> Figure:
     time = run.rows.force_time - run.result.start
     signal = Panel("force, N", BLUE, time, run.rows.force, unit_of_maximum="N")
     title = _title(FigureName.FORCE, _finding(indicator))
-    return draw_sheet(title, [signal], _marks(run), run.window, run.thresholds.largest_gap)
+    return draw_sheet(title, [signal], _marks(run), run.window, run.rows.thresholds.largest_gap)
 
 
 def _sheet(run: _Run, name: FigureName, finding: str, window: Window, signal: Panel) -> Figure:
     """The position above a signal of the panel."""
     position = Panel.of_position(
-        run.door_time, run.rows.joint_state.position, run.thresholds.closed_angle
+        run.door_time, run.rows.joint_state.position, run.rows.thresholds.closed_angle
     )
-    gap = run.thresholds.largest_gap
+    gap = run.rows.thresholds.largest_gap
     return draw_sheet(_title(name, finding), [position, signal], _marks(run), window, gap)
 
 

@@ -79,8 +79,11 @@ def assessment(
     *,
     lock: LockDetection = LockDetection.AUTO,
     ruleset: Ruleset = PROTOCOL,
+    thresholds: Thresholds | None = None,
 ) -> Assessment:
-    found = Assessment(CONDITION, START, ruleset=ruleset, lock_detection=lock)
+    found = Assessment(
+        CONDITION, START, ruleset=ruleset, lock_detection=lock, thresholds=thresholds
+    )
     for sample in samples:
         found.feed(sample)
     return found

@@ -8,10 +8,10 @@ import pytest
 
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
-from scoring.protocol import EventName, Outcome, Step
+from scoring.protocol import EventName, Outcome, Step, Thresholds
 from scoring.result import Ending, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from scoring.samples import Sample
+from scoring.samples import DoorSample, Sample
 from tests.scoring.runs import START, assessment, door, handle, passage_through
 
 COMPLETED = Ending(Outcome.COMPLETED, "all six steps done", START + 6)
@@ -127,3 +127,14 @@ def test_a_run_cut_off_in_the_countdown_has_nothing() -> None:
     assert found.events == ()
     assert {i.reason for i in found.indicators} == {"the run never started"}
     assert all(record.final is None for record in found.steps)
+
+
+@pytest.mark.parametrize(("limit", "remarked"), [(0.1, True), (0.2, False)])
+def test_stamps_that_differ_from_reception_are_remarked_from_the_testbeds_limit_on(
+    limit: float, remarked: bool
+) -> None:
+    times = [START + i / 50 for i in range(100)]
+    samples = [DoorSample(time, time + 0.15, 0.0) for time in times]
+    found = assessment(samples, thresholds=Thresholds(largest_skew=limit)).quality()
+    told = "door angle: stamps differ from reception by up to 0.150 s"
+    assert (told in found.remarks) is remarked

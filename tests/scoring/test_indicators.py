@@ -22,7 +22,7 @@ from scoring.indicators import (
     unsafety_of_door_operation,
 )
 from scoring.kinematics import jerk, joint_state, low_pass
-from scoring.protocol import Condition, Event, EventName, Side, Step
+from scoring.protocol import Condition, Event, EventName, Side, Step, Thresholds
 from scoring.result import Indicator
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
@@ -201,11 +201,11 @@ def test_roughness_is_the_largest_force_of_either_sign() -> None:
 def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
     amplitude, omega = 0.5, 2 * math.pi * 0.25
     time = np.arange(2001) / 50
-    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL)
-    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL)[500:1500])
+    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL, Thresholds())
+    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL, Thresholds())[500:1500])
     smoothing = 1 - (omega * 0.02) ** 2 * (9**2 - 1) / 24  # of the moving average alone
     assert unsafety.value == pytest.approx(amplitude * omega**2 * smoothing, rel=0.01)
-    times, jerks = jerk(joint, PROTOCOL, closed_angle=0.03)
+    times, jerks = jerk(joint, PROTOCOL, Thresholds())
     run = (times > 10) & (times <= 30)  # whole periods
     smoothness = smoothness_of_door_actuation(jerks[run], opened=True)
     mean = 2 / math.pi * amplitude * omega**3

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
 from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
+from scoring.protocol import Thresholds
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
 Array = NDArray[np.float64]
@@ -20,6 +22,9 @@ BOTH = pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020], ids=lambda
 
 def grid(rate: float, duration: float) -> Array:
     return np.arange(round(rate * duration) + 1) / rate
+
+
+NUMBERS = Thresholds()
 
 
 def defined(joint: JointState) -> NDArray[np.bool_]:
@@ -54,7 +59,7 @@ def test_a_swinging_door_keeps_what_the_windows_let_through(
 ) -> None:
     amplitude, omega = 0.8, 2 * math.pi * 0.5
     time = grid(rate, 8)
-    joint = joint_state(time, amplitude * np.sin(omega * time), ruleset)
+    joint = joint_state(time, amplitude * np.sin(omega * time), ruleset, NUMBERS)
     velocity_gain, acceleration_gain = gains(rate, average, savgol, omega)
     velocity = velocity_gain * amplitude * omega * np.cos(omega * time)
     acceleration = -acceleration_gain * amplitude * omega**2 * np.sin(omega * time)
@@ -68,10 +73,10 @@ def test_a_swinging_door_keeps_what_the_windows_let_through(
 @BOTH
 def test_constant_jerk_comes_out_exactly(ruleset: Ruleset) -> None:
     time = grid(50, 3)
-    joint = joint_state(time, 0.25 * time**3 / 6, ruleset)
+    joint = joint_state(time, 0.25 * time**3 / 6, ruleset, NUMBERS)
     rows = defined(joint)
     np.testing.assert_allclose(joint.acceleration[rows], 0.25 * time[rows], atol=1e-10)
-    _, jerks = jerk(joint, ruleset, closed_angle=0.03)
+    _, jerks = jerk(joint, ruleset, NUMBERS)
     np.testing.assert_allclose(jerks, 0.25, atol=1e-8)
 
 
@@ -81,7 +86,7 @@ def test_a_minimum_jerk_opening_has_its_closed_form(ruleset: Ruleset) -> None:
     time = grid(100, 10)
     s = np.clip((time - 2) / duration, 0, 1)
     position = amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    joint = joint_state(time, position, ruleset)
+    joint = joint_state(time, position, ruleset, NUMBERS)
     rows = defined(joint)
     velocity = amplitude / duration * (30 * s**2 - 60 * s**3 + 30 * s**4)
     acceleration = amplitude / duration**2 * (60 * s - 180 * s**2 + 120 * s**3)
@@ -89,10 +94,10 @@ def test_a_minimum_jerk_opening_has_its_closed_form(ruleset: Ruleset) -> None:
     np.testing.assert_allclose(joint.velocity[rows], velocity[rows], atol=0.005 * velocity.max())
     np.testing.assert_allclose(joint.acceleration[rows], acceleration[rows], atol=0.06 * peak)
     assert np.nanmax(np.abs(joint.acceleration)) == pytest.approx(peak, rel=0.005)
-    times, jerks = jerk(joint, ruleset, closed_angle=1e-9)
+    times, jerks = jerk(joint, ruleset, replace(NUMBERS, closed_angle=1e-9))
     moving = np.abs(jerks[times < 2 + duration])
     assert np.mean(moving) == pytest.approx(4 * peak / duration, rel=0.03)
-    low = low_pass(joint, ruleset)
+    low = low_pass(joint, ruleset, NUMBERS)
     assert np.nanmax(np.abs(low)) == pytest.approx(peak, rel=0.02)
 
 
@@ -101,9 +106,9 @@ def test_the_zero_phase_low_pass_halves_two_hertz_in_place() -> None:
     acceleration = np.sin(2 * math.pi * 2 * time)
     joint = JointState(time, np.ones(time.size), acceleration.copy(), acceleration)
     middle = slice(500, 1500)
-    low = low_pass(joint, PROTOCOL)
+    low = low_pass(joint, PROTOCOL, NUMBERS)
     np.testing.assert_allclose(low[middle], acceleration[middle] / 2, atol=1e-9)
-    once = low_pass(joint, EUROBENCH_2020)
+    once = low_pass(joint, EUROBENCH_2020, NUMBERS)
     assert np.max(np.abs(once[middle])) == pytest.approx(math.sqrt(0.5), rel=1e-3)
     assert np.max(np.abs(once[middle] - acceleration[middle] * math.sqrt(0.5))) > 0.5  # delayed
 
@@ -117,11 +122,11 @@ def test_the_low_pass_attenuates_like_a_butterworth_of_order_five(frequency: flo
     ratio = math.tan(math.pi * frequency / rate) / math.tan(math.pi * 2 / rate)
     middle = slice(1000, 2000)
     expected = acceleration[middle] / (1 + ratio**10)
-    np.testing.assert_allclose(low_pass(joint, PROTOCOL)[middle], expected, atol=1e-8)
+    np.testing.assert_allclose(low_pass(joint, PROTOCOL, NUMBERS)[middle], expected, atol=1e-8)
 
 
 def test_eight_rows_at_each_end_are_empty_at_fifty_hertz() -> None:
-    joint = joint_state(grid(50, 2), np.zeros(101), PROTOCOL)
+    joint = joint_state(grid(50, 2), np.zeros(101), PROTOCOL, NUMBERS)
     assert np.flatnonzero(~defined(joint)).tolist() == [*range(8), *range(93, 101)]
     assert np.array_equal(np.isnan(joint.velocity), ~defined(joint))
 
@@ -130,14 +135,14 @@ def test_eight_rows_at_each_end_are_empty_at_fifty_hertz() -> None:
 def test_jitter_does_not_change_the_windows(seed: int, rate: int) -> None:
     jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, 10 * rate + 1)
     time = EPOCH + grid(rate, 10) + jitter / rate
-    joint = joint_state(time, np.sin(time), PROTOCOL)
+    joint = joint_state(time, np.sin(time), PROTOCOL, NUMBERS)
     assert np.flatnonzero(~defined(joint)).size == {50: 16, 100: 36}[rate]
 
 
 @pytest.mark.parametrize(("rate", "window"), [(49.6, 9), (50.4, 9), (50.6, 11), (51.4, 11)])
 def test_the_windows_follow_the_rate_rounded_to_whole_hertz(rate: float, window: int) -> None:
     time = np.arange(200) / rate
-    joint = joint_state(time, np.sin(time), PROTOCOL)
+    joint = joint_state(time, np.sin(time), PROTOCOL, NUMBERS)
     assert np.flatnonzero(defined(joint))[0] == 2 * (window // 2)
 
 
@@ -145,42 +150,42 @@ def test_a_gap_empties_the_rows_whose_windows_span_it() -> None:
     kept = np.r_[0:60, 66:150]
     time = grid(50, 3)[kept[kept < 151]]
     position = np.sin(time)
-    joint = joint_state(time, position, PROTOCOL)
+    joint = joint_state(time, position, PROTOCOL, NUMBERS)
     empty = [*range(8), *range(52, 68), *range(136, 144)]
     assert np.flatnonzero(~defined(joint)).tolist() == empty
-    assert np.isfinite(low_pass(joint, PROTOCOL)).tolist() == defined(joint).tolist()
-    times, _ = jerk(joint, PROTOCOL, closed_angle=0.03)
+    assert np.isfinite(low_pass(joint, PROTOCOL, NUMBERS)).tolist() == defined(joint).tolist()
+    times, _ = jerk(joint, PROTOCOL, NUMBERS)
     assert not ((times > time[51]) & (times <= time[68])).any()
     # the published scripts know one series only
-    assert np.flatnonzero(~defined(joint_state(time, position, EUROBENCH_2020))).size == 20
+    assert np.flatnonzero(~defined(joint_state(time, position, EUROBENCH_2020, NUMBERS))).size == 20
 
 
 def test_an_interval_as_long_as_the_largest_gap_is_none() -> None:
     time = grid(64, 3)[np.r_[0:60, 64:150]]  # the interval across is 5/64 s
-    whole = joint_state(time, np.sin(time), PROTOCOL, largest_gap=5 / 64)
+    whole = joint_state(time, np.sin(time), PROTOCOL, replace(NUMBERS, largest_gap=5 / 64))
     assert defined(whole)[50:70].all()
-    split = joint_state(time, np.sin(time), PROTOCOL, largest_gap=4.9 / 64)
+    split = joint_state(time, np.sin(time), PROTOCOL, replace(NUMBERS, largest_gap=4.9 / 64))
     assert not defined(split)[58:62].any()
 
 
 def test_a_gap_stays_out_of_the_sampling_interval() -> None:
     first = grid(50, 2)
     time = np.r_[first, first + 30]
-    joint = joint_state(time, 0.5 * time, PROTOCOL)
+    joint = joint_state(time, 0.5 * time, PROTOCOL, NUMBERS)
     np.testing.assert_allclose(joint.velocity[np.isfinite(joint.velocity)], 0.5, atol=1e-9)
 
 
 def test_a_stretch_too_short_for_the_low_pass_has_no_values_of_it() -> None:
     long, short = grid(50, 2), 10 + grid(50, 0.66)
     time = np.r_[long, short]  # 34 rows: 18 with an acceleration, one too few
-    joint = joint_state(time, np.sin(time), PROTOCOL)
+    joint = joint_state(time, np.sin(time), PROTOCOL, NUMBERS)
     assert defined(joint)[long.size :].sum() == 18
-    low = low_pass(joint, PROTOCOL)
+    low = low_pass(joint, PROTOCOL, NUMBERS)
     assert np.isfinite(low[: long.size]).any()
     assert np.isnan(low[long.size :]).all()
-    alone = joint_state(short, np.sin(short), PROTOCOL)
-    assert np.isnan(low_pass(alone, PROTOCOL)).all()
-    assert low_pass_problem(alone, PROTOCOL) == (
+    alone = joint_state(short, np.sin(short), PROTOCOL, NUMBERS)
+    assert np.isnan(low_pass(alone, PROTOCOL, NUMBERS)).all()
+    assert low_pass_problem(alone, PROTOCOL, NUMBERS) == (
         "no stretch of acceleration without gaps is long enough for the low-pass filter"
     )
 
@@ -188,20 +193,20 @@ def test_a_stretch_too_short_for_the_low_pass_has_no_values_of_it() -> None:
 @pytest.mark.parametrize("rate", [10, 8, 1])
 def test_a_slow_door_angle_has_no_values_and_a_reason(rate: int) -> None:
     time = grid(rate, 20)
-    joint = joint_state(time, np.sin(time), PROTOCOL)
+    joint = joint_state(time, np.sin(time), PROTOCOL, NUMBERS)
     assert joint.reason == f"door angle at {rate} Hz: too slow for the filters"
     assert not defined(joint).any()
-    assert np.isnan(low_pass(joint, PROTOCOL)).all()
-    assert low_pass_problem(joint, PROTOCOL) == joint.reason
-    assert jerk(joint, PROTOCOL, 0.03)[1].size == 0
+    assert np.isnan(low_pass(joint, PROTOCOL, NUMBERS)).all()
+    assert low_pass_problem(joint, PROTOCOL, NUMBERS) == joint.reason
+    assert jerk(joint, PROTOCOL, NUMBERS)[1].size == 0
 
 
 def test_below_nyquist_the_published_rules_have_acceleration_but_no_low_pass() -> None:
     time = grid(4, 30)
-    joint = joint_state(time, np.sin(time), EUROBENCH_2020)
+    joint = joint_state(time, np.sin(time), EUROBENCH_2020, NUMBERS)
     assert joint.reason is None
-    assert np.isnan(low_pass(joint, EUROBENCH_2020)).all()
-    reason = low_pass_problem(joint, EUROBENCH_2020)
+    assert np.isnan(low_pass(joint, EUROBENCH_2020, NUMBERS)).all()
+    reason = low_pass_problem(joint, EUROBENCH_2020, NUMBERS)
     assert reason == "door angle at 4 Hz: too slow for the filters"
 
 
@@ -216,10 +221,10 @@ def test_below_nyquist_the_published_rules_have_acceleration_but_no_low_pass() -
     ],
 )
 def test_too_few_rows_give_a_reason(ruleset: Ruleset, rows: int, reason: str) -> None:
-    joint = joint_state(grid(50, 1)[:rows], np.zeros(rows), ruleset)
+    joint = joint_state(grid(50, 1)[:rows], np.zeros(rows), ruleset, NUMBERS)
     assert joint.reason == reason
     assert joint.acceleration.size == rows
-    assert low_pass(joint, ruleset).size == rows
+    assert low_pass(joint, ruleset, NUMBERS).size == rows
 
 
 @BOTH
@@ -228,8 +233,8 @@ def test_rows_without_a_reading_are_left_out(ruleset: Ruleset) -> None:
     position = np.sin(time)
     position[[0, 70, 71]], position[120] = np.nan, np.inf
     read = np.isfinite(position)
-    joint = joint_state(time, position, ruleset)
-    same = joint_state(time[read], position[read], ruleset)
+    joint = joint_state(time, position, ruleset, NUMBERS)
+    same = joint_state(time[read], position[read], ruleset, NUMBERS)
     assert joint.time.tolist() == time[read].tolist()
     np.testing.assert_array_equal(joint.acceleration, same.acceleration)
 
@@ -239,22 +244,22 @@ def test_positions_out_of_range_leak_no_infinity(ruleset: Ruleset) -> None:
     time = grid(50, 4)
     position = np.sin(time)
     position[100:110] = 1.7e308
-    joint = joint_state(time, position, ruleset)
-    for values in (joint.velocity, joint.acceleration, low_pass(joint, ruleset)):
+    joint = joint_state(time, position, ruleset, NUMBERS)
+    for values in (joint.velocity, joint.acceleration, low_pass(joint, ruleset, NUMBERS)):
         assert not np.isinf(values).any()
-    assert np.isfinite(jerk(joint, ruleset, 0.03)[1]).all()
+    assert np.isfinite(jerk(joint, ruleset, NUMBERS)[1]).all()
 
 
 def test_times_that_do_not_increase_are_refused() -> None:
     with pytest.raises(ScoringError, match="drop duplicate and backward stamps"):
-        joint_state(np.array([0.0, 0.02, 0.02]), np.zeros(3), PROTOCOL)
+        joint_state(np.array([0.0, 0.02, 0.02]), np.zeros(3), PROTOCOL, NUMBERS)
     with pytest.raises(ScoringError, match="one of each a row"):
-        joint_state(np.zeros(3), np.zeros(2), PROTOCOL)
+        joint_state(np.zeros(3), np.zeros(2), PROTOCOL, NUMBERS)
 
 
 def test_the_cut_keeps_the_rows_of_the_run_and_their_digits() -> None:
     time = grid(50, 4)
-    joint = joint_state(time, np.sin(time), PROTOCOL)
+    joint = joint_state(time, np.sin(time), PROTOCOL, NUMBERS)
     cut = joint.cut(1.0, 2.0)
     assert cut.time.tolist() == time[50:101].tolist()
     np.testing.assert_array_equal(cut.acceleration, joint.acceleration[50:101])
@@ -270,16 +275,16 @@ def test_jerk_is_derived_before_or_after_the_closed_rows_go() -> None:
         velocity=np.zeros(5),
         acceleration=np.array([0.0, 1.0, 10.0, 4.0, 2.0]),
     )
-    protocol = jerk(joint, PROTOCOL, closed_angle=0.03, largest_gap=1.0)
+    protocol = jerk(joint, PROTOCOL, replace(NUMBERS, largest_gap=1.0))
     assert (protocol[0].tolist(), protocol[1].tolist()) == ([1, 3, 4], [1, -6, -2])
-    published = jerk(joint, EUROBENCH_2020, closed_angle=0.03)
+    published = jerk(joint, EUROBENCH_2020, NUMBERS)
     assert (published[0].tolist(), published[1].tolist()) == ([1, 3, 4], [1, 1.5, -2])
 
 
 def test_no_jerk_is_derived_across_a_gap_of_a_recorded_acceleration() -> None:
     time = np.array([0.0, 0.02, 0.32, 0.34])
     joint = JointState(time, np.ones(4), np.zeros(4), np.array([0.0, 1.0, 5.0, 6.0]))
-    assert jerk(joint, PROTOCOL, 0.03)[0].tolist() == [0.02, 0.34]
+    assert jerk(joint, PROTOCOL, NUMBERS)[0].tolist() == [0.02, 0.34]
 
 
 @given(
@@ -293,12 +298,14 @@ def test_a_shift_in_time_changes_nothing(
 ) -> None:
     time = np.cumsum([0, *steps]) / 64.0  # exact in binary, shifted too
     position = np.random.default_rng(seed).uniform(-1.5, 1.5, time.size)
-    here, there = (joint_state(time + offset, position, ruleset) for offset in (0, shift))
+    here, there = (joint_state(time + offset, position, ruleset, NUMBERS) for offset in (0, shift))
     assert here.reason == there.reason
     np.testing.assert_array_equal(here.velocity, there.velocity)
     np.testing.assert_array_equal(here.acceleration, there.acceleration)
-    np.testing.assert_array_equal(low_pass(here, ruleset), low_pass(there, ruleset))
-    np.testing.assert_array_equal(jerk(here, ruleset, 0.03)[1], jerk(there, ruleset, 0.03)[1])
+    np.testing.assert_array_equal(
+        low_pass(here, ruleset, NUMBERS), low_pass(there, ruleset, NUMBERS)
+    )
+    np.testing.assert_array_equal(jerk(here, ruleset, NUMBERS)[1], jerk(there, ruleset, NUMBERS)[1])
 
 
 @given(
@@ -311,10 +318,10 @@ def test_values_and_reasons_exclude_each_other(
 ) -> None:
     time = EPOCH + np.cumsum(intervals)
     position = np.random.default_rng(seed).uniform(-1.5, 1.5, time.size)
-    joint = joint_state(time, position, ruleset)
+    joint = joint_state(time, position, ruleset, NUMBERS)
     assert (joint.reason is None) == bool(defined(joint).any())
-    low = low_pass(joint, ruleset)
-    assert (low_pass_problem(joint, ruleset) is None) == bool(np.isfinite(low).any())
+    low = low_pass(joint, ruleset, NUMBERS)
+    assert (low_pass_problem(joint, ruleset, NUMBERS) is None) == bool(np.isfinite(low).any())
     assert not np.isfinite(low[~defined(joint)]).any()
     if ruleset is PROTOCOL:
         for row in np.flatnonzero(defined(joint)):  # the shortest windows reach two rows far

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scoring.protocol import Signal
+from scoring.protocol import Signal, Thresholds
 from scoring.quality import QualityCounter
 from scoring.samples import DoorSample
 from scoring.stamps import KEPT_STEPS, StampGuard
@@ -86,12 +86,12 @@ def test_a_missing_stamp_is_dropped_and_is_no_step() -> None:
 
 
 def test_a_clock_that_jumps_all_the_time_is_told_in_a_few_words() -> None:
-    counter = QualityCounter(Signal.DOOR, 0.1)
+    counter = QualityCounter(Signal.DOOR, Thresholds())
     for sample in stream([5.0 * (i % 2) for i in range(1000)]):
         counter.admit(sample)
     assert len(counter.guard.steps) == KEPT_STEPS
     assert counter.quality().clock_steps == 999
-    assert counter.quality().remarks() == [
+    assert counter.quality().remarks(largest_skew=0.1) == [
         "door angle: clock stepped 999 times, of which the first 5 are told"
     ]
 
@@ -104,7 +104,7 @@ def test_whatever_the_stamps_what_is_kept_increases(offsets: list[float]) -> Non
 
 
 def test_quality_counts_rate_gaps_and_jitter() -> None:
-    counter = QualityCounter(Signal.DOOR, 0.1)
+    counter = QualityCounter(Signal.DOOR, Thresholds())
     times = [0.0, 0.019, 0.04, 0.06, 0.56, 0.58]
     for time in times:
         counter.admit(DoorSample(1000 + time, 1000 + time + 0.003, 0.0))
@@ -118,12 +118,12 @@ def test_quality_counts_rate_gaps_and_jitter() -> None:
 
 
 def test_quality_of_nothing_has_no_numbers() -> None:
-    quality = QualityCounter(Signal.HANDLE, 0.1).quality()
+    quality = QualityCounter(Signal.HANDLE, Thresholds()).quality()
     assert (quality.samples, quality.rate, quality.jitter, quality.skew) == (0, None, None, None)
 
 
 def counted(times: list[float]) -> QualityCounter:
-    counter = QualityCounter(Signal.HANDLE, 0.1)
+    counter = QualityCounter(Signal.HANDLE, Thresholds())
     for time in times:
         counter.admit(DoorSample(time, time, 0.0))
     return counter
@@ -134,17 +134,19 @@ def test_a_signal_that_begins_late_or_ends_early_is_told() -> None:
     quality = counter.quality(begin=10.0, end=20.0)
     assert quality.begins_late == pytest.approx(2.0)
     assert quality.ends_early == pytest.approx(6.02)
-    assert quality.remarks() == [
+    assert quality.remarks(largest_skew=0.1) == [
         "handle force: nothing in the first 2.0 s of the recording",
         "handle force: nothing in the last 6.0 s of the recording",
     ]
-    assert counter.quality(begin=11.9, end=14.0).remarks() == []
+    assert counter.quality(begin=11.9, end=14.0).remarks(largest_skew=0.1) == []
 
 
 def test_a_flood_and_a_second_publisher_show_in_the_intervals() -> None:
     calm = [1000.0 + i * PERIOD for i in range(100)]
-    assert counted(calm).quality().remarks() == []
+    assert counted(calm).quality().remarks(largest_skew=0.1) == []
     flooded = counted([*calm, *(1002.0 + i * PERIOD / 30 for i in range(3000))])
     doubled = counted(sorted([*calm, *(time + 0.006 for time in calm)]))
     for counter in (flooded, doubled):
-        assert "handle force: uneven intervals of" in "".join(counter.quality().remarks())
+        assert "handle force: uneven intervals of" in "".join(
+            counter.quality().remarks(largest_skew=0.1)
+        )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from scoring.protocol import Thresholds
+
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
@@ -23,5 +25,5 @@ class SensorLimits:
     rate: float = 50.0
     least_rate: float = 0.8
     most_rate: float = 3.0
-    skew: float = 0.1
+    skew: float = Thresholds().largest_skew
     averaging: float = 1.0

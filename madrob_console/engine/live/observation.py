@@ -16,10 +16,11 @@ from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, T
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.source import TopicStatus
 from recorder.message import RawMessage
-from scoring.evaluate import Assessment, Rows, with_remarks
+from scoring.evaluate import Assessment, with_remarks
 from scoring.procedure import Procedure
 from scoring.protocol import Thresholds
 from scoring.result import Result
+from scoring.rows import Rows
 
 
 class MessageOrigin(Protocol):

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from scoring.protocol import Outcome, Thresholds
+from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from scoring.evaluate import Rows
     from scoring.result import Result
+    from scoring.rows import Rows
 
     Array = NDArray[np.float64]
 
@@ -75,20 +75,19 @@ class Curves:
         return min(0.0, first), max(self.duration, last)
 
 
-def curves_of(result: Result, rows: Rows, largest_gap: float = Thresholds().largest_gap) -> Curves:
+def curves_of(result: Result, rows: Rows) -> Curves:
     """The curves of a scored run, thinned to `MOST_POINTS` each so that no extreme is lost.
 
     Args:
         result: of the run.
         rows: its pre-processed data.
-        largest_gap: a longer interval between two rows is a gap, s.
     """
     start, stop = result.start, result.ending.stop
     events = tuple((event.time - start, str(event.name)) for event in result.events)
     ran = 0.0 if stop is None else max(0.0, stop - start)
     if result.ending.outcome is Outcome.ABORTED:
         return Curves(ran, events=events)
-    joint = rows.joint_state
+    joint, largest_gap = rows.joint_state, rows.thresholds.largest_gap
     curves = Curves(
         ran,
         _stretches(joint.time - start, joint.position, largest_gap),

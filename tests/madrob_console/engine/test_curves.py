@@ -16,7 +16,6 @@ from madrob_console.archive.results import Scored
 from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curves_of
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
-from scoring.evaluate import Rows
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
@@ -29,11 +28,16 @@ from scoring.protocol import (
     Outcome,
     Side,
     Step,
+    Thresholds,
 )
 from scoring.quality import Quality
 from scoring.result import Ending, Indicator, Result
+from scoring.rows import Rows
 from scoring.rulesets import RulesetName
+from scoring.samples import Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.scoring import runs
+from tests.scoring.runs import assessment, door, handle
 
 START = 1_700_000_000.0
 
@@ -61,7 +65,7 @@ def some_rows(time: Array, value: Array) -> Rows:
     """The same times and values in every column; `time` in s since the start."""
     at = START + time
     joint = JointState(at, value, value, value)
-    return Rows(joint, value, at, value, at, value, None)
+    return Rows(joint, value, at, value, at, value, None, Thresholds())
 
 
 def scored_run(results: Path, scenario: Scenario) -> Scored:
@@ -191,3 +195,14 @@ def test_rows_before_the_start_and_after_the_stop_are_within_the_extent() -> Non
     )
     assert curves.events == ((1.5, "handle_is_touched"),)
     assert curves.extent == (-2.0, 11.0)
+
+
+def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:
+    samples: list[Sample] = []
+    for tick in range(8 * 20):
+        time = tick / 8
+        samples += [door(time, 0.5 - 0.5 * np.cos(time)), handle(time, np.sin(time))]
+    of = assessment(samples, thresholds=Thresholds(largest_gap=0.3))
+    curves = curves_of(*of.result(Ending(Outcome.TIMEOUT, "as told", runs.START + 20)))
+    assert len(curves.position) == len(curves.force) == 1
+    assert len(curves.position[0].time) == 8 * 20

@@ -24,7 +24,7 @@ from scoring.eurobench.run_info import RunInfo
 from scoring.eurobench.run_names import run_prefixes
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, joint_state
-from scoring.protocol import Condition, Event, EventName, StartPose
+from scoring.protocol import Condition, Event, EventName, StartPose, Thresholds
 from scoring.result import Indicator
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName
 
@@ -48,7 +48,7 @@ EVENTS = (
     Event(START + 3.3, EventName.DOOR_OPENS),
 )
 TIME = START + np.arange(40) / 50
-JOINT = joint_state(TIME, 0.1 * np.sin(TIME), PROTOCOL)
+JOINT = joint_state(TIME, 0.1 * np.sin(TIME), PROTOCOL, Thresholds())
 WRENCH = Wrench(TIME, np.where(np.arange(40) == 7, np.nan, 5.9 + np.cos(TIME)))
 INDICATORS = (
     Indicator.of(IndicatorName.TIME_TO_HANDLE, 5e-07),
@@ -370,7 +370,7 @@ def test_a_file_that_cannot_be_written_is_named_and_leaves_nothing_half(tmp_path
 
 def test_an_empty_run_is_written_and_read(tmp_path: Path) -> None:
     nothing = np.array([])
-    joint = joint_state(nothing, nothing, PROTOCOL)
+    joint = joint_state(nothing, nothing, PROTOCOL, Thresholds())
     write_run_files(tmp_path, INFO, EVENTS[:1], joint, Wrench(nothing, nothing), ())
     (run,) = read_eurobench(tmp_path)
     assert run.joint_state.reason == joint.reason == "no door angle recorded"
@@ -395,10 +395,17 @@ def test_a_door_counts_as_locked_only_if_seen_closed_for_the_settle_time(
     angles: list[float], stays: bool
 ) -> None:
     time = np.arange(len(angles)) / 64
-    joint = joint_state(time, np.array(angles), PROTOCOL)
-    assert door_stays_closed(joint, since=1 / 64, settle=50 / 64, closed_angle=0.03) is stays
+    joint = joint_state(time, np.array(angles), PROTOCOL, Thresholds())
+    assert door_stays_closed(joint, 1 / 64, Thresholds(settle_time=50 / 64)) is stays
 
 
 def test_a_door_unseen_for_the_settle_time_does_not_count_as_locked() -> None:
-    joint = joint_state(np.array([0.0, 1.0, 30.0]), np.zeros(3), PROTOCOL)
-    assert not door_stays_closed(joint, since=1.0, settle=1.0, closed_angle=0.03)
+    joint = joint_state(np.array([0.0, 1.0, 30.0]), np.zeros(3), PROTOCOL, Thresholds())
+    assert not door_stays_closed(joint, 1.0, Thresholds())
+
+
+def test_between_slow_samples_that_are_no_gap_a_closed_door_stays_closed() -> None:
+    time = np.arange(9) / 8  # the last row stands until 1.125 s
+    joint = joint_state(time, np.zeros(9), PROTOCOL, Thresholds(largest_gap=0.3))
+    assert door_stays_closed(joint, 1 / 8, Thresholds(largest_gap=0.3))
+    assert not door_stays_closed(joint, 1 / 8, Thresholds())  # who knows what the last gap hides

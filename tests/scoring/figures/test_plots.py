@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from scoring.evaluate import Rows, process_rows
 from scoring.figures.drawing import MOST_POINTS, stretches
 from scoring.figures.event_labels import Label, Mark, labels_of, rows_of
 from scoring.figures.plots import LARGEST_JERK, FigureName, figures_of, missing_figures, png, svg
@@ -27,6 +26,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
 from scoring.result import Ending, Result
+from scoring.rows import Rows, process_rows
 from scoring.rulesets import PROTOCOL
 from scoring.samples import Sample
 from tests.scoring.runs import START, assessment, clear, door, handle, under
@@ -266,7 +266,7 @@ def test_a_long_run_stays_a_small_file_and_keeps_its_extremes(nominal: Scored) -
     time = START + np.arange(180_000) / 50  # an hour
     angle = 0.5 + 0.4 * np.sin(time) + 1e-3 * rng.standard_normal(time.size)
     force = 20 * rng.standard_normal(time.size)
-    joint = joint_state(time, angle, PROTOCOL)
+    joint = joint_state(time, angle, PROTOCOL, Thresholds())
     rows = process_rows(joint, time, force, PROTOCOL, Thresholds())
     flaps = tuple(
         Event(float(at), name)

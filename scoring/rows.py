@@ -1,0 +1,70 @@
+"""The pre-processed data of a run: what the indicators are computed from and figures show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring.kinematics import JointState, jerk, low_pass, low_pass_problem
+from scoring.protocol import Thresholds
+from scoring.rulesets import Ruleset
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """The pre-processed data of a run (section 5).
+
+    Attributes:
+        joint_state: panel motion.
+        low_passed: low-passed acceleration of its rows, rad/s^2, shape (n,), NaN = undefined.
+        jerk_time, jerk: jerk of the open door, s and rad/s^3, shape (m,).
+        force_time, force: handle force as recorded, s and N, shape (k,).
+        problem: why no low-passed acceleration could be computed; None if it could.
+        thresholds: the testbed's numbers by which all this was made.
+    """
+
+    joint_state: JointState
+    low_passed: Array
+    jerk_time: Array
+    jerk: Array
+    force_time: Array
+    force: Array
+    problem: str | None
+    thresholds: Thresholds
+
+
+def process_rows(
+    joint: JointState, force_time: Array, force: Array, ruleset: Ruleset, thresholds: Thresholds
+) -> Rows:
+    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
+    jerk_time, jerks = jerk(joint, ruleset, thresholds)
+    return Rows(
+        joint_state=joint,
+        low_passed=low_pass(joint, ruleset, thresholds),
+        jerk_time=jerk_time,
+        jerk=jerks,
+        force_time=force_time,
+        force=force,
+        problem=low_pass_problem(joint, ruleset, thresholds),
+        thresholds=thresholds,
+    )
+
+
+def cut_rows(rows: Rows, start: float, end: float) -> Rows:
+    """Only the rows that lie in [start, end]."""
+    jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
+    force_kept = (rows.force_time >= start) & (rows.force_time <= end)
+    return Rows(
+        joint_state=rows.joint_state.cut(start, end),
+        low_passed=rows.low_passed[rows.joint_state.rows(start, end)],
+        jerk_time=rows.jerk_time[jerk_kept],
+        jerk=rows.jerk[jerk_kept],
+        force_time=rows.force_time[force_kept],
+        force=rows.force[force_kept],
+        problem=rows.problem,
+        thresholds=rows.thresholds,
+    )
