@@ -19,3 +19,20 @@ class SourceKind(StrEnum):
     ROS = "ros"
     SIMULATED = "simulated"
     REPLAY = "replay"
+
+
+class Scenario(StrEnum):
+    """What a simulated robot does, by the name under which a user asks for it."""
+
+    NOMINAL = "nominal"
+    JERKY = "jerky"
+    SLAM = "slam"
+    SLOW = "slow"
+    NO_TOUCH = "no-touch"
+    TOUCH_ONLY = "touch-only"
+    OPEN_ONLY = "open-only"
+    NO_CLOSE = "no-close"
+    TURNS_BACK = "turns-back"
+    CLOSES_UNDER_SENSORS = "closes-under-sensors"
+    BOUNCES = "bounces"
+    RANDOM = "random"

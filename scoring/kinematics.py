@@ -9,12 +9,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
-from scoring.imports import import_kept
+from scoring.imports import imports_kept
 from scoring.protocol import Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 
@@ -65,8 +66,9 @@ def load_filters() -> None:
     Elsewhere they are imported where they are used: they take most of the time that an engine
     needs to be there.
     """
-    for name in ("scipy.signal", "pandas"):
-        import_kept(name)
+    with imports_kept():
+        import_module("scipy.signal")
+        import_module("pandas")
 
 
 def joint_state(

@@ -129,11 +129,23 @@ def rescore(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[S
     """
     with _naming(path):
         recorded = read_recorded_run(path)
-        run, scored = recorded.run, []
-        for assessment in _assess(recorded, rules):
-            result, rows = assessment.result(ending_of(run), run.rulings)
-            scored.append(Scored(recorded.record, run, with_remarks(result, run.remarks()), rows))
-        return scored
+        return [_scored(recorded, assessment) for assessment in _assess(recorded, rules)]
+
+
+def scored_run(path: Path) -> Scored:
+    """Score a run folder or bag again, with what its stored result says of the data.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    opened = open_run(path)
+    return _scored(opened.recorded, opened.assessment)
+
+
+def _scored(recorded: RecordedRun, assessment: Assessment) -> Scored:
+    run = recorded.run
+    result, rows = assessment.result(ending_of(run), run.rulings)
+    return Scored(recorded.record, run, with_remarks(result, run.remarks()), rows)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from madrob_console.cli.arguments import results_folder, ros_domain
 from madrob_console.config import Settings
 from madrob_console.engine.process.place import Place, known_places, place_of
 from madrob_console.engine.shown.client import Role
@@ -29,12 +30,6 @@ TAKEN = 75
 """Exit code of an engine that finds its testbed's engine running; EX_TEMPFAIL of sysexits."""
 
 _PERIOD = 0.02
-
-
-def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
-    """Where the runs are kept."""
-    chosen: Path = arguments.results or settings.results.root
-    return chosen.expanduser().absolute()
 
 
 def who_am_i() -> str:
@@ -56,7 +51,7 @@ def engine_place(arguments: argparse.Namespace, settings: Settings) -> Place:
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = str(named[0])
     if kind == SourceKind.ROS:
-        domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
+        domain = ros_domain(arguments, settings)
         return place_of(kind, os.environ.get("ROS_DOMAIN_ID", "0") if domain is None else domain)
     if kind == SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
         return place_of(kind, *(Path(path).expanduser().absolute() for path in named[1:]))

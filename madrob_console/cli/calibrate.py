@@ -5,59 +5,116 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments_common import BAD_INPUT
-from madrob_console.config import load_settings
-from madrob_console.errors import MadrobError
-from madrob_console.files.whole import atomic_write
+from madrob_console.cli.arguments import Commands, Parser, add_settings_option, command
+from madrob_console.cli.problems import complain
 from madrob_console.names import terminal_safe
-from madrob_console.preparing.testbed_calibration import (
-    Recording,
-    handle_mapping,
-    handle_recording,
-    handle_toml,
-    level_of,
-    masks_of,
-    masks_toml,
-    sweep_recordings,
-)
-from recorder.errors import RecorderError
-from scoring.calibration.handle_scale import propose_handle
-from scoring.errors import ScoringError
+from scoring.imports import imports_kept
+from scoring.protocol import Side
+
+if TYPE_CHECKING:
+    from madrob_console.preparing.testbed_calibration import Recording
+
+_RECORD = """\
+how to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the door and abort it:
+its folder holds the recording. Topics, types and units are those of the settings."""
 
 
-def main(arguments: argparse.Namespace) -> int:
-    """Propose settings; a recording that cannot be trusted is refused in one line."""
-    try:
-        text = _masks(arguments) if arguments.part == "masks" else _handle(arguments)
-        if arguments.output is not None:
-            atomic_write(arguments.output, text.encode())
-    except (MadrobError, RecorderError, ScoringError) as error:
-        print(f"madrob: {terminal_safe(str(error))}", file=sys.stderr)
-        return BAD_INPUT
-    print("\n".join(terminal_safe(line) for line in text.splitlines()))
-    if arguments.output is not None:
-        print(f"written to {terminal_safe(str(arguments.output))}", file=sys.stderr)
-    return 0
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "calibrate",
+        None,
+        "a new testbed's masks, lintel height and handle, from recordings",
+    )
+    parts = parser.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
+    masks = command(
+        parts,
+        "masks",
+        _masks,
+        "the ten masks and the lintel height, as settings",
+        "Swing the panel slowly, at about 0.2 rad/s, from closed to wide open on both sides and "
+        "back, at least twice, brake off, with nobody within the sensors' reach: push it by a "
+        "stick. Several recordings count together, one a side for example.",
+    )
+    masks.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag or a run folder")
+    handle = command(
+        parts,
+        "handle",
+        _handle,
+        "zero and scale of the handle's force, as settings",
+        "Record some seconds at rest, then some seconds with a known weight that pulls at the "
+        "handle over a pulley, straight to one side, door blocked.",
+    )
+    handle.add_argument("rest", type=Path, metavar="REST", help="recording without the weight")
+    handle.add_argument("weight", type=Path, metavar="WEIGHT", help="recording with the weight")
+    handle.add_argument("--mass", type=float, required=True, metavar="KG", help="of the weight")
+    handle.add_argument(
+        "--towards",
+        type=Side,
+        choices=list(Side),
+        default=Side.CCW,
+        help="side to which the weight pulls the handle",
+    )
+    for part in (masks, handle):
+        part.epilog = _RECORD
+        part.add_argument(
+            "--output", type=Path, default=None, metavar="FILE", help="file for the settings"
+        )
+        add_settings_option(part)
 
 
-def _masks(arguments: argparse.Namespace) -> str:
+def _masks(arguments: argparse.Namespace) -> int:
+    with imports_kept():
+        from madrob_console.config import load_settings
+        from madrob_console.preparing.testbed_calibration import (
+            masks_of,
+            masks_toml,
+            sweep_recordings,
+        )
+
     settings = load_settings(arguments.settings)
     recordings = sweep_recordings(arguments.paths, settings)
     found = masks_of(recordings, settings)
-    _tell_problems(recordings)
-    return masks_toml(found)
+    _note_problems(recordings)
+    return _propose(masks_toml(found), arguments.output)
 
 
-def _handle(arguments: argparse.Namespace) -> str:
+def _handle(arguments: argparse.Namespace) -> int:
+    with imports_kept():
+        from madrob_console.config import load_settings
+        from madrob_console.preparing.testbed_calibration import (
+            handle_mapping,
+            handle_recording,
+            handle_toml,
+            level_of,
+        )
+        from scoring.calibration.handle_scale import propose_handle
+
     mapping = handle_mapping(load_settings(arguments.settings))
     recordings = [handle_recording(path, mapping) for path in (arguments.rest, arguments.weight)]
     rest, weight = map(level_of, recordings)
-    _tell_problems(recordings)
-    return handle_toml(propose_handle(rest, weight, arguments.mass, arguments.towards), mapping)
+    _note_problems(recordings)
+    proposal = propose_handle(rest, weight, arguments.mass, arguments.towards)
+    return _propose(handle_toml(proposal, mapping), arguments.output)
 
 
-def _tell_problems(recordings: Iterable[Recording]) -> None:
+def _note_problems(recordings: Iterable[Recording]) -> None:
     for recording in recordings:
         if recording.problem is not None:
-            print(f"madrob: note: {terminal_safe(recording.problem)}", file=sys.stderr)
+            complain(f"note: {recording.problem}")
+
+
+def _propose(toml: str, output: Path | None) -> int:
+    """Print the settings, and keep them in a file if one is named."""
+    from madrob_console.files.whole import atomic_write
+
+    if output is not None:
+        atomic_write(output, toml.encode())
+    print("\n".join(terminal_safe(line) for line in toml.splitlines()))
+    if output is not None:
+        print(f"written to {terminal_safe(str(output))}", file=sys.stderr)
+    return 0

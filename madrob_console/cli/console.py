@@ -5,24 +5,25 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.archive.folders import parse_folder_name
-from madrob_console.cli.attaching import attach, results_folder
-from madrob_console.config import Settings, load_settings
-from madrob_console.config.tables import DEFAULT_START_POSES
-from madrob_console.engine.shown.client import Role
-from madrob_console.engine.shown.playback import JumpTo, SetSpeed
+from madrob_console.cli.arguments import (
+    Commands,
+    add_idle_time_option,
+    add_testbed_options,
+    command,
+    results_folder,
+)
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
-from madrob_console.standings.teams import TeamList, merge_teams, read_teams
-from madrob_console.ui.defaults import ConsoleDefaults, Look, PosePreset
-from madrob_console.ui.terminal import check_terminal, run_console
+from madrob_console.kinds import SourceKind, ThemeName
+from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.config import Settings
+    from madrob_console.engine.shown.client import EngineClient, Role
+    from madrob_console.standings.teams import TeamList
+    from madrob_console.ui.defaults import ConsoleDefaults
 
 _KEYS = "F1 lists the keys, ^P finds every command."
 _PRACTICE = "Practice: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts."
@@ -30,8 +31,45 @@ _REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 li
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
 
 
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "console",
+        main,
+        "the referee's screens: set up, start, watch and score runs",
+        "Without --testbed it takes the live testbed if one is found.",
+    )
+    add_testbed_options(parser)
+    parser.add_argument(
+        "--from",
+        dest="begin_at",
+        type=float,
+        default=None,
+        metavar="SECONDS",
+        help="where a replay begins, from the start of its run",
+    )
+    add_idle_time_option(parser)
+    add_look_options(parser)
+
+
+def add_look_options(parser: argparse.ArgumentParser) -> None:
+    """How the screens look."""
+    parser.add_argument(
+        "--teams", type=Path, default=None, help="teams file: csv lines of subject,team"
+    )
+    parser.add_argument("--theme", type=ThemeName, choices=list(ThemeName), default=None)
+    parser.add_argument(
+        "--ascii", action="store_true", default=None, help="draw with ASCII characters only"
+    )
+    parser.add_argument("--no-bell", action="store_true", help="be silent")
+    parser.add_argument("--no-mouse", action="store_true", help="leave the mouse to the terminal")
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; the engine is a process behind them, started where none runs."""
+    from madrob_console.engine.shown.client import Role
+
     begin_at: float | None = arguments.begin_at
     replays = arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
     if begin_at is not None and not (replays and math.isfinite(begin_at)):
@@ -43,6 +81,13 @@ def main(arguments: argparse.Namespace) -> int:
 
 def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = None) -> int:
     """Show the screens for a referee or for a spectator; a replay begins at a time of its run."""
+    with imports_kept():
+        from madrob_console.cli.attaching import attach
+        from madrob_console.config import load_settings
+        from madrob_console.engine.shown.client import Role
+        from madrob_console.ui.defaults import Look
+        from madrob_console.ui.terminal import check_terminal, run_console
+
     check_terminal(os.environ)
     settings = load_settings(arguments.settings)
     results = results_folder(arguments, settings)
@@ -68,6 +113,8 @@ def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
     Raises:
         MadrobError: it cannot begin there.
     """
+    from madrob_console.engine.shown.playback import JumpTo, SetSpeed
+
     playback = client.snapshot().playback
     if playback is None:
         return
@@ -79,6 +126,11 @@ def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
 
 
 def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) -> ConsoleDefaults:
+    import socket
+
+    from madrob_console.config.tables import DEFAULT_START_POSES
+    from madrob_console.ui.defaults import ConsoleDefaults, PosePreset
+
     run, competition = settings.run, settings.competition
     poses = settings.start_poses or DEFAULT_START_POSES
     teams = _teams(arguments.teams, settings)
@@ -112,6 +164,8 @@ def _teams(named: Path | None, settings: Settings) -> TeamList:
     Raises:
         MadrobError: the file named on the command line cannot be read.
     """
+    from madrob_console.standings.teams import TeamList, merge_teams, read_teams
+
     path = named or settings.competition.teams_path
     if path is None:
         return TeamList(settings.team_names())
@@ -125,6 +179,8 @@ def _teams(named: Path | None, settings: Settings) -> TeamList:
 
 
 def _any_run(results: Path) -> bool:
+    from madrob_console.archive.folders import parse_folder_name
+
     try:
         return any(parse_folder_name(name) for name in os.listdir(results))  # noqa: PTH208
     except OSError:

@@ -3,25 +3,48 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import signal
-import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from madrob_console.cli import aside
-from madrob_console.cli.attaching import TAKEN, engine_place, results_folder, who_am_i
-from madrob_console.config import load_settings
-from madrob_console.engine.process.place import Place, known_places
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.client import Role
+from madrob_console.cli.arguments import (
+    Commands,
+    add_idle_time_option,
+    add_testbed_options,
+    command,
+    results_folder,
+)
+from madrob_console.cli.problems import complain
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.ui.look.words import PHASES
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from madrob_console.engine.process.place import Place
+    from madrob_console.engine.process.remote import RemoteEngine
+    from madrob_console.engine.process.server import EngineServer
+    from madrob_console.engine.shown.client import Role
 
 PRACTICE_IDLE_TIME = 20.0
 """A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "engine",
+        main,
+        "the process behind the screens: `status`, `stop`, `serve`",
+        "`madrob console` starts it by itself. `serve` runs it in the foreground, for systemd.",
+    )
+    parser.add_argument("action", choices=("status", "stop", "serve"))
+    parser.add_argument("--force", action="store_true", help="stop: even while a run goes on")
+    add_testbed_options(parser)
+    add_idle_time_option(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -37,18 +60,25 @@ def main(arguments: argparse.Namespace) -> int:
 
 def serve(arguments: argparse.Namespace) -> int:
     """Be the engine of a testbed until nobody needs it."""
+    from madrob_console.cli.attaching import TAKEN, engine_place
+    from madrob_console.config import load_settings
+
     settings = load_settings(arguments.settings)
     place = engine_place(arguments, settings)
     with ExitStack() as stack:
         try:
             stack.enter_context(place.taken())
         except MadrobError as error:
-            print(f"madrob: {error}", file=sys.stderr)
+            complain(error)
             return TAKEN
-        from madrob_console.cli.session import open_engine
-        from madrob_console.engine.process.local import LocalEngine
-        from madrob_console.engine.process.reporting import Papers
-        from madrob_console.engine.process.server import EngineServer
+        with imports_kept():
+            import asyncio
+
+            from madrob_console.cli import aside
+            from madrob_console.cli.session import open_engine
+            from madrob_console.engine.process.local import LocalEngine
+            from madrob_console.engine.process.reporting import Papers
+            from madrob_console.engine.process.server import EngineServer
 
         engine = open_engine(arguments, settings)
         where = [f"--results={results_folder(arguments, settings)}"]
@@ -68,10 +98,9 @@ def serve(arguments: argparse.Namespace) -> int:
     return 0
 
 
-async def _serve(server: object, path: Path) -> None:
-    from madrob_console.engine.process.server import EngineServer
+async def _serve(server: EngineServer, path: Path) -> None:
+    import asyncio
 
-    assert isinstance(server, EngineServer)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, server.stop)
@@ -80,9 +109,13 @@ async def _serve(server: object, path: Path) -> None:
 
 def status() -> int:
     """One line for each engine that runs; exit code 1 if there is none."""
+    from madrob_console.engine.process.place import known_places
+    from madrob_console.engine.shown.client import Role
+    from madrob_console.ui.look.words import PHASES
+
     found = 0
     for place in known_places():
-        engine = _attached(place)
+        engine = _attached(place, Role.WATCH)
         if engine is None:
             continue
         found += 1
@@ -100,6 +133,9 @@ def status() -> int:
 
 def stop(*, force: bool) -> int:
     """End every engine; one with a run only by force."""
+    from madrob_console.engine.process.place import known_places
+    from madrob_console.engine.shown.client import Role
+
     code = 0
     for place in known_places():
         engine = _attached(place, Role.REFEREE)
@@ -118,7 +154,10 @@ def stop(*, force: bool) -> int:
     return code
 
 
-def _attached(place: Place, role: Role = Role.WATCH) -> RemoteEngine | None:
+def _attached(place: Place, role: Role) -> RemoteEngine | None:
+    from madrob_console.cli.attaching import who_am_i
+    from madrob_console.engine.process.remote import RemoteEngine
+
     try:
         return RemoteEngine(place.socket, role, who_am_i())
     except (MadrobError, OSError):

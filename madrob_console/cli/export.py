@@ -3,18 +3,52 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
+from pathlib import Path
 
-from madrob_console.cli.arguments_common import BAD_INPUT
-from madrob_console.cli.attaching import results_folder
-from madrob_console.config import load_settings
-from madrob_console.export.pack import export_team
+from madrob_console.cli.arguments import (
+    Commands,
+    add_results_option,
+    add_settings_option,
+    command,
+    results_folder,
+)
+from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.names import terminal_safe
+from scoring.imports import imports_kept
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "export",
+        main,
+        "all runs of a team in one zip, with checksums and what opens each file",
+        "The last line is the path of the zip. Exit code 2 when something could not be packed: it "
+        "is named, the rest is there.",
+    )
+    parser.add_argument("--team", type=int, required=True, help="the team's number (subject)")
+    add_results_option(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=None,
+        metavar="FILE.zip",
+        help="the zip; in the folder `exports` of the results folder if not given",
+    )
+    parser.add_argument(
+        "--without-bags", action="store_true", help="leave out the recordings, the largest files"
+    )
+    add_settings_option(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Make the zip; what could not be packed is named. The last line is the path of the zip."""
+    with imports_kept():
+        from madrob_console.config import load_settings
+        from madrob_console.export.pack import export_team
+
     settings = load_settings(arguments.settings)
     export = export_team(
         results_folder(arguments, settings),
@@ -25,7 +59,7 @@ def main(arguments: argparse.Namespace) -> int:
         bags=not arguments.without_bags,
     )
     for problem in export.problems:
-        print(f"madrob: {terminal_safe(problem)}", file=sys.stderr)
+        complain(problem)
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))

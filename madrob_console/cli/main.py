@@ -5,18 +5,22 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 
-from madrob_console.cli import arguments_preparing as preparing
-from madrob_console.cli import arguments_results as results
-from madrob_console.cli import arguments_running as running
-from madrob_console.cli.arguments_common import BAD_INPUT, Parser
+from madrob_console.cli.arguments import Main, Parser
+from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
 from madrob_console.version import software_version
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
-from scoring.imports import import_kept
+
+COMMANDS = (
+    *("console", "watch", "engine", "run", "testbed"),
+    *("score", "report", "standings", "export", "schema", "recover"),
+    *("calibrate", "doctor", "settings"),
+)
+"""A module each, beside this one, in the order of the help."""
 
 _EXIT_CODES = """\
 exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 interrupted,
@@ -29,8 +33,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The command line, complete with help texts."""
+def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """The command line with its help texts, of all commands or of some."""
     parser = Parser(
         prog="madrob",
         description="Referee console for the MADROB robot-door benchmark.",
@@ -39,20 +43,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    running.add_console(commands)
-    running.add_watch(commands)
-    running.add_engine(commands)
-    running.add_run(commands)
-    running.add_testbed(commands)
-    results.add_score(commands)
-    results.add_report(commands)
-    results.add_standings(commands)
-    results.add_export(commands)
-    results.add_schema(commands)
-    results.add_recover(commands)
-    preparing.add_calibrate(commands)
-    preparing.add_doctor(commands)
-    preparing.add_settings(commands)
+    for name in names:
+        import_module(f"madrob_console.cli.{name}").add(commands)
     return parser
 
 
@@ -69,14 +61,14 @@ def _with_pose(argv: Sequence[str]) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `madrob`; returns the exit code."""
-    arguments = build_parser().parse_args(_with_pose(sys.argv[1:] if argv is None else argv))
-    command: Callable[[argparse.Namespace], int] = import_kept(
-        f"madrob_console.cli.{arguments.module}"
-    ).main
+    words = _with_pose(sys.argv[1:] if argv is None else argv)
+    named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
+    arguments = build_parser(named).parse_args(words)
+    command: Main = arguments.main
     try:
         return command(arguments)
     except (MadrobError, RecorderError, ScoringError) as error:
-        print(f"madrob: {terminal_safe(str(error))}", file=sys.stderr)
+        complain(error)
         return BAD_INPUT
     except BrokenPipeError:  # `madrob score ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

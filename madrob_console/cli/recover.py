@@ -5,30 +5,46 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
-import shlex
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.archive.rescore import read_recorded_run
-from madrob_console.cli.arguments_common import BAD_INPUT
+from madrob_console.cli.arguments import Commands, command
+from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from recorder.errors import RecorderError
-from recorder.recovery import Recovered, recover
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from recorder.recovery import Recovered
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "recover",
+        main,
+        "repair recordings that were cut off",
+        "Writes a whole bag beside the torn one, which is kept. PATH is a run folder or a bag.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Repair every path; a bad one is named and does not stop the rest."""
+    with imports_kept():
+        from recorder.recovery import recover
+
     bad = 0
     for path in arguments.paths:
         try:
             with _journal_held(path):
                 line = _line(path, recover(path))
         except (MadrobError, RecorderError) as error:
-            print(f"madrob: {terminal_safe(str(error))}", file=sys.stderr)
+            complain(error)
             bad += 1
             continue
         print(terminal_safe(line))
@@ -42,6 +58,8 @@ def _journal_held(path: Path) -> Iterator[None]:
     Raises:
         MadrobError: it does so already.
     """
+    from madrob_console.archive.folders import JOURNAL_FILE
+
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         folder = path if path.is_dir() else Path(os.path.realpath(path)).parent
@@ -78,6 +96,10 @@ def _line(path: Path, recovered: Recovered) -> str:
 
 
 def _scoring(path: Path) -> str:
+    import shlex
+
+    from madrob_console.archive.rescore import read_recorded_run
+
     try:
         read_recorded_run(path)
     except (MadrobError, RecorderError):

@@ -3,31 +3,53 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
-from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.rescore import open_run, score_path
-from madrob_console.archive.results import Scored, ending_of
-from madrob_console.archive.run_paths import runs_at
-from madrob_console.cli.arguments_common import BAD_INPUT
+from madrob_console.cli.arguments import Commands, command
+from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
-from madrob_console.files.whole import atomic_write
 from madrob_console.names import terminal_safe
 from madrob_console.report import PictureFormat
-from madrob_console.report.page import report_html
 from madrob_console.version import software_version
-from scoring.evaluate import with_remarks
-from scoring.result import Result
-from scoring.rows import Rows
+from scoring.imports import imports_kept
 
-File = tuple[Path, bytes]
+if TYPE_CHECKING:
+    from scoring.result import Result
+    from scoring.rows import Rows
+
+NamedFile: TypeAlias = tuple[Path, bytes]
 """Where it goes, and what is in it."""
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "report",
+        main,
+        "a page for the team: report.html in the run folder, or the figures alone",
+        "PATH is a run folder, a results folder or a bag; of EUROBENCH folders the figures only.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
+    parser.add_argument(
+        "--figures",
+        type=PictureFormat,
+        choices=list(PictureFormat),
+        default=None,
+        help="figures of this format instead of the page",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=None, help="folder for all pages, <run>_report.html each"
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Make the files of every path; a bad one is named and does not stop the rest."""
+    with imports_kept():
+        from madrob_console.archive.run_paths import runs_at
+
     written: set[Path] = set()
     bad = 0
     for path in arguments.paths:
@@ -35,26 +57,16 @@ def main(arguments: argparse.Namespace) -> int:
             try:
                 _make(run, arguments.figures, arguments.output, written)
             except MadrobError as error:
-                _complain(str(error))
+                complain(error)
                 bad += 1
     return BAD_INPUT if bad else 0
-
-
-def scored_run(path: Path) -> Scored:
-    """Score a run folder or bag again, with what its stored result says of the data.
-
-    Raises:
-        MadrobError: it cannot be read; the message names path and remedy.
-    """
-    opened = open_run(path)
-    record, run = opened.recorded.record, opened.recorded.run
-    result, rows = opened.assessment.result(ending_of(run), run.rulings)
-    return Scored(record, run, with_remarks(result, run.remarks()), rows)
 
 
 def _make(
     path: Path, pictures: PictureFormat | None, output: Path | None, written: set[Path]
 ) -> None:
+    from madrob_console.files.whole import atomic_write
+
     files = _page(path, output) if pictures is None else _pictures(path, pictures, output)
     for target, data in files:
         if target in written:
@@ -70,7 +82,12 @@ def _make(
         print(terminal_safe(str(target)))
 
 
-def _page(path: Path, output: Path | None) -> Iterator[File]:
+def _page(path: Path, output: Path | None) -> Iterator[NamedFile]:
+    with imports_kept():
+        from madrob_console.archive.folders import REPORT_FILE
+        from madrob_console.archive.rescore import scored_run
+        from madrob_console.report.page import report_html
+
     if _published(path):
         raise MadrobError(
             f"{path}: published files tell nothing of the referee: use `--figures svg` for them"
@@ -79,19 +96,23 @@ def _page(path: Path, output: Path | None) -> Iterator[File]:
     yield _target(path, output, REPORT_FILE), page.encode()
 
 
-def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[File]:
-    from scoring.figures.plots import figures_of, missing_figures, png, svg
+def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:
+    with imports_kept():
+        from scoring.figures.plots import figures_of, missing_figures, png, svg
 
     for run, result, rows in _results(path):
         for name, figure in figures_of(result, rows).items():
             data = png(figure) if pictures is PictureFormat.PNG else svg(figure).encode()
             yield _target(path, output, f"{run}{name}.{pictures}"), data
         for name, reason in missing_figures(result, rows).items():
-            _complain(f"{path}: {run}no figure {name.number}: {reason}")
+            complain(f"{path}: {run}no figure {name.number}: {reason}")
 
 
 def _results(path: Path) -> Iterator[tuple[str, Result, Rows]]:
     """What the figures of a path show, and how the files of each run begin."""
+    with imports_kept():
+        from madrob_console.archive.rescore import score_path, scored_run
+
     if _published(path):
         for published in score_path(path):
             yield f"{published.path.name}_", published.result, published.rows
@@ -111,7 +132,3 @@ def _target(path: Path, output: Path | None, name: str) -> Path:
     if whole.is_dir():
         return whole / name if output is None else output / f"{whole.name}_{name}"
     return (output or whole.parent) / f"{whole.stem}_{name}"
-
-
-def _complain(text: str) -> None:
-    print(f"madrob: {terminal_safe(text)}", file=sys.stderr)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.archive.result_document import schema_text
+from madrob_console.cli.arguments import Commands, command
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    command(commands, "schema", main, "the JSON schema of result.json")
 
 
 def main(_arguments: argparse.Namespace) -> int:
     """Print the JSON schema."""
+    from madrob_console.archive.result_document import schema_text
+
     print(schema_text().decode(), end="")
     return 0

@@ -1,4 +1,7 @@
-"""`madrob score`: recorded runs to results, one or ten thousand of them."""
+"""`madrob score`: recorded runs to results, one or ten thousand of them.
+
+What is said of a run is plain text, so that another process can do the work.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,19 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
+from pathlib import Path
 from textwrap import indent
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from madrob_console.archive.run_paths import runs_at
-from madrob_console.cli.arguments_common import BAD_INPUT
-from madrob_console.cli.arguments_results import BOTH_RULESETS
-from madrob_console.cli.batch import in_order
-from madrob_console.cli.score_run import Told, Wanted, tell
+from madrob_console.cli.arguments import Commands, command
+from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.rulesets import RulesetName
+
+if TYPE_CHECKING:
+    from madrob_console.archive.rescore import ScoredPath
+    from madrob_console.archive.run_paths import RunPath
 
 DIFFERENCES = 1
 """Exit code of `--check` where a result is not what its recording gives."""
@@ -22,21 +29,88 @@ DIFFERENCES = 1
 STOPPED = 130
 """Exit code after Ctrl+C, as shells have it."""
 
+_BOTH = "both"
+"""Every ruleset, side by side."""
+
 _A_FEW = 4
 """So many runs need no progress bar."""
 
 
+class RunText(NamedTuple):
+    """What there is to say of one run.
+
+    Attributes:
+        text: lines for people, or one JSON document; empty where there is a problem.
+        problem: why it cannot be scored, on one line; None = it can.
+        differs: a check found a difference.
+    """
+
+    text: str
+    problem: str | None = None
+    differs: bool = False
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "score",
+        main,
+        "score recorded runs, or check their stored results",
+        "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a results folder. "
+        "Exit code 2 when a run cannot be read; the rest is scored. With --check, 1 when a "
+        "result differs.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument(
+        "--ruleset",
+        choices=[*map(str, RulesetName), _BOTH],
+        default=None,
+        help="the rules, or both side by side; those of the run if not given",
+    )
+    either.add_argument(
+        "--check",
+        action="store_true",
+        help="compare each run's result.json with what its recording gives, to the last digit",
+    )
+    parser.add_argument("--json", action="store_true", help="JSON for programs")
+    parser.add_argument(
+        "--jobs",
+        type=_job_count,
+        default=None,
+        metavar="N",
+        help="runs scored at once; as many as there are cores if not given",
+    )
+    parser.add_argument(
+        "--backend",
+        default=None,
+        metavar="NAME",
+        help="joblib's backend for the jobs: loky (processes here) if not given",
+    )
+
+
+def _job_count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give 1 or more")
+    return int(text)
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
+    from madrob_console.archive.run_paths import runs_at
+    from madrob_console.cli.batch import in_order
+
     runs = [run for path in arguments.paths for run in runs_at(path)]
-    wanted = Wanted(_rules(arguments.ruleset), arguments.check, arguments.json)
-    told = in_order(partial(tell, wanted=wanted), runs, arguments.jobs, arguments.backend)
+    rules = _rules(arguments.ruleset)
+    describe = partial(describe_run, rules=rules, check=arguments.check, as_json=arguments.json)
+    texts = in_order(describe, runs, arguments.jobs, arguments.backend)
     if len(runs) > _A_FEW and sys.stderr.isatty():
-        told = _with_bar(told, len(runs))
+        texts = _with_bar(texts, len(runs))
     try:
-        bad, differing = _print(told, as_json=arguments.json)
+        bad, differing = _print(texts, as_json=arguments.json)
     except KeyboardInterrupt:
-        print("madrob: stopped", file=sys.stderr)
+        complain("stopped")
         return STOPPED
     if arguments.check and len(runs) > 1 and not arguments.json:
         agreeing = len(runs) - bad - differing
@@ -47,19 +121,19 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
-    if name == BOTH_RULESETS:
+    if name == _BOTH:
         return tuple(RulesetName)
     return (None if name is None else RulesetName(name),)
 
 
-def _print(told: Iterable[Told], *, as_json: bool) -> tuple[int, int]:
+def _print(texts: Iterable[RunText], *, as_json: bool) -> tuple[int, int]:
     """Print what is said of each run as soon as it is; how many were bad, and how many differ."""
     bad, differing, printed = 0, 0, 0
     if as_json:
         print('{\n  "runs": [', end="")
-    for one in told:
+    for one in texts:
         if one.problem is not None:
-            print(f"madrob: {terminal_safe(one.problem)}", file=sys.stderr, flush=True)
+            complain(one.problem)
             bad += 1
             continue
         if as_json:
@@ -73,7 +147,7 @@ def _print(told: Iterable[Told], *, as_json: bool) -> tuple[int, int]:
     return bad, differing
 
 
-def _with_bar(told: Iterable[Told], total: int) -> Iterator[Told]:
+def _with_bar(texts: Iterable[RunText], total: int) -> Iterator[RunText]:
     """The same, with a progress bar on the terminal below what is printed."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -88,4 +162,75 @@ def _with_bar(told: Iterable[Told], total: int) -> Iterator[Told]:
         redirect_stdout=sys.stdout.isatty(),
     )
     with progress:
-        yield from progress.track(told, total=total)
+        yield from progress.track(texts, total=total)
+
+
+def describe_run(
+    run: RunPath,
+    rules: tuple[RulesetName | None, ...] = (None,),
+    *,
+    check: bool = False,
+    as_json: bool = False,
+) -> RunText:
+    """Score or check a run. Never raises: one bad run must not stop the others.
+
+    Args:
+        run: which one.
+        rules: the rulesets, each once; None = that of the run.
+        check: compare with the stored result instead.
+        as_json: for programs instead of people.
+    """
+    try:
+        return _checked(run, as_json=as_json) if check else _scored(run, rules, as_json=as_json)
+    except MadrobError as error:
+        return RunText("", str(error))
+    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
+        return RunText("", f"{run.name}: cannot be scored ({error!r}): please report it")
+
+
+def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: bool) -> RunText:
+    # they load numpy and SciPy, which a program that only hands out work does without
+    from madrob_console.archive.rescore import score_run
+    from madrob_console.cli.score_table import comparison_lines, result_lines
+
+    scored = score_run(run, rules)
+    if as_json:
+        return RunText(_json(run, _document(scored)))
+    results = [one.result for one in scored]
+    lines = result_lines(*results) if len(results) == 1 else comparison_lines(results)
+    return RunText("\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)]))
+
+
+def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
+    from madrob_console.archive.results import scores
+    from madrob_console.cli.score_table import difference
+
+    if len(scored) == 1:
+        return scores(scored[0].result)
+    first, *others = (each.result for each in scored)
+    differences: dict[str, Any] = {}
+    for one in first.indicators:
+        by = {other.ruleset: difference(one, other.indicator(one.name)) for other in others}
+        differences[one.name] = by if len(others) > 1 else next(iter(by.values()))
+    return {
+        "rulesets": {result.ruleset: scores(result) for result in (first, *others)},
+        "differences": differences,
+    }
+
+
+def _checked(run: RunPath, *, as_json: bool) -> RunText:
+    from madrob_console.archive.check import check_run
+
+    found = check_run(run)
+    if as_json:
+        return RunText(_json(run, {"differences": found}), differs=bool(found))
+    verdict = f"differs in {len(found)}" if found else "agrees"
+    lines = [f"{run.name}: {verdict}", *(f"  {difference.words}" for difference in found)]
+    return RunText("\n".join(map(terminal_safe, lines)), differs=bool(found))
+
+
+def _json(run: RunPath, content: dict[str, Any]) -> str:
+    import msgspec
+
+    document = msgspec.json.encode({"path": run.name} | content)
+    return msgspec.json.format(document, indent=2).decode()

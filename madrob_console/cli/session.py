@@ -7,15 +7,16 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+from madrob_console.cli.arguments import results_folder, ros_domain
 from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.kinds import Scenario, SourceKind
 from madrob_console.messages.codec import MessageTypes
-from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source
 from madrob_console.version import software_version
@@ -31,9 +32,8 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:
     """
     kind, replayed = _testbed(arguments, settings)
     types = MessageTypes()
-    results = arguments.results or settings.results.root
     config = EngineConfig(
-        results=results.expanduser().absolute(),
+        results=results_folder(arguments, settings),
         mappings=settings.mappings(),
         thresholds=settings.scoring_thresholds(),
         limits=settings.sensor_limits(),
@@ -76,8 +76,7 @@ def _ros_source(
 ) -> Source:
     from madrob_console.testbeds.ros import RosSource
 
-    domain = arguments.domain if arguments.domain is not None else settings.testbed.domain
-    return RosSource(settings.mappings(), types, clock, domain)
+    return RosSource(settings.mappings(), types, clock, ros_domain(arguments, settings))
 
 
 def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceKind, Path | None]:

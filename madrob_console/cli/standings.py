@@ -5,35 +5,73 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from madrob_console.archive.history import History
-from madrob_console.cli.arguments_common import BAD_INPUT
-from madrob_console.config import load_settings
-from madrob_console.errors import MadrobError
-from madrob_console.files.whole import atomic_write
-from madrob_console.kinds import SourceKind
-from madrob_console.names import terminal_safe
-from madrob_console.report.explanations import UNOFFICIAL, task_text
-from madrob_console.standings.competition import (
-    NOTES,
-    CompetitionStandings,
-    RulesetStandings,
-    competition_standings,
-    figures,
+from madrob_console.cli.arguments import (
+    Commands,
+    add_results_option,
+    add_settings_option,
+    command,
 )
-from madrob_console.standings.data_files import standings_csv, standings_json
-from madrob_console.standings.tally import Tally
-from madrob_console.standings.web_page import counts, standings_html, which
+from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
 from madrob_console.version import software_version
-from scoring.indicator_table import IndicatorName
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.standings.competition import CompetitionStandings
 
 _STDOUT = Path("-")
 
 
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "standings",
+        main,
+        "all teams, in each condition and in all: a table, csv, json, html",
+        "Mean, median and standard deviation over the valid runs; invalid and interrupted ones are "
+        "listed with their reasons. Exit code 2 when a result is damaged; the rest is there.",
+    )
+    for kind, text in (
+        ("csv", "a row for each team, condition and indicator"),
+        ("json", "everything, with units and reasons"),
+        ("html", "a page for phone and paper"),
+    ):
+        parser.add_argument(
+            f"--{kind}",
+            type=Path,
+            default=None,
+            metavar="FILE",
+            help=f"{text}; - = standard output",
+        )
+    parser.add_argument(
+        "--best",
+        type=int,
+        default=None,
+        metavar="N",
+        help="only the N best runs of each team in each condition; 0 = all; else the settings'",
+    )
+    parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
+    parser.add_argument(
+        "--practice", action="store_true", help="the simulated runs instead, marked as such"
+    )
+    add_results_option(parser)
+    add_settings_option(parser)
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Write the files that were asked for, or print a table; damaged results are named."""
+    with imports_kept():
+        from madrob_console.files.whole import atomic_write
+        from madrob_console.standings.data_files import standings_csv, standings_json
+        from madrob_console.standings.text_table import standings_lines
+        from madrob_console.standings.web_page import standings_html
+
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
         "csv": lambda found: standings_csv(found).encode(),
         "json": lambda found: standings_json(found, software_version()),
@@ -56,61 +94,15 @@ def main(arguments: argparse.Namespace) -> int:
             print(terminal_safe(line))
     damaged = [run for run, _ in found.left_out if run.problem is not None]
     for run in damaged:
-        print(f"madrob: {terminal_safe(f'{run.folder}: {run.problem}')}", file=sys.stderr)
+        complain(f"{run.folder}: {run.problem}")
     return BAD_INPUT if damaged else 0
 
 
-def standings_lines(found: CompetitionStandings) -> Iterator[str]:
-    """The standings as a table of at most 80 characters in a line, names apart."""
-    if not found.official:
-        yield UNOFFICIAL[SourceKind.SIMULATED]
-    yield f"MADROB standings {found.title}".rstrip()
-    yield from found.remarks
-    if len(found.competitions) > 1:
-        yield "Take one of them by --competition NAME."
-    yield found.basis
-    if not found.groups:
-        yield "No run counts yet."
-    for group in found.groups:
-        yield from _group_lines(group)
-    if found.left_out:
-        yield ""
-        yield "Runs that do not count:"
-    for run, why in found.left_out:
-        yield f"  {which(run)}: {run.outcome_word}: {why}"
-    if found.groups:
-        yield ""
-        yield from NOTES
-
-
-def _group_lines(group: RulesetStandings) -> Iterator[str]:
-    yield ""
-    yield f"All conditions together, ruleset {group.ruleset}"
-    yield from _team_lines(group.overall)
-    for condition, standings in group.conditions.items():
-        yield ""
-        task = f"{condition.benchmark_type}: {task_text(condition)}"
-        yield f"Condition {condition.number}, {task}; ruleset {group.ruleset}"
-        yield from _team_lines(standings)
-
-
-def _team_lines(tallies: tuple[Tally, ...]) -> Iterator[str]:
-    yield _columns("", (name.spec.title for name in IndicatorName))
-    yield _columns("", (name.spec.unit for name in IndicatorName))
-    for tally in tallies:
-        yield f"{tally.subject} {tally.team}: {', '.join(counts(tally))}"
-        rows = {name: figures(tally.aggregates.get(name), name) for name in IndicatorName}
-        for word in ("mean", "median", "std", "min", "max"):
-            numbers = [rows[name].get(word) for name in IndicatorName]
-            if any(number is not None for number in numbers):
-                yield _columns(word, ("-" if n is None else f"{n:.4g}" for n in numbers))
-
-
-def _columns(name: str, cells: Iterable[str]) -> str:
-    return f"{name:>7}" + "".join(f" {cell:>8}" for cell in cells)
-
-
 def _found(arguments: argparse.Namespace) -> CompetitionStandings:
+    from madrob_console.archive.history import History
+    from madrob_console.config import load_settings
+    from madrob_console.standings.competition import competition_standings
+
     settings = load_settings(arguments.settings)
     best = settings.competition.best_runs if arguments.best is None else arguments.best
     if best < 0:

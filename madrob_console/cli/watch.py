@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli.console import show
-from madrob_console.engine.shown.client import Role
+from madrob_console.cli.arguments import Commands, add_testbed_options, command
+from madrob_console.cli.console import add_look_options, show
+
+
+def add(commands: Commands) -> None:
+    """Its command line."""
+    parser = command(
+        commands,
+        "watch",
+        main,
+        "the same screens for spectators: they show everything and can do nothing",
+        "Attaches to the engine of the testbed that is named, or to the only one that runs.",
+    )
+    add_testbed_options(parser)
+    add_look_options(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; no key of theirs does anything to the run."""
+    from madrob_console.engine.shown.client import Role
+
     return show(arguments, Role.WATCH)

@@ -6,8 +6,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from madrob_console.archive.rescore import scored_run
 from madrob_console.cli import aside
-from madrob_console.cli.report import scored_run
 from madrob_console.engine.process.reporting import Papers
 from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns

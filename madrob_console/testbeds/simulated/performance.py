@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from madrob_console.kinds import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.motion import Profile, Track, Tremor
-from madrob_console.testbeds.simulated.plan import MotionPlan, Scenario
+from madrob_console.testbeds.simulated.plan import MotionPlan
 from scoring.protocol import Condition
 
 _GRIP_RISE = 0.15

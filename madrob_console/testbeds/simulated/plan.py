@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import lru_cache
 
+from madrob_console.kinds import Scenario
 from madrob_console.testbeds.simulated.geometry import RobotBody
 from madrob_console.testbeds.simulated.motion import Motion, Tremor
 from scoring.braking import braking_table
@@ -19,44 +19,6 @@ _STEADY_SPEED = 0.05
 """rad/s from which on the brake resists in full."""
 _DIFFERENCE = 0.001
 """s over which the panel's speed is taken."""
-
-
-class Scenario(StrEnum):
-    """What a simulated robot does, by the name under which a user asks for it."""
-
-    NOMINAL = "nominal"
-    JERKY = "jerky"
-    SLAM = "slam"
-    SLOW = "slow"
-    NO_TOUCH = "no-touch"
-    TOUCH_ONLY = "touch-only"
-    OPEN_ONLY = "open-only"
-    NO_CLOSE = "no-close"
-    TURNS_BACK = "turns-back"
-    CLOSES_UNDER_SENSORS = "closes-under-sensors"
-    BOUNCES = "bounces"
-    RANDOM = "random"
-
-    @property
-    def text(self) -> str:
-        """The scenario in a few words."""
-        return _TEXTS[self]
-
-
-_TEXTS = {
-    Scenario.NOMINAL: "opens the door, goes through, closes it",
-    Scenario.JERKY: "the same in fits and starts, with a trembling hand",
-    Scenario.SLAM: "lets the door slam shut",
-    Scenario.SLOW: "takes its time",
-    Scenario.NO_TOUCH: "shoves the panel and never touches the handle",
-    Scenario.TOUCH_ONLY: "takes the handle and lets go of it",
-    Scenario.OPEN_ONLY: "opens the door and stays where it is",
-    Scenario.NO_CLOSE: "goes through and leaves the door open",
-    Scenario.TURNS_BACK: "turns back in the doorway",
-    Scenario.CLOSES_UNDER_SENSORS: "closes the door while it stands under the sensors",
-    Scenario.BOUNCES: "closes a door that springs open once more",
-    Scenario.RANDOM: "any of these, in any manner",
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from random import Random
 
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.perception import is_clear_cut
 from madrob_console.testbeds.simulated.performance import Manner, Performance
-from madrob_console.testbeds.simulated.plan import MotionPlan, Scenario
+from madrob_console.testbeds.simulated.plan import MotionPlan
 from scoring.protocol import Condition
 
 _ATTEMPTS = 100

@@ -11,8 +11,9 @@ from random import Random
 
 from madrob_console.clock import NS, seconds
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.plan import MotionPlan, Scenario
+from madrob_console.testbeds.simulated.plan import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,

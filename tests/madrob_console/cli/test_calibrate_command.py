@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.cli.arguments_common import BAD_INPUT
 from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.config import Settings, parse_settings
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.preparing.testbed_calibration import (

@@ -15,7 +15,7 @@ import pytest
 from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.main import main
-from madrob_console.cli.score_run import Wanted, tell
+from madrob_console.cli.score import describe_run
 from madrob_console.testbeds.simulated import Scenario
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -152,7 +152,7 @@ TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
 def test_of_two_rulesets_each_indicator_has_one_difference() -> None:
     for scenario, level in ((Scenario.NOMINAL, -2), (Scenario.TOUCH_ONLY, None)):
         (of,) = runs_at(recorded(scenario))
-        run = json.loads(tell(of, Wanted(TWO, as_json=True)).text)
+        run = json.loads(describe_run(of, TWO, as_json=True).text)
         protocol, published = (run["rulesets"][name]["indicators"] for name in TWO)
         for name, by in run["differences"].items():
             values = protocol[name]["value"], published[name]["value"]
@@ -162,7 +162,7 @@ def test_of_two_rulesets_each_indicator_has_one_difference() -> None:
 
 def test_both_rulesets_are_a_table_for_people() -> None:
     runs = [run for of in (Scenario.NOMINAL, Scenario.TOUCH_ONLY) for run in runs_at(recorded(of))]
-    text = "\n".join(tell(run, Wanted(TWO)).text for run in runs)
+    text = "\n".join(describe_run(run, TWO).text for run in runs)
     assert len(re.findall(r"^ +protocol eurobench-2020 +difference$", text, re.MULTILINE)) == 2
     assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
     assert re.search(r"^  time to handle +(\d\.\d{6}) +\1 +=  s$", text, re.MULTILINE)
@@ -174,11 +174,11 @@ def test_both_rulesets_are_a_table_for_people() -> None:
 def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first() -> None:
     (run,) = runs_at(recorded(Scenario.NOMINAL))
     rules = (RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020, RulesetName.PROTOCOL)
-    text = tell(run, Wanted(rules)).text
+    text = describe_run(run, rules).text
     heads = r"^ +protocol eurobench-2020 +difference +protocol +difference$"
     assert len(re.findall(heads, text, re.MULTILINE)) == 1
     assert re.search(r"^  capability level +6 +4 +-2 +6 +=  steps$", text, re.MULTILINE)
-    document = json.loads(tell(run, Wanted(rules, as_json=True)).text)
+    document = json.loads(describe_run(run, rules, as_json=True).text)
     assert document["differences"]["capability_level"] == {"protocol": 0, "eurobench-2020": -2}
 
 

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.cli.arguments_common import BAD_INPUT
 from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.standings.competition import CompetitionStandings, competition_standings
 from madrob_console.standings.data_files import COLUMNS, standings_csv, standings_json

@@ -14,11 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.rescore import open_run
+from madrob_console.archive.rescore import open_run, scored_run
 from madrob_console.archive.results import Scored
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
-from madrob_console.cli.report import scored_run
 from madrob_console.clock import SystemClock
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig

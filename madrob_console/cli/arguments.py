@@ -1,30 +1,18 @@
-"""What several commands take."""
+"""What several commands take, and what it comes to with the settings."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
-from scoring.protocol import BenchmarkType, Side
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.kinds import Scenario
+from scoring.protocol import BenchmarkType, Condition, Side
 
-BAD_INPUT = 2
-"""Exit code of bad input and of refusals; also argparse's."""
-
-SCENARIOS = (
-    "nominal",
-    "jerky",
-    "slam",
-    "slow",
-    "no-touch",
-    "touch-only",
-    "open-only",
-    "no-close",
-    "turns-back",
-    "closes-under-sensors",
-    "bounces",
-    "random",
-)
+if TYPE_CHECKING:
+    from madrob_console.config import Settings
 
 
 class Parser(argparse.ArgumentParser):
@@ -37,13 +25,19 @@ class Parser(argparse.ArgumentParser):
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
+Main: TypeAlias = Callable[[argparse.Namespace], int]
+"""Carries a command out and returns its exit code."""
 
-def command(commands: Commands, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
+
+def command(
+    commands: Commands, name: str, main: Main | None, text: str, more: str = ""
+) -> argparse.ArgumentParser:
     """The parser of one command.
 
     Args:
         commands: all of them; it is added to them.
         name: the command.
+        main: carries it out; None = its parts do.
         text: what it does, as the list of commands says it.
         more: what its own help says beyond that.
     """
@@ -53,7 +47,7 @@ def command(commands: Commands, name: str, text: str, more: str = "") -> argpars
         description=f"{text[0].upper()}{text[1:]}. {more}".rstrip(),
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.set_defaults(module=name)
+    parser.set_defaults(main=main)
     return parser
 
 
@@ -73,9 +67,31 @@ def add_testbed_options(parser: argparse.ArgumentParser) -> None:
         default=1.0,
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     )
-    parser.add_argument("--domain", type=int, default=None, help="ROS domain")
-    parser.add_argument("--results", type=Path, default=None, help="results folder")
+    add_domain_option(parser)
+    add_results_option(parser)
     add_settings_option(parser)
+
+
+def add_domain_option(parser: argparse.ArgumentParser) -> None:
+    """The ROS domain."""
+    parser.add_argument("--domain", type=int, default=None, help="ROS domain")
+
+
+def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:
+    """The ROS domain; None = `ROS_DOMAIN_ID`, or 0."""
+    chosen: int | None = arguments.domain
+    return settings.testbed.domain if chosen is None else chosen
+
+
+def add_results_option(parser: argparse.ArgumentParser) -> None:
+    """The results folder."""
+    parser.add_argument("--results", type=Path, default=None, help="results folder")
+
+
+def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
+    """Where the runs are kept."""
+    chosen: Path = arguments.results or settings.results.root
+    return chosen.expanduser().absolute()
 
 
 def add_settings_option(parser: argparse.ArgumentParser) -> None:
@@ -83,12 +99,22 @@ def add_settings_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--settings", type=Path, default=None, help="settings file (TOML)")
 
 
+def add_idle_time_option(parser: argparse.ArgumentParser) -> None:
+    """How long an engine stays that nobody needs."""
+    parser.add_argument(
+        "--idle-time",
+        type=float,
+        default=None,
+        help="s without a screen and without a run after which the engine ends",
+    )
+
+
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """What the simulated robot does."""
     parser.add_argument(
         "--scenario",
-        choices=SCENARIOS,
-        default="nominal",
+        choices=[*map(str, Scenario)],
+        default=str(Scenario.NOMINAL),
         help="what the simulated robot does",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the simulation")
@@ -105,3 +131,8 @@ def add_condition_options(parser: argparse.ArgumentParser) -> None:
         choices=list(BenchmarkType),
         default=BenchmarkType.NO_FORCE,
     )
+
+
+def condition_of(arguments: argparse.Namespace) -> Condition:
+    """The condition that was chosen."""
+    return Condition(arguments.benchmark_type, arguments.opening_side, arguments.starting_side)

@@ -1,0 +1,152 @@
+"""A run without screens: an engine driven as a referee would, a plain line per event."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from madrob_console.cli.log_printer import LogPrinter
+from madrob_console.cli.score_table import result_lines
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.process.reporting import Papers
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.preflight import blocking
+from madrob_console.referee.run import CheckName, RunSetup
+from scoring.kinematics import load_filters
+from scoring.protocol import Outcome
+
+STEP = 0.02
+"""The engine waits this long for messages, s of its clock."""
+
+_LOOK_PERIOD = 0.5
+_REST = 1.5
+
+
+class UnattendedRun:
+    """Drives an engine as a referee would, and prints what happens.
+
+    Args:
+        engine: not opened yet.
+        papers: they make the report; None = there shall be none.
+    """
+
+    def __init__(self, engine: Engine, papers: Papers | None) -> None:
+        self._engine = engine
+        self._papers = papers
+        if papers is not None:
+            engine.on_result = papers.report
+        self._log = LogPrinter(engine.log)
+        self._signal: int | None = None
+
+    def go(self, setup: Callable[[], RunSetup], wait: float, waive: str | None) -> Outcome:
+        """Do the run, to its report; how it ended.
+
+        Args:
+            setup: what is set; asked when the engine is open.
+            wait: for the pre-start checks, s.
+            waive: why failing checks shall pass; None = they shall not.
+
+        Raises:
+            MadrobError: it did not start; nothing was recorded.
+        """
+        engine = self._engine
+        engine.open()
+        # the robot is getting ready: nobody should wait for imports when it is through the door
+        threading.Thread(target=load_filters, name="filters", daemon=True).start()
+        try:
+            print(f"testbed: {engine.source.label}", flush=True)
+            self._prepare(setup(), wait, waive)
+            while engine.scored is None:
+                self._step()
+                self._heed_signal()
+        finally:
+            engine.close()
+            self._log.print_new()
+        return self._report()
+
+    def _prepare(self, setup: RunSetup, wait: float, waive: str | None) -> None:
+        engine = self._engine
+        self._do(SetUp(setup))
+        begin = engine.now()
+        self._wait_for_checks(begin + _REST, begin + wait)
+        if problem := engine.source.sides_problem:
+            print(f"note: {problem}", flush=True)
+        self._do(ZeroHandle())
+        self._do(ConfirmPose())
+        if waive is not None:
+            for check in blocking(engine.situation().checks):
+                self._do(Waive(check.name, waive))
+        self._do(Start())
+
+    def _wait_for_checks(self, rest: float, end: float) -> None:
+        """Let the handle rest for a while, and wait for the checks that time can mend."""
+        by_hand = (CheckName.POSE, CheckName.HANDLE)
+        looked = 0.0
+        while (now := self._engine.now()) < end:
+            self._step()
+            if self._signal is not None:
+                raise MadrobError("stopped before the start; nothing was recorded")
+            if now < max(rest, looked + _LOOK_PERIOD):
+                continue
+            looked = now
+            if all(c.name in by_hand for c in blocking(self._engine.situation().checks)):
+                return
+
+    def _do(self, act: Act) -> None:
+        refused = self._engine.perform(act)
+        self._log.print_new()
+        if refused is not None:
+            raise MadrobError(f"{act.name} refused: {refused}")
+
+    def _step(self) -> None:
+        self._engine.step(STEP)
+        self._log.print_new()
+
+    def _heed_signal(self) -> None:
+        if self._signal is None:
+            return
+        if self._engine.run.active:
+            self._engine.perform(Abort(f"madrob run was ended by {self._name_of_signal()}"))
+        self._signal = None
+
+    def _name_of_signal(self) -> str:
+        return signal.Signals(self._signal or 0).name
+
+    @contextmanager
+    def stopping_on_signals(self) -> Iterator[None]:
+        """INT, TERM and HUP abort the run; it is kept on record as invalid."""
+
+        def note(number: int, _frame: FrameType | None) -> None:
+            self._signal = number
+
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        before = {number: signal.signal(number, note) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _report(self) -> Outcome:
+        scored = self._engine.scored
+        assert scored is not None
+        for line in result_lines(scored.result):
+            print(line)
+        if self._engine.result_problem:
+            print(self._engine.result_problem)
+        if self._papers is not None:
+            self._wait_for_report(self._papers)
+        print(f"run folder: {self._engine.folder}", flush=True)
+        return scored.result.ending.outcome
+
+    def _wait_for_report(self, papers: Papers) -> None:
+        """Wait until the report is made; a signal ends the waiting, and it gets ready alone."""
+        self._signal = None
+        while not papers.wait(_LOOK_PERIOD) and self._signal is None:
+            pass
+        if papers.problem is not None:
+            print(papers.problem)
