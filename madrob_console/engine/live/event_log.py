@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from madrob_console.engine.shown.snapshot import LogLine
+from madrob_console.engine.shown.snapshot import LogLine, Weight
 from madrob_console.names import terminal_safe
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, act_of
@@ -32,21 +32,22 @@ class EventLog:
         """Add a line for a journal entry; `start` of the run, s since the epoch."""
         time = float(entry.details.get("time", entry.time))
         relative = None if start is None else time - start
-        text = terminal_safe(_in_words(entry))
-        self._lines.append(LogLine(self._number, time, relative, entry.origin, text))
+        words, weight = _said(entry)
+        text = terminal_safe(f"{words}: {entry.reason}" if entry.reason else words)
+        self._lines.append(LogLine(self._number, time, relative, entry.origin, text, weight))
         self._number += 1
 
 
-def _in_words(entry: Entry) -> str:
-    details, reason = entry.details, entry.reason
-    ending = f": {reason}" if reason else ""
+def _said(entry: Entry) -> tuple[str, Weight]:
+    """What a line says without its reason, and how much it wants to be seen."""
     match entry.what:
         case Change.EVENT:
-            return str(details["event"])
+            return str(entry.details["event"]), Weight.PLAIN
         case Change.FALSE_START:
-            return f"FALSE START: {details['event']}"
+            return f"FALSE START: {entry.details['event']}", Weight.ALARM
         case Change.RUN_STOPS:
-            return f"run stops: {details['outcome']}{ending}"
-        case _:
-            act = act_of(entry)
-            return f"{entry.what if act is None else act.logged}{ending}"
+            return f"run stops: {entry.details['outcome']}", Weight.PLAIN
+    act = act_of(entry)
+    if act is None:
+        return entry.what, Weight.PLAIN
+    return act.logged, Weight.NOTICE if act.stands_out else Weight.PLAIN

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.shown.playback import PlaybackView
@@ -109,6 +110,14 @@ class RecorderView:
     problem: str | None = None
 
 
+class Weight(StrEnum):
+    """How much a line of the log wants to be seen."""
+
+    PLAIN = "plain"
+    NOTICE = "notice"
+    ALARM = "alarm"
+
+
 @dataclass(frozen=True, slots=True)
 class LogLine:
     """One line of the event log.
@@ -119,6 +128,7 @@ class LogLine:
         relative: s since the start (negative in the countdown); None outside a run.
         origin: who made it happen.
         text: in words, safe for a terminal.
+        weight: how much it wants to be seen.
     """
 
     number: int
@@ -126,6 +136,7 @@ class LogLine:
     relative: float | None
     origin: Origin
     text: str
+    weight: Weight = Weight.PLAIN
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ class Situation:
         return self.measure()
 
 
-class Shown(Protocol):
+class RunView(Protocol):
     """What the referee sees when asking for an act."""
 
     @property
@@ -86,6 +86,7 @@ class Act(ABC):
         title, questions: the dialog before it, whose answers are its fields; none = at once.
         at_once: it takes effect whatever the disk says; others only when the journal has them.
         consequences: what it brings with it.
+        stands_out: whether its line of the event log does.
     """
 
     __slots__ = ()
@@ -97,6 +98,7 @@ class Act(ABC):
     questions: ClassVar[tuple[Question, ...]] = ()
     at_once: ClassVar[bool] = False
     consequences: ClassVar[Consequence] = Consequence.NONE
+    stands_out: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         """An act that does not say when it is possible is none.
@@ -131,11 +133,11 @@ class Act(ABC):
         return refused or (None if self.reason_given.strip() else self.missing or None)
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Act | Ask[Act] | str:
+    def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act] | str:
         """What its key brings about.
 
         Args:
-            shown: what the referee sees.
+            view: what the referee sees.
             pressed: the key, where there are several.
 
         Returns:

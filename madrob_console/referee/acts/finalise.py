@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import Act, Shown, Situation
+from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write
 from madrob_console.referee.run import Closure, Phase, Run, TeamWord
 
@@ -41,9 +41,9 @@ class Finalise(Act):
         return None if self.referee.strip() else _NAMELESS
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Ask[Act]:
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
         """The team's word, a note, and the referee's name where it is missing."""
-        setup = shown.run.setup
+        setup = view.run.setup
         referee = "" if setup is None else setup.referee
         name = () if referee else (Write("Referee's name:", missing=_NAMELESS),)
         questions: tuple[Question, ...] = (_TEAM, _NOTE, *name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import Act, Shown, Situation
+from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick
 from madrob_console.referee.run import Incident, IncidentKind, Phase, Run
 
@@ -22,11 +22,12 @@ class MarkIncident(Act):
             tuple(Option(kind.value[0], kind.value, kind.value) for kind in IncidentKind),
         ),
     )
+    stands_out = True
     kind: IncidentKind
     note: str = ""
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Ask[Act]:
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
         """Which kind: the second key marks it."""
         return Ask(cls.title, cls.questions, lambda kind: cls(IncidentKind(kind)))
 

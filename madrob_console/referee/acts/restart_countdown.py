@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from madrob_console.referee.acts.act import Act, Consequence, Shown, Situation
+from madrob_console.referee.acts.act import Act, Consequence, RunView, Situation
 from madrob_console.referee.questions import Ask, Pick, reasons
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import begin_countdown, decide_false_starts
@@ -24,9 +24,9 @@ class RestartCountdown(Act):
     reason: str = "false start"
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Act | Ask[Act]:
+    def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act]:
         """Why, where no false start says so."""
-        if shown.run.undecided_false_start is not None:
+        if view.run.undecided_false_start is not None:
             return cls()
         return Ask(cls.title, cls.questions, cls)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import Act, Shown, Situation
+from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, reasons
 from madrob_console.referee.run import Phase, Run, relative_text
 from scoring.procedure import Ruling
@@ -33,12 +33,12 @@ class Rule(Act):
     reason: str
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Ask[Act]:
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
         """Confirmed or denied, and why; the key is the step's number."""
         step = Step(int(pressed))
-        record = next((record for record in shown.steps if record.step is step), None)
+        record = next((record for record in view.steps if record.step is step), None)
         found = None if record is None else record.sensors
-        sensors = "not done" if found is None else relative_text(found, shown.run.start) + " s"
+        sensors = "not done" if found is None else relative_text(found, view.run.start) + " s"
         verdict = Pick(
             f"Sensors: {sensors}. Referee: {_said(record.ruling if record else None)}.",
             (

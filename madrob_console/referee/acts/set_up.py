@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from madrob_console.referee.acts.act import Act, Consequence, Shown, Situation
+from madrob_console.referee.acts.act import Act, Consequence, RunView, Situation
 from madrob_console.referee.questions import Ask, Sure
 from madrob_console.referee.run import Phase, Run, RunSetup
 from scoring.protocol import Outcome
@@ -30,9 +30,9 @@ class SetUp(Act):
         """A bad set-up, naming the field."""
         return self.setup.problem()
 
-    def unless_final(self, shown: Shown) -> Act | Ask[Act]:
+    def unless_final(self, view: RunView) -> Act | Ask[Act]:
         """At once; asked first if the last result is not final."""
-        run = shown.run
+        run = view.run
         if run.phase is not Phase.STOPPED or run.outcome is Outcome.ABORTED:
             return self
         sure = Sure("The last result is not final: it stays as it is. Set up the next run?")

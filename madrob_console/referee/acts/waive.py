@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import Act, Shown, Situation
+from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
 from madrob_console.referee.run import CheckName, Phase, Run, Waiver
@@ -33,11 +33,11 @@ class Waive(Act):
         return _passes(self.check, situation)
 
     @classmethod
-    def ask(cls, shown: Shown, pressed: str) -> Ask[Act] | str:
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
         """Which failing check, and why."""
-        failing = [check.name for check in blocking(shown.checks)]
+        failing = [check.name for check in blocking(view.checks)]
         if len(failing) < 2:
-            return cls.ask_why(shown, failing[0]) if failing else _NONE_FAILS
+            return cls.ask_why(view, failing[0]) if failing else _NONE_FAILS
         which = tuple(Option(str(i), str(name), str(name)) for i, name in enumerate(failing, 1))
         return Ask(
             "Waive a failing check for this run",
@@ -46,9 +46,9 @@ class Waive(Act):
         )
 
     @classmethod
-    def ask_why(cls, shown: Shown, check: CheckName) -> Ask[Act] | str:
+    def ask_why(cls, view: RunView, check: CheckName) -> Ask[Act] | str:
         """Why this check may pass."""
-        if refused := _passes(check, shown):
+        if refused := _passes(check, view):
             return refused
         title = f"Waive '{check}' for this run"
         return Ask(title, (_WHY,), lambda reason: cls(check, reason))
@@ -71,6 +71,6 @@ class Waive(Act):
         return f"check waived: {self.check}"
 
 
-def _passes(check: CheckName, where: Situation | Shown) -> str | None:
+def _passes(check: CheckName, where: Situation | RunView) -> str | None:
     failing = [found.name for found in blocking(where.checks)]
     return None if check in failing else f"the check '{check}' does not fail"

@@ -11,7 +11,7 @@ from madrob_console.ui.cells.lines import View
 from madrob_console.ui.panes.banner import Banner
 from madrob_console.ui.panes.door_gauge import DoorGauge
 from madrob_console.ui.panes.handle_gauge import HandleGauge
-from madrob_console.ui.panes.log_view import EventLog
+from madrob_console.ui.panes.log_view import LogView
 from madrob_console.ui.panes.passage import Passage
 from madrob_console.ui.panes.provisional import Provisional
 from madrob_console.ui.panes.run_clock import RunClock, RunTenths
@@ -40,7 +40,7 @@ class LivePane(Vertical):
             DoorGauge(),
             HandleGauge(),
         )
-        self._slow: tuple[View, ...] = (Provisional(), EventLog())
+        self._slow: tuple[View, ...] = (Provisional(), LogView())
         self._count = 0
 
     def compose(self) -> ComposeResult:

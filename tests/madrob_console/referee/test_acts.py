@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from madrob_console.engine.live.event_log import EventLog
+from madrob_console.engine.shown.snapshot import Weight
 from madrob_console.referee import acts
 from madrob_console.referee.acts import (
     ACTS,
@@ -166,7 +167,8 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     entry = Entry(1.0, Origin.REFEREE, act.name, "", act.reason_given, act_details(act))
     for line in (entry, Entry.from_json(entry.to_json())):
         log.add(line, None)
-    assert [line.text for line in log.lines] == [logged, logged]
+    weight = Weight.NOTICE if isinstance(act, MarkIncident) else Weight.PLAIN
+    assert [(line.text, line.weight) for line in log.lines] == [(logged, weight)] * 2
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from madrob_console.engine.shown.snapshot import (
     SensorView,
     Snapshot,
     TopicView,
+    Weight,
 )
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
@@ -194,10 +195,10 @@ class FakeEngine:
         found = FalseStart(self.now, event)
         self.run = replace(self.run, false_starts=(*self.run.false_starts, found))
 
-    def say(self, text: str, origin: Origin = Origin.SENSOR) -> None:
+    def say(self, text: str, origin: Origin = Origin.SENSOR, weight: Weight = Weight.PLAIN) -> None:
         """One more line in the log."""
         at = None if self.run.start is None else self.now - self.run.start
-        self.log = (*self.log, LogLine(len(self.log), self.now, at, origin, text))
+        self.log = (*self.log, LogLine(len(self.log), self.now, at, origin, text, weight))
 
     def finish(self, outcome: Outcome = Outcome.COMPLETED, reason: str = "step 6 is done") -> None:
         """The run ends by itself and is scored."""

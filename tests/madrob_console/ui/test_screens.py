@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.engine.shown.snapshot import Weight
 from madrob_console.referee.journal import Origin
 from scoring.protocol import Side, Step
 from tests.madrob_console.ui.driver import Driver, driving
@@ -70,6 +71,6 @@ async def in_the_middle_of_a_run(driver: Driver) -> None:
     engine.provisional = {"time_to_handle": 1.0}
     engine.say("handle_is_touched")
     engine.say("door_opens")
-    engine.say("incident: collision", Origin.REFEREE)
+    engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE)
     for _ in range(4):  # top line and log wait for their turn
         await driver.settle()
