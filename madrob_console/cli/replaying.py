@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from madrob_console.cli.log_printer import LogPrinter
 from madrob_console.cli.score_table import result_lines
-from madrob_console.engine.replay.replaying import ReplayingEngine
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.replay import Replay
 from madrob_console.errors import MadrobError
 from scoring.protocol import Outcome
 
@@ -12,7 +13,7 @@ STEP = 0.02
 """Between two looks at the log, s."""
 
 
-def replay(engine: ReplayingEngine) -> Outcome:
+def print_replay(engine: Engine, replay: Replay) -> Outcome:
     """Print a replay to its end and what it differs in from the stored result; nothing is written.
 
     Raises:
@@ -22,7 +23,7 @@ def replay(engine: ReplayingEngine) -> Outcome:
     engine.open()
     try:
         print(f"testbed: {engine.source.label}", flush=True)
-        for problem in engine.problems:
+        for problem in replay.problems:
             print(f"note: {problem}", flush=True)
         log.print_new()
         while engine.scored is None:
@@ -35,6 +36,6 @@ def replay(engine: ReplayingEngine) -> Outcome:
     result = engine.scored.result
     for line in result_lines(result):
         print(line)
-    print(f"replay: {engine.comparison}; nothing was recorded")
+    print(f"replay: {replay.view(result).comparison}; nothing was recorded")
     print(f"run folder: {engine.folder}", flush=True)
     return result.ending.outcome

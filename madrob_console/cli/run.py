@@ -89,17 +89,16 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.cli import aside
         from madrob_console.cli.attaching import engine_place
-        from madrob_console.cli.replaying import replay
+        from madrob_console.cli.replaying import print_replay
         from madrob_console.cli.session import open_engine
         from madrob_console.cli.unattended import UnattendedRun
         from madrob_console.config import load_settings
         from madrob_console.engine.process.reporting import Papers
-        from madrob_console.engine.replay.replaying import ReplayingEngine
 
     settings = load_settings(arguments.settings)
     engine = open_engine(arguments, settings)
-    if isinstance(engine, ReplayingEngine):
-        return EXIT_CODES[replay(engine)]
+    if engine.replay is not None:
+        return EXIT_CODES[print_replay(engine, engine.replay)]
     live = engine.source.kind is SourceKind.ROS
     reports = settings.results.reports and not arguments.no_report
     papers = Papers(aside.COMMAND, lambda: engine.busy) if reports else None

@@ -12,7 +12,7 @@ from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
+from madrob_console.engine.live.replay import Replay
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import Scenario, SourceKind
 from madrob_console.messages.codec import MessageTypes
@@ -24,7 +24,7 @@ from madrob_console.version import software_version
 _SEARCH_TIME = 3.0
 
 
-def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:
+def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
     """The engine that the command line asks for; not opened yet.
 
     Raises:
@@ -46,7 +46,7 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> AnyEngine:
         raise MadrobError(f"--speed {arguments.speed:g}: use 0 to 1000")
     if kind is SourceKind.REPLAY:
         assert replayed is not None
-        return ReplayingEngine(replayed, config, types, arguments.speed)
+        return Engine.of_recording(Replay(replayed, types, arguments.speed), config, types)
     if kind is SourceKind.SIMULATED:
         clock: Clock = VirtualClock(time.time_ns())
         if arguments.speed > 0:

@@ -1,8 +1,9 @@
-"""A recorded bag as a source: the same messages at the same instants."""
+"""A recorded bag as a source: the same messages at the same instants, on a clock of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,19 +17,17 @@ from madrob_console.messages.codec import (
     decode_text,
     referee_topics,
 )
+from madrob_console.testbeds.recorded_clock import LONGEST, RecordedClock
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
-from scoring.protocol import Signal
-
-LONGEST = 200_000
-"""No run takes longer, s: the longest timeout is a day."""
+from scoring.protocol import Condition, Signal
 
 
-class ReplaySource:
-    """Plays a bag, as often as it is opened.
+class RecordedBag:
+    """A testbed that was recorded; it sends everything once more as often as it is opened.
 
     What the testbed sent comes again, in the order in which it is stored. What the console
     itself said is kept aside: the journal in `journal_lines`, the rest in the bag's `records`.
@@ -36,18 +35,28 @@ class ReplaySource:
     Args:
         path: a bag folder or an `.mcap` file.
         types: the types known; those of the bag are registered.
+        speed, monotonic, wait: of its clock.
 
     Attributes:
         path: the bag.
+        clock: recorded time; it goes on as messages are taken.
         begin_ns, end_ns: its first and its last instant, ns since the epoch.
         journal_lines: the lines of `/madrob/referee/event`, JSON, in order.
         records: the bag's metadata records by name.
 
     Raises:
-        MadrobError: the bag cannot be read or holds nothing, or its times make no sense.
+        MadrobError: the bag cannot be read or holds nothing, or its times make no sense; or the
+            speed is impossible.
     """
 
-    def __init__(self, path: Path, types: MessageTypes) -> None:
+    def __init__(
+        self,
+        path: Path,
+        types: MessageTypes,
+        speed: float = 1.0,
+        monotonic: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], None] = time.sleep,
+    ) -> None:
         try:
             self._bag = read_bag(path)
         except RecorderError as error:
@@ -69,6 +78,7 @@ class ReplaySource:
                 f"{path}: its messages lie {duration / 86400:.0f} days apart, that is no run; "
                 "choose another bag"
             )
+        self.clock = RecordedClock(self.begin_ns, self.end_ns, speed, monotonic, wait)
         self._problems = survey.problems
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
@@ -88,11 +98,6 @@ class ReplaySource:
         """What of the bag cannot be used, in words."""
         return tuple(p for p in (*self._problems, self._bag.problem) if p)
 
-    @property
-    def ended(self) -> bool:
-        """Whether the last message has been taken."""
-        return self._next is None
-
     def expect(self, mappings: Sequence[TopicMapping]) -> None:
         """These are the configured topics; without that, whatever the bag holds."""
         self._mappings = tuple(mappings)
@@ -102,13 +107,19 @@ class ReplaySource:
         self._messages = (m for m in self._bag.messages() if m.topic not in self._own)
         self._next = next(self._messages, None)
 
-    def take(self, until_ns: int) -> list[RawMessage]:
-        """The next messages up to an instant, ns since the epoch, in the order of the bag."""
+    def take(self, timeout: float) -> list[RawMessage]:
+        """The messages up to the next instant if that is due within `timeout` s of real time."""
+        self.clock.sleep(timeout)
+        until_ns = self.clock.now_ns()
         messages = []
         while self._next is not None and self._next.receive_ns <= until_ns:
             messages.append(self._next)
             self._next = next(self._messages, None)
         return messages
+
+    def topics(self) -> Sequence[Topic]:
+        """What the testbed sent."""
+        return self._topics
 
     def status(self) -> Sequence[TopicStatus]:
         """The topics of the bag and those that it lacks; what was lost on its way is not known."""
@@ -130,6 +141,17 @@ class ReplaySource:
                 for m in missing
             ),
         )
+
+    def configure(self, condition: Condition) -> None:
+        """Nothing: it was set then."""
+
+    @property
+    def sides_problem(self) -> str | None:
+        """Nothing has to be set by hand."""
+        return None
+
+    def publish(self, message: RawMessage) -> None:
+        """Nothing: who should have heard it heard it then."""
 
     def close(self) -> None:
         """Let go of the bag; safe to call twice."""

@@ -1,6 +1,6 @@
-"""What the engine asks of a testbed: live over ROS or simulated.
+"""What the engine asks of a testbed: live over ROS, simulated, or recorded in a bag.
 
-Both hand over the same `RawMessage`s, so that everything behind a source is one path.
+All three hand over the same `RawMessage`s, so that everything behind a source is one path.
 """
 
 from __future__ import annotations

@@ -25,13 +25,15 @@ from madrob_console.engine.live.fault_notes import FaultNotes
 from madrob_console.engine.live.observation import Observation
 from madrob_console.engine.live.pre_start import PreStart
 from madrob_console.engine.live.recording import Recording
+from madrob_console.engine.live.replay import DECIDED_ANEW, NO_ACTS, OWN_RUN, Replay
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.shown.playback import NO_REPLAY, AnyCommand
 from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
-from madrob_console.referee.acts import Act, Consequence, Situation, act_details, refusals
+from madrob_console.referee.acts import ACTS, Act, Consequence, Situation, act_details, refusals
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.rebuild import Change
+from madrob_console.referee.rebuild import Change, after
 from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from madrob_console.testbeds.source import Source
@@ -46,30 +48,34 @@ WATCH_PERIOD = 0.1
 
 
 class Engine:
-    """One testbed, one run after the other.
+    """One testbed, one run after the other; or one recorded run once more.
 
     Args:
         source: the testbed; opened with `open`.
         clock: steady time.
         config: what it needs to know.
         types: the message types, shared with the source.
+        replay: the recorded run that `source` and `clock` belong to; None = a live testbed.
 
     Attributes:
         on_result: called with the run's folder and result when that is on disk; must not wait.
     """
 
     def __init__(
-        self, source: Source, clock: Clock, config: EngineConfig, types: MessageTypes
+        self,
+        source: Source,
+        clock: Clock,
+        config: EngineConfig,
+        types: MessageTypes,
+        replay: Replay | None = None,
     ) -> None:
         self.source = source
         self.config = config
         self._clock = clock
+        self._types = types
+        self._replay = replay
         self._chronicle = Chronicle(source, clock, types)
-        self._observation = Observation(config.mappings, config.thresholds, config.limits, types)
-        self._sensors = self._observation.sensors
-        self._pre_start = PreStart(config, self._sensors)
         self._fault_notes = FaultNotes()
-        self._run = Run()
         self._recording: Recording | None = None
         self._recorder_view = RecorderView("closed")
         self._record: RunRecord | None = None
@@ -84,6 +90,29 @@ class Engine:
         self._keeper = ResultKeeper(self._written, self._tell)
         self._looked: float | None = None
         self._watched = 0.0
+        self._begin()
+
+    @classmethod
+    def of_recording(cls, replay: Replay, config: EngineConfig, types: MessageTypes) -> Engine:
+        """An engine that goes through a recorded run once more, with the recording's numbers."""
+        source = replay.source
+        return cls(source, source.clock, replay.config(config), types, replay)
+
+    def _begin(self) -> None:
+        """Nothing was seen and nothing done; a replay begins anew."""
+        config = self.config
+        self._observation = Observation(
+            config.mappings, config.thresholds, config.limits, self._types
+        )
+        self._sensors = self._observation.sensors
+        self._pre_start = PreStart(config, self._sensors)
+        self._chronicle.begin()
+        self._clear()
+        self._run = Run()
+        if self._replay is not None:
+            self._replay.begin()
+            self._record, self._folder = self._replay.recorded.record, self._replay.source.path
+            self._run = Run(handle_zero=self._record.handle_zero)
 
     # ------------------------------------------------------------------ for the owner
 
@@ -114,8 +143,13 @@ class Engine:
 
     @property
     def busy(self) -> bool:
-        """Whether a run goes on or is still being recorded."""
-        return self._run.active or self._recording is not None
+        """Whether a run goes on or is still being recorded; nothing is lost with a replay."""
+        return self._replay is None and (self._run.active or self._recording is not None)
+
+    @property
+    def replay(self) -> Replay | None:
+        """The recorded run that is gone through; None for a live testbed."""
+        return self._replay
 
     def now(self) -> float:
         """Steady time, s since the epoch."""
@@ -128,6 +162,9 @@ class Engine:
             MadrobError: it cannot be reached.
         """
         self.source.open()
+        if self._replay is not None:
+            self.step(0.0)
+            return
         self._chronicle.announce_state(self._run)
         with suppress(
             MadrobError
@@ -139,11 +176,13 @@ class Engine:
         self._looked = self.now()
         for message in self.source.take(timeout):
             self._receive(message)
+        if self._replay is not None:
+            self._repeat_decisions(self._replay)
         self._advance()
 
     def close(self) -> None:
         """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
-        if self._run.active:
+        if self.busy and self._run.active:
             self._interrupt("the console was closed during the run")
         if self._recording is not None:
             self._finish()
@@ -161,6 +200,8 @@ class Engine:
 
     def opening_refusal(self) -> str | None:
         """Why no earlier run can be opened now, in words; None when one can."""
+        if self._replay is not None:
+            return OWN_RUN
         if self._run.active:
             return "a run is going on"
         if self._run.phase is Phase.STOPPED and self._scored is None:
@@ -212,7 +253,8 @@ class Engine:
     def _receive(self, message: RawMessage) -> None:
         if self._recording is not None:
             self._recording.put(message)
-        self._observation.receive(message, recorded=self._recording is not None)
+        recorded = self._recording is not None or self._replay is not None
+        self._observation.receive(message, recorded=recorded)
 
     # ------------------------------------------------------------------ acts
 
@@ -229,7 +271,7 @@ class Engine:
     @property
     def _sensors_now(self) -> float:
         """Up to when messages were surely taken: a program held up makes no topic silent."""
-        return self.now() if self._looked is None else self._looked
+        return self.now() if self._looked is None or self._replay is not None else self._looked
 
     def perform(self, act: Act) -> str | None:
         """Do an act of the referee, if it is possible.
@@ -240,6 +282,8 @@ class Engine:
         Returns:
             Why it was refused, in words; None when it took effect.
         """
+        if self._replay is not None:
+            return NO_ACTS
         situation = self.situation()
         if refused := act.refusal(situation):
             return refused
@@ -295,8 +339,9 @@ class Engine:
             self._observation.course.restart(run)
             return
         assert self._record is not None
+        before = self._sensors.newest() if self._replay is None else None
         silence = self.config.limits.lost
-        self._observation.course = Course(self._record, run, silence, self._sensors.newest())
+        self._observation.course = Course(self._record, run, silence, before)
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
         referee = run.setup.referee if run.setup else ""
@@ -387,7 +432,8 @@ class Engine:
     def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
         before, self._run = self._run, run
         for one in happened:
-            self._note(one)
+            if self._replay is None or one.change in DECIDED_ANEW:
+                self._note(one)
         if before.active and run.phase is Phase.STOPPED:
             self._decided = self.now()
             self._observation.judge(run)
@@ -458,11 +504,49 @@ class Engine:
         )
         self._chronicle.write(entry, self._run.start, must_take_effect=True)
 
+    # ------------------------------------------------------------------ a recorded run
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step, jump, change the speed of a replay.
+
+        Going back begins the run anew and goes on to the time that was asked for, so that what is
+        shown is always what the data up to then say.
+
+        Returns:
+            Why that is not possible, in words; None when it is done or on its way.
+        """
+        if self._replay is None:
+            return NO_REPLAY
+        before = self.now()
+        refused = self._replay.control(command)
+        if self.now() < before:
+            self._begin()
+            self.open()
+        return refused
+
+    def _repeat_decisions(self, replay: Replay) -> None:
+        """What was decided then is decided again, at its time; at the end the result is made."""
+        for entry in replay.due():
+            self._advance()
+            assert self._record is not None
+            run = after(self._run, entry, self._record.handle_zero)
+            self._chronicle.write(entry, self._run.start, must_take_effect=True)
+            begins = run.phase is Phase.COUNTDOWN and run.start != self._run.start
+            self._go_on(run, ())
+            if begins:
+                self._count_down(run)
+        if replay.ended and self._scored is None:
+            self._advance()
+            self._go_on(replay.ending(self._run), ())
+            assert self._observation.assessment is not None
+            replay.report(self._observation.assessment, self._run)
+            self._score(write=False)
+
     # ------------------------------------------------------------------ what it shows
 
     def snapshot(self) -> Snapshot:
         """Everything that a screen shows, now."""
-        recording, situation = self._recording, self.situation()
+        recording, replay = self._recording, self._replay
         view = self._observation.view(
             self.source,
             self._run,
@@ -470,20 +554,37 @@ class Engine:
             self._sensors_now,
             recorder=recording.view() if recording else self._recorder_view,
             dropped=recording.dropped() if recording else {},
-            problems=(self._chronicle.problem, self._keeper.problem, *self._keeper.problems),
+            problems=(
+                self._chronicle.problem,
+                self._keeper.problem,
+                *self._keeper.problems,
+                *(replay.problems if replay else ()),
+            ),
         )
-        return replace(
+        result = self._scored.result if self._scored else None
+        view = replace(
             view,
             sides_problem=self.source.sides_problem,
-            checks=situation.checks,
-            refusals=refusals(situation),
-            disk_free=self._pre_start.free_disk(self._sensors_now),
             log=self.log.lines,
-            result=self._scored.result if self._scored else None,
-            result_source=self._scored.record.source if self._scored else None,
+            result=result,
             unfinished=self._unfinished,
             opened=self._opened is not None,
             folder=str(self._folder) if self._folder else None,
+        )
+        if replay is not None:
+            return replace(
+                view,
+                refusals={act.name: NO_ACTS for act in ACTS},
+                result_source=self.source.kind if self._scored else None,
+                playback=replay.view(result),
+            )
+        situation = self.situation()
+        return replace(
+            view,
+            checks=situation.checks,
+            refusals=refusals(situation),
+            disk_free=self._pre_start.free_disk(self._sensors_now),
+            result_source=self._scored.record.source if self._scored else None,
         )
 
 

@@ -58,15 +58,15 @@ class Course:
         run: its state as the countdown begins.
         silence: how long a settle time may wait for a door that went silent, s.
         before: the newest sample of each signal; what is up before the countdown is no false
-            start.
+            start. None: what was a false start is known already, nothing is taken for one.
     """
 
     def __init__(
-        self, record: RunRecord, run: Run, silence: float, before: Sequence[Sample] = ()
+        self, record: RunRecord, run: Run, silence: float, before: Sequence[Sample] | None = ()
     ) -> None:
         self._record = record
         self._patience = record.thresholds.settle_time + silence
-        self._before = tuple(before)
+        self._before = before
         self._preroll: list[Sample] = []
         self.restart(run)
 
@@ -79,7 +79,11 @@ class Course:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
         self._known: set[Event] = set()
-        self._watch: EventDetector | None = EventDetector(
+        self._counting_down = True
+        self._watch: EventDetector | None = None
+        if self._before is None:
+            return
+        self._watch = EventDetector(
             self._record.setup.condition,
             run.countdown_began,
             self._record.thresholds,
@@ -91,8 +95,9 @@ class Course:
     def feed(self, sample: Sample) -> None:
         """Take the next sample of the recording."""
         self.assessment.feed(sample)
-        if self._watch is not None:
+        if self._counting_down:
             self._preroll.append(sample)
+        if self._watch is not None:
             self._watch.feed(sample)
 
     def advance(self, run: Run, now: float) -> tuple[Run, list[Happening]]:
@@ -108,8 +113,9 @@ class Course:
         start, began = run.start, run.countdown_began
         assert start is not None
         assert began is not None
-        assert self._watch is not None
-        seen = self._watch.events() if len(self._known) < MOST_FALSE_STARTS else ()
+        seen: Sequence[Event] = ()
+        if self._watch is not None and len(self._known) < MOST_FALSE_STARTS:
+            seen = self._watch.events()
         for event in seen:
             if len(self._known) >= MOST_FALSE_STARTS:
                 break
@@ -121,7 +127,7 @@ class Course:
                 happened.append(_seen(Change.FALSE_START, event))
         if now < start:
             return run
-        self._watch, self._preroll, self._known = None, [], set()
+        self._watch, self._preroll, self._known, self._counting_down = None, [], set(), False
         details = {"time": start}
         happened.append(Happening(Origin.CLOCK, Change.RUN_STARTS, details=details))
         return begin_run(run)

@@ -15,9 +15,8 @@ from madrob_console.archive.folders import parse_folder_name
 from madrob_console.archive.rescore import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.process.reporting import Papers
-from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
 from madrob_console.engine.shown.curves import Curves, curves_of
-from madrob_console.engine.shown.playback import NO_REPLAY, AnyCommand
+from madrob_console.engine.shown.playback import AnyCommand
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.engine.shown.wire import ALONE
 from madrob_console.errors import MadrobError
@@ -50,10 +49,10 @@ class LocalEngine:
         MadrobError: the testbed cannot be reached.
     """
 
-    def __init__(self, engine: AnyEngine, papers: Papers | None = None) -> None:
+    def __init__(self, engine: Engine, papers: Papers | None = None) -> None:
         self._engine = engine
         self._papers = papers
-        if papers is not None and isinstance(engine, Engine):
+        if papers is not None:
             engine.on_result = papers.report
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stop = threading.Event()
@@ -175,10 +174,7 @@ class LocalEngine:
         Raises:
             MadrobError: the engine has ended or does not answer.
         """
-        engine = self._engine
-        if not isinstance(engine, ReplayingEngine):
-            return NO_REPLAY
-        return self._ask(lambda: engine.control(command))
+        return self._ask(lambda: self._engine.control(command))
 
     def take_over(self) -> str | None:
         """Nobody else is there to take the right to act from."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import msgspec
 
 from madrob_console.archive.comparison import EQUAL
+from madrob_console.testbeds.recorded_clock import TICK
 
 CONTROL = "control the replay"
 """Its refusal stands among those of the acts."""
@@ -17,7 +18,7 @@ NO_REPLAY = "this is no replay"
 SPEEDS = (0.5, 1.0, 2.0, 5.0, 10.0)
 """The speeds that the keys choose from; any other can be given at the start."""
 
-SAMPLE_STEP = 0.02
+SAMPLE_STEP = TICK
 """The short step: one door sample at 50 Hz, s."""
 
 LONG_STEP = 1.0

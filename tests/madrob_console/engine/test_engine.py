@@ -10,8 +10,9 @@ import pytest
 from msgspec.structs import replace
 
 from madrob_console.archive.rescore import score_path
+from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.replay.replaying import ReplayingEngine
+from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, referee_topics
 from madrob_console.referee.acts import (
@@ -383,7 +384,8 @@ def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
 
 def replayed(folder: Path) -> Result:
     config = EngineConfig(folder.parent, DEFAULT_MAPPINGS)
-    engine = ReplayingEngine(folder, config, MessageTypes(), speed=0)
+    types = MessageTypes()
+    engine = Engine.of_recording(Replay(folder, types, speed=0), config, types)
     engine.open()
     while engine.scored is None:
         engine.step(0.02)

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from madrob_console.archive.comparison import EQUAL
 from madrob_console.archive.rescore import score_path
 from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.replay.replaying import SLICE, ReplayingEngine
+from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.shown.playback import (
     AnyCommand,
     Faster,
@@ -76,9 +77,9 @@ class Deck:
     def __init__(self, path: Path, speed: float = 1.0, work: float = 0.0) -> None:
         self.world = RealTime(work=work)
         config = EngineConfig(path.parent / "never made", DEFAULT_MAPPINGS)
-        self.engine = ReplayingEngine(
-            path, config, MessageTypes(), speed, self.world.monotonic, self.world.wait
-        )
+        types = MessageTypes()
+        replay = Replay(path, types, speed, self.world.monotonic, self.world.wait)
+        self.engine = Engine.of_recording(replay, config, types)
         self.engine.open()
 
     def step(self, count: int = 1) -> None:
@@ -328,7 +329,7 @@ def test_long_work_comes_in_slices_so_that_keys_are_heeded(folder: Path) -> None
     while deck.at.jumping_to is not None:
         began = deck.world.now
         deck.step()
-        assert deck.world.now - began <= SLICE + 10 * work
+        assert deck.world.now - began <= 10 * work
     assert deck.at.position == pytest.approx(5.0, abs=0.011)
 
 

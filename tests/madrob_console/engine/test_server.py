@@ -21,11 +21,11 @@ from madrob_console.clock import SystemClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.place import Place
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.process.server import EngineServer
-from madrob_console.engine.replay.replaying import AnyEngine, ReplayingEngine
 from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.client import Role
 from madrob_console.engine.shown.playback import CONTROL, NO_REPLAY, JumpTo, PlayOrPause, SetSpeed
@@ -51,9 +51,7 @@ def simulated(results: Path) -> Engine:
 class Served:
     """An engine on a socket, in threads of this process; a simulated one if none is given."""
 
-    def __init__(
-        self, folder: Path, idle_time: float = 60.0, engine: AnyEngine | None = None
-    ) -> None:
+    def __init__(self, folder: Path, idle_time: float = 60.0, engine: Engine | None = None) -> None:
         engine = engine or simulated(folder / "runs")
         self.local = LocalEngine(engine)
         self.path = folder / "s.sock"
@@ -176,7 +174,9 @@ def replayed(tmp_path: Path) -> Iterator[Served]:
     drive.engine.close()
     assert drive.engine.folder is not None
     config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS)
-    served = Served(tmp_path, engine=ReplayingEngine(drive.engine.folder, config, MessageTypes()))
+    types = MessageTypes()
+    engine = Engine.of_recording(Replay(drive.engine.folder, types), config, types)
+    served = Served(tmp_path, engine=engine)
     yield served
     served.close()
 

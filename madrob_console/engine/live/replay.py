@@ -1,0 +1,209 @@
+"""A recorded run that an engine goes through once more: what was decided then, and how it goes."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import accumulate
+from pathlib import Path
+
+from madrob_console.archive.comparison import Stored, compared
+from madrob_console.archive.rescore import keep_stored_remarks, read_recorded_run, report_bag
+from madrob_console.archive.results import ending_of
+from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.clock import NS, nanoseconds, seconds
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.shown.playback import (
+    AnyCommand,
+    Faster,
+    JumpTo,
+    PlaybackView,
+    PlayOrPause,
+    SetSpeed,
+    Skip,
+    Slower,
+    faster,
+    slower,
+)
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import MessageTypes
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Run
+from madrob_console.referee.transitions import stop
+from madrob_console.testbeds.recorded_bag import RecordedBag
+from madrob_console.testbeds.recorded_clock import LONGEST, TICK
+from recorder.errors import RecorderError
+from scoring.evaluate import Assessment
+from scoring.protocol import Outcome
+from scoring.result import Result
+
+NO_ACTS = "a replay shows what was decided then: nothing can be done to the run"
+"""Why every act is refused."""
+
+OWN_RUN = "a replay shows its own run: leave it to open another one"
+
+DECIDED_ANEW = (Change.RUN_STARTS, Change.EVENT, Change.TIMEOUT_ELAPSED, Change.RUN_STOPS)
+"""What sensors and clock decide is decided anew; what they could not is taken from the journal: the
+referee's acts, a failure of the machine, and what the bag cannot tell because it happened before or
+beside it (false starts, faults of the testbed)."""
+
+
+class Replay:
+    """Stands for referee and recorder of a run that was recorded. Writes nothing to any disk.
+
+    Args:
+        path: a bag or a run folder.
+        types: the message types; those of the bag are registered.
+        speed: how many times as fast as it was; 0 = as fast as possible.
+        monotonic: real time, s.
+        wait: lets real time pass, s.
+
+    Attributes:
+        source: the bag.
+        recorded: what bag and journal say of the run.
+
+    Raises:
+        MadrobError: there is no run to be replayed, or the speed is impossible.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        types: MessageTypes,
+        speed: float = 1.0,
+        monotonic: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.source = RecordedBag(path, types, speed, monotonic, wait)
+        if RECORD_NAME not in self.source.records:
+            raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")
+        try:
+            self.recorded = read_recorded_run(path)
+        except RecorderError as error:
+            raise MadrobError(str(error)) from None
+        entries, start = self.recorded.entries, self.recorded.run.start
+        assert start is not None
+        self.source.expect(self.recorded.record.mappings)
+        # In the journal's order, even where a line says that it is older than the one before.
+        self._times = tuple(accumulate((_instant(entry.time) for entry in entries), max))
+        self.source.clock.stop_at(self._times)
+        self._begin = seconds(self.source.begin_ns) - start
+        self._stored = Stored.read(path)
+        self._lost = tuple(_lost_lines(entries, self.source.journal_lines))
+        self.begin()
+
+    def begin(self) -> None:
+        """Nothing was decided yet."""
+        self._waiting = deque(zip(self._times, self.recorded.entries, strict=True))
+
+    def config(self, config: EngineConfig) -> EngineConfig:
+        """With the numbers of the recording."""
+        record = self.recorded.record
+        return replace(config, mappings=record.mappings, thresholds=record.thresholds)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with the recording, in words."""
+        return (*self.recorded.remarks, *self.source.problems, *self._lost)
+
+    # ------------------------------------------------------------------ what was decided
+
+    def due(self) -> Iterator[Entry]:
+        """What was decided up to now, each line once; at the end also what was said later."""
+        clock = self.source.clock
+        while self._waiting and (clock.ended or self._waiting[0][0] <= clock.now_ns()):
+            _, entry = self._waiting.popleft()
+            if entry.what not in DECIDED_ANEW or entry.origin is Origin.SYSTEM:
+                yield entry
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of the recording is reached."""
+        return self.source.clock.ended
+
+    def ending(self, run: Run) -> Run:
+        """A run at the end; where the recording ends before it, the journal says how it ended."""
+        official = self.recorded.run
+        if official.outcome is None:
+            now, reason = seconds(self.source.clock.now_ns()), ending_of(official).reason
+            return stop(run, Outcome.INTERRUPTED, now, reason)
+        if run.outcome is not None:
+            return run
+        return replace(
+            run,
+            phase=official.phase,
+            outcome=official.outcome,
+            outcome_reason=official.outcome_reason,
+            stop=official.stop,
+            timeout_at=None,
+        )
+
+    def report(self, assessment: Assessment, run: Run) -> None:
+        """What is wrong with the recording, and what the stored result says of its data."""
+        report_bag(assessment, self.recorded)
+        keep_stored_remarks(assessment, run, self.source.path)
+
+    # ------------------------------------------------------------------ how it goes
+
+    def control(self, command: AnyCommand) -> str | None:
+        """Pause, step, jump, change the speed.
+
+        Returns:
+            Why that is not possible, in words; None when it is done or on its way.
+        """
+        clock = self.source.clock
+        match command:
+            case PlayOrPause():
+                return clock.play_or_pause()
+            case Faster():
+                return clock.set_speed(faster(clock.speed))
+            case Slower():
+                return clock.set_speed(slower(clock.speed))
+            case SetSpeed(speed):
+                return clock.set_speed(speed)
+            case Skip(duration):
+                return clock.skip(duration)
+            case JumpTo(at):
+                return self._jump(at)
+
+    def _jump(self, at: float) -> str | None:
+        clock = self.source.clock
+        begin, end = self._time(0), self._time(clock.last_tick)
+        if not begin - TICK <= at <= end + TICK:
+            return f"the recording goes from {begin:.1f} to {end:.1f} s"
+        clock.go_to(round((at - begin) / TICK))
+        return None
+
+    def _time(self, ticks: int) -> float:
+        """A tick in s from the start of the run."""
+        return self._begin + ticks * TICK
+
+    def view(self, result: Result | None) -> PlaybackView:
+        """Where it stands; at the end, what `result` is beside the stored one."""
+        clock = self.source.clock
+        return PlaybackView(
+            position=self._time(clock.ticks),
+            begin=self._time(0),
+            end=self._time(clock.last_tick),
+            speed=clock.speed,
+            paused=clock.paused,
+            ended=clock.ended,
+            jumping_to=None if clock.target is None else self._time(clock.target),
+            comparison="" if result is None else compared(self._stored, result),
+        )
+
+
+def _instant(time: float) -> int:
+    """The time of a line as an instant, ns since the epoch; what is no time never comes."""
+    return nanoseconds(time) if math.isfinite(time) else LONGEST * NS**2
+
+
+def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[str]:
+    """Says it where a run's journal lacks lines that were recorded in its bag, too."""
+    known = {entry.to_json() for entry in entries}
+    if lost := sum(line not in known for line in recorded):
+        yield f"the journal lacks {lost} of the {len(recorded)} lines that the bag has of it"

@@ -1,1 +1,0 @@
-"""A recorded run as it went, once more."""
