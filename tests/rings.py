@@ -39,6 +39,7 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/report": Ring.PURE,
     "madrob_console/standings": Ring.PURE,
     "madrob_console/test_names.py": Ring.PURE,
+    "madrob_console/test_version.py": Ring.MACHINE,
     "madrob_console/testbeds": Ring.PURE,
     "madrob_console/testbeds/ros": Ring.MACHINE,
     "madrob_console/ui": Ring.SCREENS,

@@ -11,7 +11,6 @@ from importlib import import_module
 from madrob_console.cli.arguments import Main, Parser
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
-from madrob_console.version import software_version
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
 
@@ -29,6 +28,8 @@ exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 inte
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from madrob_console.version import software_version
+
         print(f"madrob {software_version()}")
         parser.exit()
 

@@ -12,7 +12,6 @@ from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.report import PictureFormat
-from madrob_console.version import software_version
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -87,6 +86,7 @@ def _page(path: Path, output: Path | None) -> Iterator[NamedFile]:
         from madrob_console.archive.folders import REPORT_FILE
         from madrob_console.archive.rescore import scored_run
         from madrob_console.report.page import report_html
+        from madrob_console.version import software_version
 
     if _published(path):
         raise MadrobError(

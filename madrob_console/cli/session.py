@@ -19,7 +19,6 @@ from madrob_console.messages.codec import MessageTypes
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source
-from madrob_console.version import software_version
 
 _SEARCH_TIME = 3.0
 
@@ -38,7 +37,6 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
         thresholds=settings.scoring_thresholds(),
         limits=settings.sensor_limits(),
         competition=settings.competition.name,
-        version=software_version(),
         disk_needed=settings.checks.disk_space,
         lossless=arguments.speed == 0,
     )

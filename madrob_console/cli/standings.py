@@ -18,7 +18,6 @@ from madrob_console.cli.arguments import (
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.version import software_version
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -71,6 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.standings.data_files import standings_csv, standings_json
         from madrob_console.standings.text_table import standings_lines
         from madrob_console.standings.web_page import standings_html
+        from madrob_console.version import software_version
 
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
         "csv": lambda found: standings_csv(found).encode(),

@@ -103,7 +103,7 @@ def _denied(record: StepRecord) -> bool:
 
 def _foot(scored: Scored, software: str) -> Markup:
     record, run = scored.record, scored.run
-    recorded, made = record.version or "unknown", software or record.version or "unknown"
+    recorded, made = record.version, software or record.version
     return element(
         "footer",
         f"Issue {run.issue} of the result, ruleset {scored.result.ruleset}. ",

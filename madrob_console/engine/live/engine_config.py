@@ -7,6 +7,7 @@ from pathlib import Path
 
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.messages.codec import TopicMapping
+from madrob_console.version import software_version
 from scoring.protocol import Thresholds
 
 
@@ -30,6 +31,6 @@ class EngineConfig:
     thresholds: Thresholds = field(default_factory=Thresholds)
     limits: SensorLimits = field(default_factory=SensorLimits)
     competition: str = ""
-    version: str = ""
+    version: str = field(default_factory=software_version)
     disk_needed: int = 500_000_000
     lossless: bool = False
