@@ -7,8 +7,8 @@ computation in `indicators`; one without a row cannot be imported.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Self
+
+from scoring.named_rows import NamedRow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,17 +41,10 @@ class IndicatorSpec:
     with_the_start: bool = False
 
 
-class IndicatorName(StrEnum):
+class IndicatorName(NamedRow):
     """The indicators in the protocol's order, named like their files."""
 
     spec: IndicatorSpec
-
-    def __new__(cls, name: str, spec: IndicatorSpec) -> Self:
-        """A name with its row of the table."""
-        member = str.__new__(cls, name)
-        member._value_ = name
-        member.spec = spec
-        return member
 
     EXECUTION_TIME = (
         "execution_time",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.figure_table import Quantity
 from scoring.kinematics import JointState, jerk, low_pass, low_pass_problem
 from scoring.protocol import Thresholds
 from scoring.rulesets import Ruleset
@@ -35,6 +36,18 @@ class Rows:
     force: Array
     problem: str | None
     thresholds: Thresholds
+
+    def series(self, quantity: Quantity) -> tuple[Array, Array]:
+        """Times, s since the epoch, and values of a quantity, in its unit; both of shape (n,)."""
+        match quantity:
+            case Quantity.POSITION:
+                return self.joint_state.time, self.joint_state.position
+            case Quantity.ACCELERATION:
+                return self.joint_state.time, self.low_passed
+            case Quantity.JERK:
+                return self.jerk_time, self.jerk
+            case Quantity.FORCE:
+                return self.force_time, self.force
 
 
 def process_rows(

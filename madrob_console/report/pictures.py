@@ -7,23 +7,9 @@ from collections.abc import Mapping
 
 from madrob_console.archive.results import Scored
 from madrob_console.report.markup import Markup, element, escaped, section
-from scoring.figures.plots import FigureName, figures_of, missing_figures, svg
+from scoring.figure_table import FigureName
+from scoring.figures.plots import figures_of, missing_figures, svg
 
-_CAPTIONS: Mapping[FigureName, str] = {
-    FigureName.ACCELERATION: (
-        "Door angle, and angular acceleration without its quick trembling. The largest value, in "
-        "either direction, is the unsafety."
-    ),
-    FigureName.JERK: (
-        "Door angle, and how abruptly its acceleration changes while the door is open (jerk). "
-        "Smoothness is 10 divided by the mean."
-    ),
-    FigureName.JERK_OF_THE_OPENING: "The same, from the first opening until wide open.",
-    FigureName.JERK_OF_THE_CLOSING: "The same, from wide open until the last closing.",
-    FigureName.FORCE: (
-        "Force on the handle as recorded. The largest value, in either direction, is the roughness."
-    ),
-}
 _GREY = "In the grey band the door counts as closed."
 
 _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
@@ -36,7 +22,7 @@ def figures(scored: Scored) -> Markup:
     if not drawn:
         return section("Figures", element("p", f"None: {_reasons(missing)}."))
     pictures = [
-        element("figure", inline(svg(figure), name), _caption(name))
+        element("figure", inline(svg(figure), name), element("figcaption", name.spec.caption))
         for name, figure in drawn.items()
     ]
     lacking = [
@@ -54,12 +40,8 @@ def inline(document: str, name: FigureName) -> Markup:
     picture = re.sub(r' xmlns(:xlink)?="[^"]*"', "", picture)
     picture = _REFERENCE.sub(rf"\g<1>f{name.number}-", picture)
     picture = picture.replace("xlink:href=", "href=")
-    alternative = escaped(f"Figure {name.number}: {_CAPTIONS[name]}")
+    alternative = escaped(f"Figure {name.number}: {name.spec.caption}")
     return Markup(picture.replace("<svg", f'<svg role="img" aria-label="{alternative}"', 1))
-
-
-def _caption(name: FigureName) -> Markup:
-    return element("figcaption", _CAPTIONS[name])
 
 
 def _reasons(missing: Mapping[FigureName, str]) -> str:

@@ -1,12 +1,12 @@
 """Draws curves over time: panels above each other, one time axis, events as labelled lines.
 
-Sizes are in points. See `figures.py` for what is drawn.
+Sizes are in points. See `plots` for what is drawn.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
-from scoring.figures.event_labels import Label, Mark, Window, labels_of, rows_of
+from scoring.figure_table import EventMark
+from scoring.figures.event_labels import EventLabel, Interval, inside, labels_of, rows_of
+from scoring.figures.stretches import stretches
 from scoring.result import value_text
 
 Array = NDArray[np.float64]
+Events = Mapping[EventMark, Sequence[float]]
 
 ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
 
@@ -54,40 +57,35 @@ class Panel:
     time: Array
     value: Array
     unit_of_maximum: str = ""
-    limits: Window | None = None
+    limits: Interval | None = None
     zone: float = 0.0
     note: str = ""
     empty: str = ""
 
-    @classmethod
-    def of_position(cls, time: Array, position: Array, closed_angle: float) -> Panel:
-        """The panel angle, rad, with the zone of a closed door."""
-        return cls("position, rad", ORANGE, time, position, zone=closed_angle)
 
-
-_DASHES: dict[str, LineStyleType] = {
-    "touch": ":",
-    "opening": "--",
-    "crossing": "-.",
-    "closing": (0, (7, 2)),
+_DASHES: dict[EventMark, LineStyleType] = {
+    EventMark.TOUCH: ":",
+    EventMark.OPENING: "--",
+    EventMark.CROSSING: "-.",
+    EventMark.CLOSING: (0, (7, 2)),
 }
 
 
 def draw_sheet(
-    title: str, panels: Sequence[Panel], marks: Sequence[Mark], window: Window, largest_gap: float
+    title: str, panels: Sequence[Panel], events: Events, window: Interval, largest_gap: float
 ) -> Figure:
     """Panels above each other.
 
     Args:
         title: in the head.
         panels: one or two, from above.
-        marks: the events; those of the window are drawn.
+        events: when each took place, s; those of the window are drawn.
         window: the time that is shown, s.
         largest_gap: curves are broken at longer intervals, s.
     """
     if window[1] <= window[0]:
         window = (window[0], window[0] + 1.0)
-    labels = labels_of(marks, window, _INNER, _RIGHT)
+    labels = labels_of(events, window, _INNER, _RIGHT)
     rows = rows_of(labels)
     heights = [_ONLY] if len(panels) == 1 else [_UPPER, _LOWER]
     head = _HEAD + _LABEL_HEIGHT * (max(rows, default=-1) + 1)
@@ -100,7 +98,7 @@ def draw_sheet(
         place = (_LEFT / _WIDTH, bottom / total, _INNER / _WIDTH, height / total)
         axes.append(figure.add_axes(place))
         _draw_panel(axes[-1], panel, window, largest_gap)
-        _draw_marks(axes[-1], marks, window)
+        _draw_marks(axes[-1], events, window)
         axes[-1].tick_params(labelbottom=panel is panels[-1])
     for label, row in zip(labels, rows, strict=True):
         _draw_label(axes[0], label, row, heights[0])
@@ -114,29 +112,7 @@ def largest_at(value: Array) -> int | None:
     return int(finite[np.argmax(np.abs(value[finite]))]) if finite.size else None
 
 
-def stretches(time: Array, value: Array, largest_gap: float) -> tuple[Array, Array]:
-    """The finite values, thinned so that no extreme is lost, with NaN where there is a gap."""
-    finite = np.flatnonzero(np.isfinite(time) & np.isfinite(value))
-    time, value = time[finite], value[finite]
-    broken = (np.diff(time) > largest_gap) | (np.diff(finite) > 1)
-    stretch = np.concatenate(([0], np.cumsum(broken))) if finite.size else finite
-    kept = _extremes(value)
-    time, value, stretch = time[kept], value[kept], stretch[kept]
-    borders = np.flatnonzero(np.diff(stretch)) + 1
-    return np.insert(time, borders, np.nan), np.insert(value, borders, np.nan)
-
-
-def _extremes(value: Array) -> NDArray[np.intp]:
-    """The rows that stay: all of few, else the smallest and the largest of each part."""
-    rows = np.arange(value.size)
-    if value.size <= MOST_POINTS:
-        return rows
-    parts = np.array_split(rows, MOST_POINTS // 2)
-    kept = [part[found(value[part])] for part in parts for found in (np.argmin, np.argmax)]
-    return np.unique(kept)
-
-
-def _draw_panel(axes: Axes, panel: Panel, window: Window, largest_gap: float) -> None:
+def _draw_panel(axes: Axes, panel: Panel, window: Interval, largest_gap: float) -> None:
     axes.set_xlim(window)
     axes.set_ylabel(panel.label, size=7.5)
     axes.yaxis.set_label_coords(-(_LEFT - 10) / _INNER, 0.5)  # off the edge whatever the numbers
@@ -147,12 +123,13 @@ def _draw_panel(axes: Axes, panel: Panel, window: Window, largest_gap: float) ->
         axes.axhspan(-panel.zone, panel.zone, color="0.88", linewidth=0)
     shown = (panel.time >= window[0]) & (panel.time <= window[1])
     value = np.clip(panel.value[shown], -_LARGEST, _LARGEST)
-    time, value = stretches(panel.time[shown], value, largest_gap)
-    if not value.size:
+    curve = stretches(panel.time[shown], value, largest_gap, MOST_POINTS)
+    if not curve:
         words = textwrap.fill(panel.empty or "no data in this time", 42)
         axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center")
         axes.set_yticks([])
         return
+    time, value = (_with_gaps(columns) for columns in zip(*curve, strict=True))
     axes.plot(time, value, color=panel.colour, label=panel.label)
     low, high = min(0.0, float(np.nanmin(value))), max(0.0, float(np.nanmax(value)))
     margin = 0.06 * ((high - low) or 1.0)
@@ -163,7 +140,12 @@ def _draw_panel(axes: Axes, panel: Panel, window: Window, largest_gap: float) ->
     axes.set_ylim(panel.limits or (limits[0], limits[1]))
 
 
-def _draw_maximum(axes: Axes, panel: Panel, window: Window) -> bool:
+def _with_gaps(parts: Iterable[Array]) -> Array:
+    """The parts in one array, with NaN between them."""
+    return np.concatenate([piece for part in parts for piece in ([np.nan], part)][1:])
+
+
+def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
     """Mark the largest absolute value; returns whether it is positive."""
     place = largest_at(panel.value) or 0
     time, value = float(panel.time[place]), float(panel.value[place])
@@ -185,23 +167,23 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Window) -> bool:
     return upwards
 
 
-def _draw_marks(axes: Axes, marks: Sequence[Mark], window: Window) -> None:
+def _draw_marks(axes: Axes, events: Events, window: Interval) -> None:
     finest = (window[1] - window[0]) / (4 * _INNER)  # lines that cannot be told apart
-    for mark in marks:
-        times = np.unique(np.round(np.array(mark.inside(window)) / finest)) * finest
+    for mark, every in events.items():
+        times = np.unique(np.round(np.array(inside(every, window)) / finest)) * finest
         line = axes.plot(
             np.repeat(times, 3),
             np.tile([0.0, 1.0, np.nan], times.size),
             color=GREY,
             linewidth=0.7,
             zorder=1,
-            label=mark.name,
+            label=str(mark),
             transform=axes.get_xaxis_transform(),
         )[0]
-        line.set_linestyle(_DASHES.get(mark.name, "-"))
+        line.set_linestyle(_DASHES[mark])
 
 
-def _draw_label(axes: Axes, label: Label, row: int, height: float) -> None:
+def _draw_label(axes: Axes, label: EventLabel, row: int, height: float) -> None:
     """The words, and a line down to the event's own."""
     above = 3 + row * _LABEL_HEIGHT
     axes.axvline(label.time, 1, 1 + above / height, color=GREY, linewidth=0.5, clip_on=False)

@@ -6,35 +6,19 @@ Lengths are in points.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-Window = tuple[float, float]
+from scoring.figure_table import EventMark
+
+Interval = tuple[float, float]
+"""From and to, s."""
 
 _LETTER = 4.1  # a letter's width on average, and a bit more
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
-    """An event that may have happened several times.
-
-    Attributes:
-        name: in a word.
-        times: when, s.
-        last_counts: label its last time rather than its first.
-    """
-
-    name: str
-    times: Sequence[float]
-    last_counts: bool = False
-
-    def inside(self, window: Window) -> list[float]:
-        """The times that lie in a window, in order."""
-        return sorted(time for time in self.times if window[0] <= time <= window[1])
-
-
-@dataclass(frozen=True, slots=True)
-class Label:
+class EventLabel:
     """A label above the panels: the place of its line and of its left end, from the axes' left."""
 
     text: str
@@ -48,30 +32,37 @@ class Label:
         return self.left + _width(self.text)
 
 
-def labels_of(marks: Sequence[Mark], window: Window, width: float, beyond: float) -> list[Label]:
-    """One label for each kind of event in the window.
+def labels_of(
+    events: Mapping[EventMark, Sequence[float]], window: Interval, width: float, beyond: float
+) -> list[EventLabel]:
+    """One label for each kind of event in the window: of its first time, or a last closing.
 
     Args:
-        marks: the events.
+        events: when each took place, s.
         window: the time that is shown, s.
         width: of the axes.
         beyond: how far to their right there is room for words.
     """
     labels = []
-    for mark in marks:
-        shown = mark.inside(window)
+    for mark, times in events.items():
+        shown = inside(times, window)
         if not shown:
             continue
-        time = shown[-1 if mark.last_counts else 0]
-        text = mark.name
-        if len(mark.times) > 1:
-            text = f"{mark.name} {sorted(mark.times).index(time) + 1} of {len(mark.times)}"
+        time = shown[-1 if mark is EventMark.CLOSING else 0]
+        text = str(mark)
+        if len(times) > 1:
+            text = f"{mark} {sorted(times).index(time) + 1} of {len(times)}"
         line = width * (time - window[0]) / (window[1] - window[0])
-        labels.append(Label(text, time, line, min(line, width + beyond - _width(text) - 2)))
+        labels.append(EventLabel(text, time, line, min(line, width + beyond - _width(text) - 2)))
     return labels
 
 
-def rows_of(labels: Sequence[Label]) -> tuple[int, ...]:
+def inside(times: Sequence[float], window: Interval) -> list[float]:
+    """The times that lie in a window, in order."""
+    return sorted(time for time in times if window[0] <= time <= window[1])
+
+
+def rows_of(labels: Sequence[EventLabel]) -> tuple[int, ...]:
     """In which row each label stands, so that no label or line runs through another one."""
 
     def cost(rows: tuple[int, ...]) -> tuple[int, int, int]:

@@ -8,27 +8,24 @@ Like matplotlib, it draws in one thread at a time.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from matplotlib import style
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.figures.drawing import BLUE, Panel, draw_sheet
-from scoring.figures.event_labels import Mark, Window
-from scoring.indicator_table import IndicatorName, unit_text
+from scoring.figure_table import FigureName, FigurePart, FigureSpec, Quantity, marked_events
+from scoring.figures.drawing import BLUE, ORANGE, Panel, draw_sheet
+from scoring.figures.event_labels import Interval
+from scoring.indicator_table import unit_text
 from scoring.protocol import EventName, Outcome
 from scoring.result import Indicator, Result, value_text
 from scoring.rows import Rows
 
 Array = NDArray[np.float64]
-
-LARGEST_JERK = 2.0
-"""Jerk is drawn up to here, as in the document, rad/s^3."""
 
 _MARGIN = 0.5
 """What figures 3 and 4 show before and after the movement, s."""
@@ -49,21 +46,6 @@ _STYLE: dict[str, object] = {
 }
 
 
-class FigureName(StrEnum):
-    """The figures in the document's order, named like their files."""
-
-    ACCELERATION = "figure_1_acceleration"
-    JERK = "figure_2_jerk"
-    JERK_OF_THE_OPENING = "figure_3_jerk_of_the_opening"
-    JERK_OF_THE_CLOSING = "figure_4_jerk_of_the_closing"
-    FORCE = "figure_5_force"
-
-    @property
-    def number(self) -> int:
-        """As the document counts, 1..5."""
-        return list(FigureName).index(self) + 1
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
     """A run with times in s since its start."""
@@ -79,16 +61,32 @@ class _Run:
         """When an event took place; it may happen more than once."""
         return [e.time - self.result.start for e in self.result.events if e.name is name]
 
+    def series(self, quantity: Quantity) -> tuple[Array, Array]:
+        """Times and values of a quantity."""
+        time, value = self.rows.series(quantity)
+        return time - self.result.start, value
+
     @property
-    def window(self) -> Window:
+    def window(self) -> Interval:
         """What a figure of the whole run shows: the run, and all data of it."""
         stop = self.result.ending.stop
         times = [0.0] if stop is None else [0.0, stop - self.result.start]
-        for series in (self.door_time, self.rows.force_time - self.result.start):
+        for quantity in Quantity:
+            series, _ = self.series(quantity)
             times += [float(series[0]), float(series[-1])] if series.size else []
         return min(times), max(times)
 
-    def opening(self) -> Window | None:
+    def part(self, part: FigurePart) -> Interval | None:
+        """The time of a part of the run; None where that never took place."""
+        match part:
+            case FigurePart.WHOLE:
+                return self.window
+            case FigurePart.OPENING:
+                return self.opening()
+            case FigurePart.CLOSING:
+                return self.closing()
+
+    def opening(self) -> Interval | None:
         """From the first opening until the panel is nearly as far as it goes."""
         opened = min(self.times(EventName.DOOR_OPENS), default=None)
         if opened is None:
@@ -96,7 +94,7 @@ class _Run:
         far = self._far(self.door_time >= opened)
         return None if not far.size else self._around(opened, float(far[0]))
 
-    def closing(self) -> Window | None:
+    def closing(self) -> Interval | None:
         """From when the panel was last nearly as far as it went until the last closing."""
         closed = max(self.times(EventName.DOOR_CLOSES), default=None)
         if closed is None:
@@ -108,7 +106,7 @@ class _Run:
         time, angle = self.door_time[rows], np.abs(self.rows.joint_state.position[rows])
         return time[angle >= _FAR * angle.max()] if angle.size else time
 
-    def _around(self, begin: float, end: float) -> Window:
+    def _around(self, begin: float, end: float) -> Interval:
         first, last = self.window
         return max(first, begin - _MARGIN), min(last, end + _MARGIN)
 
@@ -131,18 +129,17 @@ def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
     if result.ending.outcome is Outcome.ABORTED:
         return dict.fromkeys(FigureName, "the run was aborted and is invalid")
     run = _Run(result, rows)
-    missing: dict[FigureName, str] = {}
-    if not run.door_time.size:
-        missing = dict.fromkeys(FigureName, "no door angle was recorded during the run")
-        del missing[FigureName.FORCE]
-    else:
-        if run.opening() is None:
-            missing[FigureName.JERK_OF_THE_OPENING] = "the door never opened"
-        if run.closing() is None:
-            missing[FigureName.JERK_OF_THE_CLOSING] = "the door never closed"
-    if not np.isfinite(rows.force).any():
-        missing[FigureName.FORCE] = "no handle force was recorded during the run"
-    return missing
+    return {name: why for name in FigureName if (why := _why_missing(run, name.spec)) is not None}
+
+
+def _why_missing(run: _Run, figure: FigureSpec) -> str | None:
+    for quantity in figure.panels:
+        if quantity.spec.unrecorded and not np.isfinite(run.series(quantity)[1]).any():
+            return quantity.spec.unrecorded
+    if run.part(figure.part) is None:
+        moved = "opened" if figure.part is FigurePart.OPENING else "closed"
+        return f"the door never {moved}"
+    return None
 
 
 def svg(figure: Figure) -> str:
@@ -169,70 +166,42 @@ def _look() -> AbstractContextManager[None]:
 
 
 def _draw(run: _Run, name: FigureName) -> Figure:
-    smoothness = run.result.indicator(IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION)
-    match name:
-        case FigureName.ACCELERATION:
-            return _acceleration(run)
-        case FigureName.JERK:
-            return _jerk(run, name, _finding(smoothness), run.window)
-        case FigureName.JERK_OF_THE_OPENING:
-            return _jerk(run, name, "jerk while the door opens", run.opening() or run.window)
-        case FigureName.JERK_OF_THE_CLOSING:
-            return _jerk(run, name, "jerk while the door closes", run.closing() or run.window)
-        case FigureName.FORCE:
-            return _force(run)
+    figure = name.spec
+    indicator = run.result.indicator(figure.indicator)
+    whole = figure.part is FigurePart.WHOLE
+    window = run.part(figure.part) or run.window
+    *above, last = figure.panels
+    panels = [_panel(run, quantity, ORANGE, window) for quantity in above]
+    panels.append(_panel(run, last, BLUE, window, empty=indicator.reason or ""))
+    condition, start = run.result.condition, run.result.start
+    events = marked_events(((e.time - start, e.name) for e in run.result.events), condition)
+    title = f"Figure {name.number}   {_finding(indicator) if whole else figure.title}"
+    return draw_sheet(title, panels, events, window, run.rows.thresholds.largest_gap)
 
 
-def _acceleration(run: _Run) -> Figure:
-    indicator = run.result.indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
-    signal = Panel(
-        "acceleration, rad/s²",
-        BLUE,
-        run.door_time,
-        run.rows.low_passed,
-        unit_of_maximum="rad/s²",
-        note="low-passed",
-        empty=indicator.reason or "",
-    )
-    return _sheet(run, FigureName.ACCELERATION, _finding(indicator), run.window, signal)
-
-
-def _jerk(run: _Run, name: FigureName, finding: str, window: Window) -> Figure:
-    time, jerk = run.rows.jerk_time - run.result.start, np.abs(run.rows.jerk)
-    shown = jerk[(time >= window[0]) & (time <= window[1])]
-    largest = float(np.max(shown, initial=0.0))
-    clipped = f"clipped at {LARGEST_JERK:g}, largest {value_text(largest)} rad/s³"
-    signal = Panel(
-        "abs jerk, rad/s³",
-        BLUE,
+def _panel(run: _Run, quantity: Quantity, colour: str, window: Interval, empty: str = "") -> Panel:
+    spec = quantity.spec
+    time, value = run.series(quantity)
+    unit = unit_text(spec.unit)
+    limits, note = None, spec.filtered
+    if spec.clip is not None:
+        value = np.abs(value)
+        shown = value[(time >= window[0]) & (time <= window[1])]
+        largest = float(np.max(shown, initial=0.0))
+        if largest > spec.clip:
+            note = f"clipped at {spec.clip:g}, largest {value_text(largest)} {unit}"
+        value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
+    return Panel(
+        f"{spec.name}, {unit}",
+        colour,
         time,
-        np.minimum(jerk, LARGEST_JERK),
-        limits=(0.0, LARGEST_JERK * 1.02),
-        note=clipped if largest > LARGEST_JERK else "",
-        empty=run.result.indicator(IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION).reason or "",
+        value,
+        unit_of_maximum=unit if spec.peak else "",
+        limits=limits,
+        zone=run.rows.thresholds.closed_angle if spec.closed_zone else 0.0,
+        note=note,
+        empty=empty,
     )
-    return _sheet(run, name, finding, window, signal)
-
-
-def _force(run: _Run) -> Figure:
-    indicator = run.result.indicator(IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION)
-    time = run.rows.force_time - run.result.start
-    signal = Panel("force, N", BLUE, time, run.rows.force, unit_of_maximum="N")
-    title = _title(FigureName.FORCE, _finding(indicator))
-    return draw_sheet(title, [signal], _marks(run), run.window, run.rows.thresholds.largest_gap)
-
-
-def _sheet(run: _Run, name: FigureName, finding: str, window: Window, signal: Panel) -> Figure:
-    """The position above a signal of the panel."""
-    position = Panel.of_position(
-        run.door_time, run.rows.joint_state.position, run.rows.thresholds.closed_angle
-    )
-    gap = run.rows.thresholds.largest_gap
-    return draw_sheet(_title(name, finding), [position, signal], _marks(run), window, gap)
-
-
-def _title(name: FigureName, finding: str) -> str:
-    return f"Figure {name.number}   {finding}"
 
 
 def _finding(indicator: Indicator) -> str:
@@ -240,14 +209,3 @@ def _finding(indicator: Indicator) -> str:
     if indicator.value is None:
         return f"{words}: none"
     return f"{words} {value_text(indicator.value)} {unit_text(indicator.unit)}"
-
-
-def _marks(run: _Run) -> Sequence[Mark]:
-    crossing = EventName.moves_to(run.result.condition.destination_side)
-    marks = (
-        Mark("touch", run.times(EventName.HANDLE_IS_TOUCHED)),
-        Mark("opening", run.times(EventName.DOOR_OPENS)),
-        Mark("crossing", run.times(crossing)),
-        Mark("closing", run.times(EventName.DOOR_CLOSES), last_counts=True),
-    )
-    return [mark for mark in marks if mark.times]

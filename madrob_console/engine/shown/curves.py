@@ -6,9 +6,11 @@ on arrays.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from scoring.figure_table import Quantity
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
@@ -47,31 +49,29 @@ class Curves:
 
     Attributes:
         duration: from the start to the stop, or to the last datum of a run without a stop, s.
-        position: panel angle, rad.
-        acceleration: low-passed acceleration of the panel, rad/s^2.
-        jerk: jerk of the open panel, rad/s^3.
-        force: on the handle, no zero subtracted, N.
+        stretches: of each quantity, in its unit.
         events: s since the start, and the event's name as in the event file.
     """
 
     duration: float
-    position: tuple[Curve, ...] = ()
-    acceleration: tuple[Curve, ...] = ()
-    jerk: tuple[Curve, ...] = ()
-    force: tuple[Curve, ...] = ()
+    stretches: Mapping[Quantity, tuple[Curve, ...]] = field(default_factory=dict)
     events: tuple[tuple[float, str], ...] = ()
+
+    def of(self, quantity: Quantity) -> tuple[Curve, ...]:
+        """The stretches of a quantity; none where there is nothing to draw."""
+        return self.stretches.get(quantity, ())
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing to draw."""
-        return not (self.position or self.acceleration or self.jerk or self.force)
+        return not any(self.stretches.values())
 
     @property
     def extent(self) -> tuple[float, float]:
         """The first and the last instant that a figure must show, s since the start."""
-        stretches = (*self.position, *self.acceleration, *self.jerk, *self.force)
-        first = min((stretch.time[0] for stretch in stretches), default=0.0)
-        last = max((stretch.time[-1] for stretch in stretches), default=0.0)
+        drawn = [stretch for stretches in self.stretches.values() for stretch in stretches]
+        first = min((stretch.time[0] for stretch in drawn), default=0.0)
+        last = max((stretch.time[-1] for stretch in drawn), default=0.0)
         return min(0.0, first), max(self.duration, last)
 
 
@@ -87,47 +87,14 @@ def curves_of(result: Result, rows: Rows) -> Curves:
     ran = 0.0 if stop is None else max(0.0, stop - start)
     if result.ending.outcome is Outcome.ABORTED:
         return Curves(ran, events=events)
-    joint, largest_gap = rows.joint_state, rows.thresholds.largest_gap
-    curves = Curves(
-        ran,
-        _stretches(joint.time - start, joint.position, largest_gap),
-        _stretches(joint.time - start, rows.low_passed, largest_gap),
-        _stretches(rows.jerk_time - start, rows.jerk, largest_gap),
-        _stretches(rows.force_time - start, rows.force, largest_gap),
-        events,
-    )
+    found = {quantity: _curve(*rows.series(quantity), start, rows) for quantity in Quantity}
+    curves = Curves(ran, {quantity: curve for quantity, curve in found.items() if curve}, events)
     return curves if stop is not None else replace(curves, duration=curves.extent[1])
 
 
-def _stretches(time: Array, value: Array, largest_gap: float) -> tuple[Curve, ...]:
-    """The stretches of finite values without gaps."""
-    import numpy as np
+def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
+    """A quantity's stretches, with times since the start."""
+    from scoring.figures.stretches import stretches
 
-    finite = np.isfinite(time) & np.isfinite(value)
-    rows = np.flatnonzero(finite)
-    if not rows.size:
-        return ()
-    time, value = time[rows], value[rows]
-    broken = (np.diff(time) > largest_gap) | (np.diff(rows) > 1)
-    stretch = np.concatenate(([0], np.cumsum(broken)))
-    kept = _extremes(value)
-    time, value, stretch = time[kept], value[kept], stretch[kept]
-    borders = np.flatnonzero(np.diff(stretch)) + 1
-    return tuple(
-        Curve(tuple(times.tolist()), tuple(values.tolist()))
-        for times, values in zip(np.split(time, borders), np.split(value, borders), strict=True)
-    )
-
-
-def _extremes(value: Array) -> NDArray[np.intp]:
-    """The rows that stay: all of few, else the smallest and the largest of each bin."""
-    import numpy as np
-
-    if value.size <= MOST_POINTS:
-        return np.arange(value.size)
-    size = -(-value.size // (MOST_POINTS // 2))
-    bins = -(-value.size // size)
-    padded = np.pad(value, (0, bins * size - value.size), mode="edge").reshape(bins, size)
-    first = np.arange(bins) * size
-    rows = np.concatenate((first + padded.argmin(axis=1), first + padded.argmax(axis=1)))
-    return np.unique(np.minimum(rows, value.size - 1))
+    found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_POINTS)
+    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in found)

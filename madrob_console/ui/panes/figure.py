@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from madrob_console.engine.shown.curves import Curve, Curves
-from madrob_console.ui.cells.axes import Window
+from madrob_console.engine.shown.curves import Curves
+from madrob_console.ui.cells.axes import LARGEST, Window
 from madrob_console.ui.cells.lines import Line, Span, Tone, line
 from madrob_console.ui.cells.plot import BRAILLE, Frame, Ink, Mark, Plot
 from madrob_console.ui.look.words import fitted
 from madrob_console.ui.panes.run_summary import who_text
-from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, EventName
+from scoring.figure_table import (
+    EventMark,
+    FigureName,
+    FigurePart,
+    PanelSpec,
+    Quantity,
+    marked_events,
+)
+from scoring.protocol import Condition
 from scoring.result import value_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
-
-LARGEST_JERK = 2.0
-"""Jerk is drawn up to here, as in the document's figures 2 to 4, rad/s^3."""
 
 KEYS = "left right: in time   up down: zoom   0: all   Tab: next figure"
 
@@ -29,66 +33,8 @@ _ROWS_WITH_LEGEND = 15
 _ROWS_WITH_KEYS = 17
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """One plot of a figure.
-
-    Attributes:
-        name: of the quantity, with its unit.
-        stretches: where the curve is.
-        plot: how it is drawn.
-        remark: what else to know, in words.
-    """
-
-    name: str
-    stretches: Callable[[Curves], tuple[Curve, ...]]
-    plot: Plot
-    remark: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One or two plots over a common time axis.
-
-    Attributes:
-        title: what it shows.
-        panels: from above.
-        indicator: the one that the last plot explains.
-        meaning: how it follows from that plot.
-    """
-
-    title: str
-    panels: tuple[Panel, ...]
-    indicator: IndicatorName
-    meaning: str
-
-
-_POSITION = Panel("position, rad", lambda c: c.position, Plot((), 0.1), " (closed zone dotted)")
-_ACCELERATION = Panel("low-passed acceleration, rad/s^2", lambda c: c.acceleration, Plot((), 0.1))
-_JERK = Panel(
-    "abs jerk, rad/s^3",
-    lambda c: c.jerk,
-    Plot((), LARGEST_JERK, absolute=True, clip=LARGEST_JERK),
-    f" (clipped at {LARGEST_JERK:g})",
-)
-_FORCE = Panel("force, N", lambda c: c.force, Plot((), 1.0), " (as recorded)")
-
-FIGURES = (
-    Figure(
-        "position and low-passed acceleration",
-        (_POSITION, _ACCELERATION),
-        IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
-        "the maximum",
-    ),
-    Figure(
-        f"position and jerk clipped at {LARGEST_JERK:g} rad/s^3",
-        (_POSITION, _JERK),
-        IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
-        "10/mean abs jerk",
-    ),
-    Figure("handle force", (_FORCE,), IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION, "the maximum"),
-)
-"""In the document's order."""
+FIGURES = tuple(name.spec for name in FigureName if name.spec.part is FigurePart.WHOLE)
+"""In the document's order, without its parts of a run: those are zoomed to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +62,7 @@ class Sheet:
             ink: the characters.
         """
         figure = FIGURES[self.number]
-        events = named_events(self.curves, self._condition)
+        events = marked_events(self.curves.events, self._condition)
         head = [self._title(width), line(Span(self._run(), Tone.DIM)), self._finding()]
         foot = [_legend(events)] if height >= _ROWS_WITH_LEGEND else []
         if height >= _ROWS_WITH_KEYS:
@@ -124,13 +70,13 @@ class Sheet:
         axis_rows = 2
         rows = height - len(head) - len(foot) - len(figure.panels) - axis_rows
         heights = _shares(rows, len(figure.panels))
-        plots = [self._plot(panel) for panel in figure.panels]
+        plots = [self._plot(quantity) for quantity in figure.panels]
         gutter = max(plot.axis(h).gutter for plot, h in zip(plots, heights, strict=True))
-        marks = [Mark(time, name[0]) for name, times in events.items() for time in times]
+        marks = [Mark(time, mark.letter) for mark, times in events.items() for time in times]
         frame = Frame(self.window, width, gutter, marks, ink)
         body: list[Line] = []
-        for panel, plot, h in zip(figure.panels, plots, heights, strict=True):
-            body += [self._heading(panel, plot), *frame.plot(plot, h)]
+        for quantity, plot, h in zip(figure.panels, plots, heights, strict=True):
+            body += [self._heading(quantity.spec, plot), *frame.plot(plot, h)]
         return [*head, *body, *frame.time_axis(), *foot]
 
     @property
@@ -138,9 +84,15 @@ class Sheet:
         result = self.snapshot.result
         return None if result is None else result.condition
 
-    def _plot(self, panel: Panel) -> Plot:
-        zone = self.snapshot.door.closed_angle if panel is _POSITION else None
-        return replace(panel.plot, stretches=panel.stretches(self.curves), zone=zone)
+    def _plot(self, quantity: Quantity) -> Plot:
+        spec = quantity.spec
+        return Plot(
+            self.curves.of(quantity),
+            spec.least,
+            absolute=spec.clip is not None,
+            clip=spec.clip or LARGEST,
+            zone=self.snapshot.door.closed_angle if spec.closed_zone else None,
+        )
 
     def _title(self, width: int) -> Line:
         first, last = self.curves.extent
@@ -172,45 +124,33 @@ class Sheet:
         value = Span(f"{value_text(indicator.value)} {indicator.unit}", Tone.STRONG)
         return line(begin, value, f" = {figure.meaning}")
 
-    def _heading(self, panel: Panel, plot: Plot) -> Line:
+    def _heading(self, panel: PanelSpec, plot: Plot) -> Line:
         """The quantity, its maximum and where that is."""
         top = plot.extreme()
-        name = Span(panel.name, Tone.STRONG)
+        name = Span(f"{panel.filtered} {panel.name}, {panel.unit}".lstrip(), Tone.STRONG)
         if top is None:
             return line(name, Span("   no data", Tone.WARN))
         largest = "max" if plot.absolute else "max abs"
         where = "" if top.time in self.window else ", not in this part"
         return line(
             name,
-            Span(panel.remark, Tone.DIM),
+            Span(_remark(panel), Tone.DIM),
             f"   {largest} {value_text(abs(top.value))} at {top.time:.2f} s{where}",
         )
 
 
-def named_events(curves: Curves, condition: Condition | None) -> dict[str, list[float]]:
-    """When the events that the figures mark took place, s since the start, by name.
-
-    The first letters of the names differ: they mark the events. A crossing is known only with
-    the run's condition.
-    """
-    crossing = None if condition is None else EventName.moves_to(condition.destination_side)
-    names = {
-        "touch": EventName.HANDLE_IS_TOUCHED,
-        "opening": EventName.DOOR_OPENS,
-        "x crossing": crossing,
-        "closing": EventName.DOOR_CLOSES,
-    }
-    found = {name: [t for t, event in curves.events if event == of] for name, of in names.items()}
-    return {name: times for name, times in found.items() if times}
+def _remark(panel: PanelSpec) -> str:
+    clipped = f"clipped at {panel.clip:g}" if panel.clip is not None else ""
+    remark = panel.remark or clipped or ("closed zone dotted" if panel.closed_zone else "")
+    return f" ({remark})" if remark else ""
 
 
-def _legend(events: dict[str, list[float]]) -> Line:
+def _legend(events: Mapping[EventMark, Sequence[float]]) -> Line:
     if not events:
         return line(Span("no touch, no opening", Tone.DIM))
     spans: list[str | Span] = []
-    for name, times in events.items():
-        letter, word = name[0], name.removeprefix("x ")
-        spans += [Span(letter, Tone.STRONG), f" {word} {_times(times)}  "]
+    for mark, times in events.items():
+        spans += [Span(mark.letter, Tone.STRONG), f" {mark} {_times(times)}  "]
     return line(*spans, "s")
 
 

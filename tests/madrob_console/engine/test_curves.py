@@ -16,6 +16,7 @@ from madrob_console.archive.results import Scored
 from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curves_of
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
+from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
@@ -87,11 +88,13 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(
     curves = curves_of(scored.result, scored.rows)
     result = scored.result
     unsafety = result.indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION).value
-    assert max(map(abs, values(curves.acceleration))) == unsafety
+    assert max(map(abs, values(curves.of(Quantity.ACCELERATION)))) == unsafety
     roughness = result.indicator(IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION).value
-    assert max(map(abs, values(curves.force))) == roughness
+    assert max(map(abs, values(curves.of(Quantity.FORCE)))) == roughness
     smoothness = result.indicator(IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION).value
-    assert 10 / np.mean(np.abs(values(curves.jerk))) == pytest.approx(smoothness, rel=1e-12)
+    assert 10 / np.mean(np.abs(values(curves.of(Quantity.JERK)))) == pytest.approx(
+        smoothness, rel=1e-12
+    )
 
 
 def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> None:
@@ -137,7 +140,11 @@ def test_gaps_and_undefined_values_end_a_stretch() -> None:
     time = np.array([0.0, 0.02, 0.04, 1.0, 1.02, 1.04, 1.06])
     value = np.array([1.0, 2.0, 3.0, 4.0, np.nan, 6.0, np.inf])
     curves = curves_of(a_result(), some_rows(time, value))
-    assert [stretch.value for stretch in curves.force] == [(1.0, 2.0, 3.0), (4.0,), (6.0,)]
+    assert [stretch.value for stretch in curves.of(Quantity.FORCE)] == [
+        (1.0, 2.0, 3.0),
+        (4.0,),
+        (6.0,),
+    ]
 
 
 def test_curves_cross_a_socket_unchanged(tmp_path: Path) -> None:
@@ -164,7 +171,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
     value = np.sin(time)
     for place, height in spikes:
         value[round(place * (count - 1))] = height
-    force = curves_of(a_result(), some_rows(time, value)).force
+    force = curves_of(a_result(), some_rows(time, value)).of(Quantity.FORCE)
     kept = values(force)
     assert len(kept) <= MOST_POINTS
     assert max(kept) == value.max()
@@ -204,5 +211,5 @@ def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:
         samples += [door(time, 0.5 - 0.5 * np.cos(time)), handle(time, np.sin(time))]
     of = assessment(samples, thresholds=Thresholds(largest_gap=0.3))
     curves = curves_of(*of.result(Ending(Outcome.TIMEOUT, "as told", runs.START + 20)))
-    assert len(curves.position) == len(curves.force) == 1
-    assert len(curves.position[0].time) == 8 * 20
+    (position,), (force,) = curves.of(Quantity.POSITION), curves.of(Quantity.FORCE)
+    assert len(position.time) == len(force.time) == 8 * 20

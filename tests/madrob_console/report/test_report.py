@@ -41,7 +41,7 @@ from madrob_console.report import PictureFormat
 from madrob_console.report.page import report_html
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.version import software_version
-from scoring.figures.plots import FigureName
+from scoring.figure_table import FigureName
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step

@@ -6,6 +6,7 @@ import math
 
 from madrob_console.engine.shown.curves import Curve, Curves
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
+from scoring.figure_table import Quantity
 from scoring.protocol import EventName, Outcome
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.setups import a_setup
@@ -22,10 +23,12 @@ def wave(height: float, count: int = 752) -> tuple[Curve, ...]:
 
 CURVES = Curves(
     DURATION,
-    position=wave(1.2),
-    acceleration=wave(-0.68),
-    jerk=wave(12.5),
-    force=wave(18.1),
+    stretches={
+        Quantity.POSITION: wave(1.2),
+        Quantity.ACCELERATION: wave(-0.68),
+        Quantity.JERK: wave(12.5),
+        Quantity.FORCE: wave(18.1),
+    },
     events=(
         (0.0, EventName.BENCHMARK_START),
         (2.25, EventName.HANDLE_IS_TOUCHED),

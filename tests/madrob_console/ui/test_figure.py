@@ -11,6 +11,7 @@ from madrob_console.ui.cells.axes import Window
 from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import ASCII, BRAILLE, Ink
 from madrob_console.ui.panes.figure import FIGURES, Sheet
+from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName
 from scoring.result import Indicator
@@ -90,7 +91,11 @@ def test_an_indicator_without_a_value_gives_its_reason() -> None:
     assert engine.result is not None
     missing = tuple(Indicator.missing(name, "door never opened") for name in IndicatorName)
     engine.result = replace(engine.result, indicators=missing)
-    rows = drawn(1, engine.snapshot(), curves=replace(CURVES, jerk=()))
+    rows = drawn(
+        1,
+        engine.snapshot(),
+        curves=replace(CURVES, stretches={**CURVES.stretches, Quantity.JERK: ()}),
+    )
     assert rows[2] == "protocol: smoothness of door actuation none: door never opened"
     assert "abs jerk, rad/s^3   no data" in rows
 

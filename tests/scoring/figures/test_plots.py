@@ -19,9 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from scoring.figures.drawing import MOST_POINTS, stretches
-from scoring.figures.event_labels import Label, Mark, labels_of, rows_of
-from scoring.figures.plots import LARGEST_JERK, FigureName, figures_of, missing_figures, png, svg
+from scoring.figure_table import LARGEST_JERK, EventMark, FigureName
+from scoring.figures.drawing import MOST_POINTS
+from scoring.figures.event_labels import EventLabel, labels_of, rows_of
+from scoring.figures.plots import figures_of, missing_figures, png, svg
+from scoring.figures.stretches import stretches
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
@@ -249,7 +251,7 @@ def test_svg_is_xml_with_readable_text_and_no_date(nominal: Scored) -> None:
     for name, figure in figures_of(*nominal).items():
         text = svg(figure)
         root = ET.fromstring(text)
-        assert f"Figure {FigureName(name).number}" in "".join(root.itertext())
+        assert f"Figure {name.number}" in "".join(root.itertext())
         assert "<script" not in text
         assert "dc:date" not in text
 
@@ -288,25 +290,23 @@ values = arrays(np.float64, st.integers(0, 40), elements=st.floats(allow_nan=Tru
 def test_thinning_keeps_order_and_extremes_of_every_curve(part: Array, repeat: int) -> None:
     value = np.tile(part, repeat)
     time = np.arange(value.size, dtype=np.float64)
-    kept_time, kept = stretches(time, value, 1.5)
-    finite = np.isfinite(kept)
-    assert finite.sum() <= MOST_POINTS
-    assert np.all(np.diff(kept_time[finite]) > 0)
-    np.testing.assert_array_equal(value[kept_time[finite].astype(int)], kept[finite])
+    found = stretches(time, value, 1.5, MOST_POINTS)
     whole = value[np.isfinite(value)]
-    if whole.size:
-        assert (kept[finite].min(), kept[finite].max()) == (whole.min(), whole.max())
+    assert bool(found) == bool(whole.size)
+    if not found:
+        return
+    kept_time, kept = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    assert kept.size <= MOST_POINTS
+    assert np.all(np.diff(kept_time) > 0)
+    np.testing.assert_array_equal(value[kept_time.astype(int)], kept)
+    assert (kept.min(), kept.max()) == (whole.min(), whole.max())
 
 
 @given(st.lists(st.lists(st.floats(0, 10), min_size=1, max_size=30), max_size=4))
 def test_labels_stay_on_the_sheet_and_apart(times: list[list[float]]) -> None:
-    names = ("touch", "opening", "crossing", "closing")
-    marks = [
-        Mark(name, tuple(at), last_counts=name == "closing")
-        for name, at in zip(names, times, strict=False)
-    ]
-    labels = labels_of(marks, (0.0, 10.0), 240.0, 10.0)
-    assert len(labels) == len(marks)
+    events = dict(zip(EventMark, times, strict=False))
+    labels = labels_of(events, (0.0, 10.0), 240.0, 10.0)
+    assert len(labels) == len(events)
     rows = rows_of(labels)
     assert all(label.right <= 250 for label in labels)
     assert max(rows, default=0) < 4
@@ -315,7 +315,7 @@ def test_labels_stay_on_the_sheet_and_apart(times: list[list[float]]) -> None:
             assert row != other or not overlap(a, b)
 
 
-def overlap(a: Label, b: Label) -> bool:
+def overlap(a: EventLabel, b: EventLabel) -> bool:
     return a.left < b.right and b.left < a.right
 
 
