@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from madrob_console.cli.arguments import results_folder, ros_domain
 from madrob_console.config import Settings
 from madrob_console.engine.process.place import Place, known_places, place_of
-from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.requests import Role
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 

@@ -21,7 +21,7 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.shown.client import EngineClient, Role
+    from madrob_console.engine.shown.requests import EngineClient, Role
     from madrob_console.standings.teams import TeamList
     from madrob_console.ui.defaults import ConsoleDefaults
 
@@ -68,7 +68,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; the engine is a process behind them, started where none runs."""
-    from madrob_console.engine.shown.client import Role
+    from madrob_console.engine.shown.requests import Role
 
     begin_at: float | None = arguments.begin_at
     replays = arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
@@ -84,7 +84,7 @@ def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = Non
     with imports_kept():
         from madrob_console.cli.attaching import attach
         from madrob_console.config import load_settings
-        from madrob_console.engine.shown.client import Role
+        from madrob_console.engine.shown.requests import Role
         from madrob_console.ui.defaults import Look
         from madrob_console.ui.terminal import check_terminal, run_console
 
@@ -119,8 +119,8 @@ def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
     if playback is None:
         return
     if playback.speed != speed:
-        client.control(SetSpeed(speed))  # refused where another console has the right to act
-    if begin_at is not None and (refused := client.control(JumpTo(begin_at))) is not None:
+        client.ask(SetSpeed(speed))  # refused where another console has the right to act
+    if begin_at is not None and (refused := client.ask(JumpTo(begin_at))) is not None:
         client.close()
         raise MadrobError(f"--from {begin_at:g}: {refused}")
 

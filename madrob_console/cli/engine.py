@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.process.place import Place
     from madrob_console.engine.process.remote import RemoteEngine
     from madrob_console.engine.process.server import EngineServer
-    from madrob_console.engine.shown.client import Role
+    from madrob_console.engine.shown.requests import Role
 
 PRACTICE_IDLE_TIME = 20.0
 """A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
@@ -110,7 +110,7 @@ async def _serve(server: EngineServer, path: Path) -> None:
 def status() -> int:
     """One line for each engine that runs; exit code 1 if there is none."""
     from madrob_console.engine.process.place import known_places
-    from madrob_console.engine.shown.client import Role
+    from madrob_console.engine.shown.requests import Role
     from madrob_console.ui.look.words import PHASES
 
     found = 0
@@ -134,7 +134,7 @@ def status() -> int:
 def stop(*, force: bool) -> int:
     """End every engine; one with a run only by force."""
     from madrob_console.engine.process.place import known_places
-    from madrob_console.engine.shown.client import Role
+    from madrob_console.engine.shown.requests import Role, StopEngine, TakeOver
 
     code = 0
     for place in known_places():
@@ -142,8 +142,8 @@ def stop(*, force: bool) -> int:
         if engine is None:
             continue
         label = engine.snapshot().source_label
-        engine.take_over()
-        refused = engine.stop_engine(force=force)
+        engine.ask(TakeOver())
+        refused = engine.ask(StopEngine(force))
         if refused is None:
             _wait_for_end(place)
             print(f"{label}: ended")

@@ -23,6 +23,6 @@ def add(commands: Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; no key of theirs does anything to the run."""
-    from madrob_console.engine.shown.client import Role
+    from madrob_console.engine.shown.requests import Role
 
     return show(arguments, Role.WATCH)

@@ -6,7 +6,6 @@ import asyncio
 import os
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar
 
@@ -15,7 +14,8 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
 
-from madrob_console.engine.shown.playback import CONTROL, AnyCommand, Command
+from madrob_console.engine.shown.playback import PlaybackCommand
+from madrob_console.engine.shown.requests import Command, ExportTeam, OpenRun, Perform, TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Act, SetUp, Waive
@@ -23,7 +23,7 @@ from madrob_console.referee.questions import Ask
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults, Look
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.asks import Leave, Open, Wish
+from madrob_console.ui.keys.asks import Leave, Wish
 from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key, bindings
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.look.glyphs import ASCII, uses_ascii
@@ -33,7 +33,7 @@ from madrob_console.ui.look.words import done_text
 if TYPE_CHECKING:
     from textual.command import Provider
 
-    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.requests import EngineClient
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList
@@ -159,21 +159,22 @@ class MadrobApp(App[None], inherit_bindings=False):
             return self._console.pane in key.where and self.has_key(key)
         return super().check_action(action, parameters)
 
-    async def control(self, command: AnyCommand) -> None:
+    async def _request(self, command: Command) -> str | None:
+        """Have something done; the screens go on while the engine's disk makes it wait."""
+        return await asyncio.to_thread(self._link.do, command)
+
+    async def control(self, command: PlaybackCommand) -> None:
         """Move a replay; its bar shows what became of it."""
-        refused = await asyncio.to_thread(self._link.control, command)
+        refused = await self._request(command)
         self._console.poll()
         if refused is None:
             self._console.say("")
         else:
-            self._refuse(CONTROL, refused)
+            self._refuse(command.name, refused)
 
     async def act(self, act: Act) -> bool:
-        """Hand in an act and say what became of it; returns whether it took effect.
-
-        The screens go on while the engine's disk makes it wait.
-        """
-        refused = await asyncio.to_thread(self._link.act, act)
+        """Hand in an act and say what became of it; returns whether it took effect."""
+        refused = await self._request(Perform.of(act))
         self._console.poll()  # first: a change of phase wipes the message
         if refused is None:
             self._console.say(done_text(act), Tone.GOOD)
@@ -230,7 +231,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         return None
 
     async def _take_over(self) -> None:
-        refused = await asyncio.to_thread(self._link.take_over)
+        refused = await self._request(TakeOver())
         if refused is not None:
             self._refuse(KEYS["take"].act, refused)
             return
@@ -241,7 +242,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Ask for the team's zip; the console says when it is there."""
         team = self._console.team
         if isinstance(team, int):
-            refused = await asyncio.to_thread(self._link.export_team, team)
+            refused = await self._request(ExportTeam(team))
             self._console.poll()
         else:
             refused = team
@@ -267,9 +268,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         match wish:
             case Leave():
                 self.exit()
-            case Open():
+            case OpenRun():
                 await self._open_run(wish)
-            case Command():
+            case PlaybackCommand():
                 await self.control(wish)
             case str():
                 self._refuse(what, wish)
@@ -318,14 +319,13 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def on_history_pane_opened(self, event: HistoryPane.Opened) -> None:
         """Show an earlier run; reading its bag takes a moment."""
-        await self._open_run(Open(event.summary.folder))
+        await self._open_run(OpenRun(event.summary.folder))
 
-    async def _open_run(self, run: Open) -> None:
+    async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
-        open_run = partial(self._link.open_run, run.folder, invalid=run.invalid)
-        refused = await asyncio.to_thread(open_run)
+        refused = await self._request(run)
         if refused is not None:
-            self._refuse("open the run", refused)
+            self._refuse(run.name, refused)
             return
         self._console.poll()
         self._console.show_pane("results")

@@ -6,12 +6,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import Act
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.client import EngineClient
-    from madrob_console.engine.shown.curves import Curves
-    from madrob_console.engine.shown.playback import AnyCommand
+    from madrob_console.engine.shown.requests import Command, EngineClient, Request, T
     from madrob_console.engine.shown.snapshot import Snapshot
 
 LONGEST_SILENCE = 2.0
@@ -79,67 +76,22 @@ class EngineLink:
         self._latest = snapshot
         return snapshot
 
-    def act(self, act: Act) -> str | None:
-        """Hand in an act; returns why it did not take effect, None when it did."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.act(act)
-        except MadrobError as error:
-            return str(error)
-
-    def next_run_number(self, subject: int, condition_number: int) -> int | str:
-        """The next free run number, or why there is none."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.next_run_number(subject, condition_number)
-        except MadrobError as error:
-            return str(error)
-
-    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
-        """Show an earlier run; returns why that is not possible, None when it is shown."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.open_run(folder, invalid=invalid)
-        except MadrobError as error:
-            return str(error)
-
-    def export_team(self, subject: int) -> str | None:
-        """Pack a team's runs; returns why not, None when it is on its way."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.export_team(subject)
-        except MadrobError as error:
-            return str(error)
-
-    def control(self, command: AnyCommand) -> str | None:
-        """Pause, step or move a replay; returns why not."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.control(command)
-        except MadrobError as error:
-            return str(error)
-
-    def take_over(self) -> str | None:
-        """Take the right to act; returns why not."""
-        if self._client is None:
-            return NOT_YET
-        try:
-            return self._client.take_over()
-        except MadrobError as error:
-            return str(error)
-
-    def curves(self) -> Curves | None:
-        """What the figures show; None without a result.
+    def ask(self, request: Request[T]) -> T:
+        """Have a request carried out; may take as long as its timeout.
 
         Raises:
-            MadrobError: the engine has failed.
+            MadrobError: it failed, or there is no engine that answers.
         """
-        return None if self._client is None else self._client.curves()
+        if self._client is None:
+            raise MadrobError(NOT_YET)
+        return self._client.ask(request)
+
+    def do(self, command: Command) -> str | None:
+        """The same; returns in words why it is refused or failed, None when it is done."""
+        try:
+            return self.ask(command)
+        except MadrobError as error:
+            return str(error)
 
     def close(self) -> None:
         """Let the engine go."""

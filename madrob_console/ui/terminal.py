@@ -16,7 +16,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import ConsoleDefaults, Look
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.requests import EngineClient
 
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""

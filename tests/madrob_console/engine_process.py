@@ -22,7 +22,7 @@ import msgspec
 import pytest
 
 from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.requests import Perform, Role
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.preflight import blocking
@@ -154,7 +154,7 @@ class EngineProcess:
     def act(self, *acts: Act) -> None:
         """Acts that are possible."""
         for act in acts:
-            refused = self.client.act(act)
+            refused = self.client.ask(Perform.of(act))
             assert refused is None, refused
 
     def start(self, setup: RunSetup) -> None:

@@ -27,7 +27,7 @@ from madrob_console.engine.live.pre_start import PreStart
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.replay import DECIDED_ANEW, NO_ACTS, OWN_RUN, Replay
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
-from madrob_console.engine.shown.playback import NO_REPLAY, AnyCommand
+from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
@@ -506,7 +506,7 @@ class Engine:
 
     # ------------------------------------------------------------------ a recorded run
 
-    def control(self, command: AnyCommand) -> str | None:
+    def control(self, command: PlaybackCommand) -> str | None:
         """Pause, step, jump, change the speed of a replay.
 
         Going back begins the run anew and goes on to the time that was asked for, so that what is

@@ -17,9 +17,9 @@ from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.clock import NS, nanoseconds, seconds
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.shown.playback import (
-    AnyCommand,
     Faster,
     JumpTo,
+    PlaybackCommand,
     PlaybackView,
     PlayOrPause,
     SetSpeed,
@@ -149,7 +149,7 @@ class Replay:
 
     # ------------------------------------------------------------------ how it goes
 
-    def control(self, command: AnyCommand) -> str | None:
+    def control(self, command: PlaybackCommand) -> str | None:
         """Pause, step, jump, change the speed.
 
         Returns:
@@ -169,6 +169,7 @@ class Replay:
                 return clock.skip(duration)
             case JumpTo(at):
                 return self._jump(at)
+        raise NotImplementedError(f"nobody carries out {command}")
 
     def _jump(self, at: float) -> str | None:
         clock = self.source.clock

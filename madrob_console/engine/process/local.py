@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TypeVar
+from typing import Any, cast
 
 from madrob_console.archive.folders import parse_folder_name
 from madrob_console.archive.rescore import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.process.reporting import Papers
 from madrob_console.engine.shown.curves import Curves, curves_of
-from madrob_console.engine.shown.playback import AnyCommand
+from madrob_console.engine.shown.playback import PlaybackCommand
+from madrob_console.engine.shown.requests import (
+    NO_ANSWER,
+    ExportTeam,
+    GiveCurves,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    Request,
+    StopEngine,
+    T,
+    TakeOver,
+)
 from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.engine.shown.wire import ALONE
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import Act
+from madrob_console.referee.acts import act_named
 from scoring.kinematics import load_filters
 
 TAKE_TIMEOUT = 0.02
@@ -29,10 +42,7 @@ TAKE_TIMEOUT = 0.02
 SNAPSHOT_PERIOD = 0.05
 """Screens get a new snapshot this often, s."""
 
-ANSWER_TIMEOUT = 5.0
-"""A screen waits this long for the answer to an act, s."""
-
-_T = TypeVar("_T")
+_ENDED = "the engine has ended: start the console again"
 
 
 class LocalEngine:
@@ -56,6 +66,7 @@ class LocalEngine:
             engine.on_result = papers.report
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stop = threading.Event()
+        self._ended = False
         self._failure: BaseException | None = None
         engine.open()
         self._snapshot = engine.snapshot()
@@ -77,20 +88,24 @@ class LocalEngine:
             raise
         finally:
             self._engine.close()
+            self._ended = True
             self._answer_calls()
 
     def _answer_calls(self) -> None:
-        while True:
-            try:
-                call = self._calls.get_nowait()
-            except Empty:
-                return
-            call()
+        with suppress(Empty):
+            while True:
+                self._calls.get_nowait()()
 
-    def _ask(self, question: Callable[[], _T]) -> _T:
-        answer: Future[_T] = Future()
+    def _call(self, question: Callable[[], T], deadline: float) -> T:
+        """Ask in the engine's thread; what was given up before its turn never happens."""
+        answer: Future[T] = Future()
 
         def call() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            if self._ended:
+                answer.set_exception(MadrobError(_ENDED))
+                return
             try:
                 result = question()
             except MadrobError as error:
@@ -99,13 +114,16 @@ class LocalEngine:
             self._snapshot = self._engine.snapshot()  # before the answer: it shows what was done
             answer.set_result(result)
 
-        if self._failure is not None or self._stop.is_set():
-            raise MadrobError("the engine has ended: start the console again")
+        if self._stop.is_set():
+            raise MadrobError(_ENDED)
         self._calls.put(call)
+        if self._ended:  # only now: nobody may be there to see it
+            self._answer_calls()
         try:
-            return answer.result(ANSWER_TIMEOUT)
+            return answer.result(deadline - time.monotonic())
         except TimeoutError:
-            raise MadrobError("the engine does not answer: look at the disk") from None
+            answer.cancel()
+            raise MadrobError(NO_ANSWER) from None
 
     def snapshot(self) -> Snapshot:
         """The latest snapshot.
@@ -121,41 +139,67 @@ class LocalEngine:
         problems = [] if papers.problem is None else [papers.problem]
         return replace(snapshot, faults=(*snapshot.faults, *problems), export=papers.exported)
 
-    def act(self, act: Act) -> str | None:
-        """Hand in an act; returns the refusal in words, None when it took effect.
+    def ask(self, request: Request[T], deadline: float = math.inf) -> T:
+        """Carry a request out.
+
+        Args:
+            request: what is asked.
+            deadline: if it comes before the request's timeout, s of the monotonic clock.
 
         Raises:
-            MadrobError: the engine has ended or does not answer.
+            MadrobError: it failed, or the engine has ended or does not answer.
         """
-        return self._ask(lambda: self._engine.perform(act))
+        deadline = min(time.monotonic() + request.timeout, deadline)
+        return cast("T", self._carry_out(request, deadline))
 
-    def next_run_number(self, subject: int, condition_number: int) -> int:
-        """The next run number that was never used for this subject and condition.
+    def _carry_out(self, request: Request[Any], deadline: float) -> object:
+        """The one place that knows what each request means."""
+        engine = self._engine
+        match request:
+            case Perform(name, details):
+                act = act_named(name, details)
+                return self._call(lambda: engine.perform(act), deadline)
+            case NextRunNumber(subject, condition):
+                return self._call(lambda: engine.next_run_number(subject, condition), deadline)
+            case OpenRun(folder, invalid):
+                return self._open_run(folder, deadline, invalid=invalid)
+            case ExportTeam(subject):
+                return self._export(subject)
+            case GiveCurves():
+                return self._curves()
+            case PlaybackCommand():
+                return self._call(lambda: engine.control(request), deadline)
+            case TakeOver():
+                return None  # this screen has it: others are the server's
+            case StopEngine(force):
+                return self._end(force=force)
+            case _:
+                raise NotImplementedError(f"nobody carries out {request}")
 
-        Raises:
-            MadrobError: the results folder cannot be read, or all numbers are used.
-        """
-        return self._ask(lambda: self._engine.next_run_number(subject, condition_number))
-
-    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
-        """Show an earlier run; it is read here, and the engine goes on meanwhile.
-
-        Raises:
-            MadrobError: it cannot be read, or the engine has ended.
-        """
+    def _open_run(self, folder: str, deadline: float, *, invalid: bool) -> str | None:
+        """The bag is read here, and the engine goes on meanwhile."""
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
-        refused = self._ask(self._engine.opening_refusal)
+        refused = self._call(self._engine.opening_refusal, deadline)
         if refused is not None:
             return refused
         opened = open_run(self._engine.config.results / folder)
-        return self._ask(lambda: self._engine.open_run(opened, invalid=invalid))
+        return self._call(lambda: self._engine.open_run(opened, invalid=invalid), deadline)
 
-    def export_team(self, subject: int) -> str | None:
-        """Pack a team's runs in the background; returns why not, None when it is on its way."""
+    def _export(self, subject: int) -> str | None:
         if self._papers is None:
             return "nobody packs runs here: use `madrob export`"
         self._papers.export(subject)
+        return None
+
+    def _curves(self) -> Curves | None:
+        scored = self._engine.scored  # immutable: may be read from any thread
+        return None if scored is None else curves_of(scored.result, scored.rows)
+
+    def _end(self, *, force: bool) -> str | None:
+        if self.busy and not force:
+            return "a run is going on"
+        self._stop.set()
         return None
 
     @property
@@ -168,22 +212,10 @@ class LocalEngine:
         """Whether a run goes on or its result is being written."""
         return self._failure is None and self._engine.busy
 
-    def control(self, command: AnyCommand) -> str | None:
-        """Pause, step or move a replay; returns why not, None when it is done or on its way.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(lambda: self._engine.control(command))
-
-    def take_over(self) -> str | None:
-        """Nobody else is there to take the right to act from."""
-        return ALONE
-
-    def curves(self) -> Curves | None:
-        """What the figures show of the run with a result; None without one."""
-        scored = self._engine.scored  # immutable: may be read from any thread
-        return None if scored is None else curves_of(scored.result, scored.rows)
+    @property
+    def ended(self) -> bool:
+        """Whether it was told to end."""
+        return self._stop.is_set()
 
     def close(self) -> None:
         """End the engine; a run that goes on is cut off and kept as interrupted."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import socket
 import threading
+import time
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
@@ -13,24 +14,22 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.client import Role
-from madrob_console.engine.shown.curves import Curves
-from madrob_console.engine.shown.playback import CONTROL, AnyCommand
+from madrob_console.engine.shown.playback import PlaybackCommand
+from madrob_console.engine.shown.requests import (
+    ALONE,
+    NO_ANSWER,
+    ExportTeam,
+    Request,
+    Role,
+    T,
+    TakeOver,
+)
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import ACTS, Act
+from madrob_console.referee.acts import ACTS
 
-ANSWER_TIMEOUT = 5.0
-"""A screen waits this long for an answer, s."""
-
-OPENING_TIMEOUT = 120.0
-"""The same for the opening of an earlier run, whose bag is read."""
-
-TAKE_OVER = "take over"
-"""Its refusal stands among those of the acts."""
-
-EXPORT = "export the team's runs"
-"""The same."""
+_ON_ITS_WAY = 0.5
+"""The engine's own word that it gave a request up may come so much later, s."""
 
 _GREETING_TIME = 10.0
 _WATCHING = "this screen only watches: `madrob console` can act"
@@ -55,7 +54,7 @@ class RemoteEngine:
     def __init__(self, path: Path, role: Role, who: str) -> None:
         self._role = role
         self._numbers = itertools.count(1)
-        self._waiting: dict[int, Future[wire.Answer]] = {}
+        self._waiting: dict[int, Future[wire.Reply]] = {}
         self._lock = threading.Lock()
         self._failure: str | None = None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -91,11 +90,12 @@ class RemoteEngine:
         state = self._state
         refusal = self._refusal(state)
         if refusal is None:
-            own = {**state.snapshot.refusals, TAKE_OVER: wire.ALONE}
+            own = {**state.snapshot.refusals, TakeOver.name: ALONE}
             return replace(state.snapshot, refusals=own)
-        refusals = dict.fromkeys((*(act.name for act in ACTS), CONTROL, EXPORT), refusal)
+        names = (*(act.name for act in ACTS), PlaybackCommand.name, ExportTeam.name)
+        refusals = dict.fromkeys(names, refusal)
         if self._role is Role.WATCH:
-            return replace(state.snapshot, refusals={**refusals, TAKE_OVER: refusal})
+            return replace(state.snapshot, refusals={**refusals, TakeOver.name: refusal})
         faults = (refusal, *state.snapshot.faults)
         return replace(state.snapshot, refusals=refusals, faults=faults)
 
@@ -111,75 +111,26 @@ class RemoteEngine:
         """Whether this screen has the right to act, or would get it with its next act."""
         return self._refusal(self._state) is None
 
-    def act(self, act: Act) -> str | None:
-        """Hand in an act; returns the refusal in words, None when it took effect.
+    def ask(self, request: Request[T]) -> T:
+        """Have a request carried out by the engine.
 
         Raises:
-            MadrobError: the engine has ended or does not answer.
+            MadrobError: it failed, or the engine has ended or does not answer.
         """
-        details: dict[str, object] = msgspec.to_builtins(act)
-        return self._ask(wire.ActRequest(next(self._numbers), act.name, details)).refused
-
-    def next_run_number(self, subject: int, condition_number: int) -> int:
-        """The next run number that was never used for this subject and condition.
-
-        Raises:
-            MadrobError: the results folder cannot be read, or all numbers are used.
-        """
-        request = wire.NextRunNumber(next(self._numbers), subject, condition_number)
-        value = self._ask(request).value
-        if value is None:
-            raise MadrobError("the engine gave no run number")
-        return value
-
-    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
-        """Show an earlier run; takes as long as reading its bag.
-
-        Raises:
-            MadrobError: it cannot be read, or the engine has ended.
-        """
-        request = wire.OpenRun(next(self._numbers), folder, invalid)
-        return self._ask(request, OPENING_TIMEOUT).refused
-
-    def export_team(self, subject: int) -> str | None:
-        """Pack a team's runs; returns why not, None when it is on its way.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(wire.ExportTeam(next(self._numbers), subject)).refused
-
-    def curves(self) -> Curves | None:
-        """What the figures show of the run with a result; None without one.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(wire.GiveCurves(next(self._numbers))).curves
-
-    def control(self, command: AnyCommand) -> str | None:
-        """Pause, step or move a replay; returns why not.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(wire.Control(next(self._numbers), command)).refused
-
-    def take_over(self) -> str | None:
-        """Take the right to act from another screen; returns why not.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(wire.TakeOver(next(self._numbers))).refused
-
-    def stop_engine(self, *, force: bool) -> str | None:
-        """End the engine; returns why not.
-
-        Raises:
-            MadrobError: the engine has ended or does not answer.
-        """
-        return self._ask(wire.StopEngine(next(self._numbers), force)).refused
+        number, waiting = next(self._numbers), Future[wire.Reply]()
+        call = wire.Call(number, time.monotonic() + request.timeout, wire.raw(request))
+        self._waiting[number] = waiting
+        try:
+            if self._failure is not None:  # only now: what fails later finds who waits
+                raise MadrobError(self._failure)
+            self._send(call)
+            return wire.answer_of(request, waiting.result(request.timeout + _ON_ITS_WAY))
+        except TimeoutError:
+            raise MadrobError(NO_ANSWER) from None
+        except OSError:
+            raise MadrobError(self._failure or _LOST) from None
+        finally:
+            del self._waiting[number]
 
     def close(self) -> None:
         """End the connection; the engine goes on."""
@@ -189,24 +140,6 @@ class RemoteEngine:
         self._socket.close()
 
     # ------------------------------------------------------------------ the socket
-
-    def _ask(self, request: wire.Request, timeout: float = ANSWER_TIMEOUT) -> wire.Answer:
-        if self._failure is not None:
-            raise MadrobError(self._failure)
-        waiting: Future[wire.Answer] = Future()
-        self._waiting[request.number] = waiting
-        try:
-            self._send(request)
-            answer = waiting.result(timeout)
-        except TimeoutError:
-            raise MadrobError("the engine does not answer: look at the disk") from None
-        except OSError:
-            raise MadrobError(_LOST) from None
-        finally:
-            self._waiting.pop(request.number, None)
-        if answer.failed is not None:
-            raise MadrobError(answer.failed)
-        return answer
 
     def _send(self, message: msgspec.Struct) -> None:
         with self._lock:
@@ -218,9 +151,9 @@ class RemoteEngine:
                 match self._receive():
                     case wire.State() as state:
                         self._state = state
-                    case wire.Answer() as answer:
-                        if (waiting := self._waiting.get(answer.number)) is not None:
-                            waiting.set_result(answer)
+                    case wire.Reply() as reply:
+                        if (waiting := self._waiting.get(reply.number)) is not None:
+                            waiting.set_result(reply)
                     case wire.Rejected(reason):
                         self._failure = reason
                         return

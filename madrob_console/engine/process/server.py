@@ -13,17 +13,16 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.requests import Command, Request, Role, TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.referee.acts import act_named
 
 SNAPSHOT_PERIOD = 0.1
 """Between two looks at the engine, s."""
@@ -125,8 +124,8 @@ class EngineServer:
         show = asyncio.create_task(self._show(screen))
         try:
             while True:
-                request = wire.request_of(await _read(reader))
-                task = asyncio.create_task(self._reply(screen, request))
+                call, request = wire.call_of(await _read(reader))
+                task = asyncio.create_task(self._reply(screen, call, request))
                 screen.tasks.add(task)
                 task.add_done_callback(screen.tasks.discard)
         except MadrobError as error:
@@ -167,52 +166,29 @@ class EngineServer:
 
     # ------------------------------------------------------------------ requests
 
-    async def _reply(self, screen: _Screen, request: wire.Request) -> None:
+    async def _reply(self, screen: _Screen, call: wire.Call, request: Request[Any]) -> None:
         try:
-            answer = await self._answer(screen, request)
+            answer = self._no_right(screen, request) or await asyncio.to_thread(
+                self._engine.ask, request, call.deadline
+            )
             screen.send(self._state(screen))  # before the answer: it shows what was done
+            reply = wire.Reply(call.number, wire.raw(answer))
         except MadrobError as error:
-            answer = wire.Answer(request.number, failed=str(error))
-        screen.send(answer)
+            reply = wire.Reply(call.number, failed=str(error))
+        screen.send(reply)
+        if self._engine.ended:
+            self.stop()
 
-    async def _answer(self, screen: _Screen, request: wire.Request) -> wire.Answer:
-        engine, number = self._engine, request.number
-        match request:
-            case wire.GiveCurves():
-                return wire.Answer(number, curves=await asyncio.to_thread(engine.curves))
-            case wire.NextRunNumber(_, subject, condition):
-                value = await asyncio.to_thread(engine.next_run_number, subject, condition)
-                return wire.Answer(number, value=value)
-        refused = self._no_right(screen, request)
-        if refused is None:
-            refused = await self._do(request)
-        return wire.Answer(number, refused=refused)
-
-    def _no_right(self, screen: _Screen, request: wire.Request) -> str | None:
+    def _no_right(self, screen: _Screen, request: Request[Any]) -> str | None:
         """Why a screen may not act; the right goes to who asks for it, or first when it is free."""
+        if not isinstance(request, Command):
+            return None
         if screen.role is Role.WATCH:
             return "this screen only watches"
-        if self._referee is None or isinstance(request, wire.TakeOver):
+        if self._referee is None or isinstance(request, TakeOver):
             self._referee = screen
         if screen is not self._referee:
             return f"{self._referee_name()} has the right to act"
-        return None
-
-    async def _do(self, request: wire.Request) -> str | None:
-        match request:
-            case wire.ActRequest(_, name, details):
-                return await asyncio.to_thread(self._engine.act, act_named(name, details))
-            case wire.OpenRun(_, folder, invalid):
-                open_run = partial(self._engine.open_run, folder, invalid=invalid)
-                return await asyncio.to_thread(open_run)
-            case wire.ExportTeam(_, subject):
-                return self._engine.export_team(subject)
-            case wire.Control(_, command):
-                return await asyncio.to_thread(self._engine.control, command)
-            case wire.StopEngine(_, force):
-                if self._engine.busy and not force:
-                    return "a run is going on"
-                self.stop()
         return None
 
     async def _end_when_idle(self) -> None:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import msgspec
+from typing import ClassVar
 
 from madrob_console.archive.comparison import EQUAL
+from madrob_console.engine.shown.requests import Command
 from madrob_console.testbeds.recorded_clock import TICK
-
-CONTROL = "control the replay"
-"""Its refusal stands among those of the acts."""
-
 
 NO_REPLAY = "this is no replay"
 
@@ -25,42 +21,40 @@ LONG_STEP = 1.0
 """The long step, s."""
 
 
-class Command(msgspec.Struct, frozen=True):
-    """Something that a screen asks of a replay."""
+class PlaybackCommand(Command, frozen=True):
+    """Pause, step or move a replay."""
+
+    name: ClassVar[str] = "control the replay"
 
 
-class PlayOrPause(Command, frozen=True, tag=True):
+class PlayOrPause(PlaybackCommand, frozen=True):
     """Pause, or go on."""
 
 
-class Faster(Command, frozen=True, tag=True):
+class Faster(PlaybackCommand, frozen=True):
     """The next higher speed."""
 
 
-class Slower(Command, frozen=True, tag=True):
+class Slower(PlaybackCommand, frozen=True):
     """The next lower speed."""
 
 
-class SetSpeed(Command, frozen=True, tag=True):
+class SetSpeed(PlaybackCommand, frozen=True):
     """So many times as fast as it was; 0 = as fast as possible."""
 
     speed: float
 
 
-class Skip(Command, frozen=True, tag=True):
+class Skip(PlaybackCommand, frozen=True):
     """Pause so many seconds later; earlier if negative."""
 
     duration: float
 
 
-class JumpTo(Command, frozen=True, tag=True):
+class JumpTo(PlaybackCommand, frozen=True):
     """Go on at this time, s from the start of the run; negative in the countdown."""
 
     time: float
-
-
-AnyCommand = PlayOrPause | Faster | Slower | SetSpeed | Skip | JumpTo
-"""All of them, as they cross the socket."""
 
 
 @dataclass(frozen=True, slots=True)

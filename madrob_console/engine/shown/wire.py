@@ -2,20 +2,20 @@
 
 A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
 screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends `State`
-whenever there is something new, as fast as the screen takes it, and one `Answer` for each request.
+whenever there is something new, as fast as the screen takes it, and one `Reply` for each `Call`.
 Everything is checked against its type on arrival.
 """
 
 from __future__ import annotations
 
 import struct
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TypeVar, Union, get_args
 
 import msgspec
 
-from madrob_console.engine.shown.client import Role
-from madrob_console.engine.shown.curves import Curves
-from madrob_console.engine.shown.playback import AnyCommand
+from madrob_console.engine.shown import playback  # noqa: F401  its commands are requests
+from madrob_console.engine.shown.requests import Request, Role
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -29,9 +29,6 @@ LARGEST_REQUEST = 1_000_000
 LARGEST_STATE = 64_000_000
 """Bytes that a screen takes from an engine at once; the curves of a long run are the most."""
 
-ALONE = "this console has the right to act"
-"""Why there is nothing to take over."""
-
 LENGTH = struct.Struct(">I")
 """How a frame begins."""
 
@@ -44,66 +41,18 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
     who: str
 
 
-class ActRequest(msgspec.Struct, frozen=True, tag=True):
-    """Do an act of the referee: its name and its fields."""
+class Call(msgspec.Struct, frozen=True, tag=True):
+    """A screen asks.
+
+    Attributes:
+        number: of the question, counted by the screen.
+        deadline: after this it is not carried out any more, s of the machine's monotonic clock.
+        request: what it asks, as `request_of` reads it.
+    """
 
     number: int
-    name: str
-    details: dict[str, Any]
-
-
-class NextRunNumber(msgspec.Struct, frozen=True, tag=True):
-    """Which run number comes next?"""
-
-    number: int
-    subject: int
-    condition: int
-
-
-class OpenRun(msgspec.Struct, frozen=True, tag=True):
-    """Show an earlier run: the name of its folder; `invalid`: one that was cut off is void."""
-
-    number: int
-    folder: str
-    invalid: bool = False
-
-
-class ExportTeam(msgspec.Struct, frozen=True, tag=True):
-    """Pack the runs of a team into a zip."""
-
-    number: int
-    subject: int
-
-
-class GiveCurves(msgspec.Struct, frozen=True, tag=True):
-    """What do the figures show?"""
-
-    number: int
-
-
-class TakeOver(msgspec.Struct, frozen=True, tag=True):
-    """Give me the right to act."""
-
-    number: int
-
-
-class Control(msgspec.Struct, frozen=True, tag=True):
-    """Pause, step or move a replay."""
-
-    number: int
-    command: AnyCommand
-
-
-class StopEngine(msgspec.Struct, frozen=True, tag=True):
-    """End the engine; `force` also while a run goes on."""
-
-    number: int
-    force: bool = False
-
-
-Request = (
-    ActRequest | NextRunNumber | OpenRun | ExportTeam | GiveCurves | TakeOver | Control | StopEngine
-)
+    deadline: float
+    request: msgspec.Raw
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
@@ -129,31 +78,54 @@ class State(msgspec.Struct, frozen=True, tag=True):
     referee: str
 
 
-class Answer(msgspec.Struct, frozen=True, tag=True):
-    """The answer to the request with this number.
+_NIL = msgspec.Raw(msgspec.msgpack.encode(None))
+
+
+class Reply(msgspec.Struct, frozen=True, tag=True):
+    """The engine answers.
 
     Attributes:
-        number: of the request.
-        refused: why not, in words; None = done.
+        number: of the question.
+        value: the answer, as `answer_of` reads it.
         failed: the engine could not, in words: the screen raises it.
-        value: the run number asked for.
-        curves: those asked for.
     """
 
     number: int
-    refused: str | None = None
+    value: msgspec.Raw = _NIL
     failed: str | None = None
-    value: int | None = None
-    curves: Curves | None = None
 
 
-ToScreen = Welcome | Rejected | State | Answer
+ToScreen = Welcome | Rejected | State | Reply
+
+_T = TypeVar("_T")
+
+
+def _kinds(kind: type[Request[Any]] = Request) -> Iterator[type[Request[Any]]]:
+    """All requests that there are: the classes under `Request` with none under them."""
+    under = kind.__subclasses__()
+    if not under:
+        yield kind
+    for one in under:
+        yield from _kinds(one)
+
+
+REQUESTS = tuple(_kinds())
+"""All of them."""
+
+
+def _answer_type(kind: type[Request[Any]]) -> object:
+    """What stands between the brackets of `Request[...]`."""
+    bases = (base for one in kind.__mro__ for base in one.__dict__.get("__orig_bases__", ()))
+    return get_args(next(bases))[0]
+
 
 _MALFORMED = (msgspec.MsgspecError, ValueError, RecursionError)
 _encoder = msgspec.msgpack.Encoder()
-_requests: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
 _hellos = msgspec.msgpack.Decoder(Hello)
-_states: msgspec.msgpack.Decoder[ToScreen] = msgspec.msgpack.Decoder(ToScreen)
+_calls = msgspec.msgpack.Decoder(Call)
+_requests: msgspec.msgpack.Decoder[Request[Any]] = msgspec.msgpack.Decoder(Union[REQUESTS])  # noqa: UP007
+_answers = {kind: msgspec.msgpack.Decoder(_answer_type(kind)) for kind in REQUESTS}
+_messages: msgspec.msgpack.Decoder[ToScreen] = msgspec.msgpack.Decoder(ToScreen)
 
 
 def frame(message: msgspec.Struct) -> bytes:
@@ -162,28 +134,28 @@ def frame(message: msgspec.Struct) -> bytes:
     return LENGTH.pack(len(data)) + data
 
 
+def raw(value: object) -> msgspec.Raw:
+    """A part of a message."""
+    return msgspec.Raw(_encoder.encode(value))
+
+
 def hello_of(data: bytes) -> Hello:
     """The first message of a screen.
 
     Raises:
         MadrobError: it is something else.
     """
-    try:
-        return _hellos.decode(data)
-    except _MALFORMED as error:
-        raise MadrobError(f"not a greeting of a console: {terminal_safe(str(error))}") from None
+    return _decoded(_hellos, data, "a greeting of a console")
 
 
-def request_of(data: bytes) -> Request:
-    """A later message of a screen.
+def call_of(data: bytes) -> tuple[Call, Request[Any]]:
+    """A later message of a screen, and what it asks.
 
     Raises:
         MadrobError: it is something else.
     """
-    try:
-        return _requests.decode(data)
-    except _MALFORMED as error:
-        raise MadrobError(f"not a request of a console: {terminal_safe(str(error))}") from None
+    call = _decoded(_calls, data, "a request of a console")
+    return call, _decoded(_requests, call.request, "a request of a console")
 
 
 def message_of(data: bytes) -> ToScreen:
@@ -192,7 +164,23 @@ def message_of(data: bytes) -> ToScreen:
     Raises:
         MadrobError: it is something else.
     """
+    return _decoded(_messages, data, "a message of an engine")
+
+
+def answer_of(request: Request[_T], reply: Reply) -> _T:
+    """The answer to a request.
+
+    Raises:
+        MadrobError: it failed, or the reply is something else.
+    """
+    if reply.failed is not None:
+        raise MadrobError(reply.failed)
+    decoder: msgspec.msgpack.Decoder[_T] = _answers[type(request)]
+    return _decoded(decoder, reply.value, "an answer of an engine")
+
+
+def _decoded(decoder: msgspec.msgpack.Decoder[_T], data: bytes | msgspec.Raw, what: str) -> _T:
     try:
-        return _states.decode(data)
+        return decoder.decode(data)
     except _MALFORMED as error:
-        raise MadrobError(f"not a message of an engine: {terminal_safe(str(error))}") from None
+        raise MadrobError(f"not {what}: {terminal_safe(str(error))}") from None

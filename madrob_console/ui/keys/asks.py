@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from madrob_console.engine.shown.playback import AnyCommand, JumpTo
+from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand
+from madrob_console.engine.shown.requests import OpenRun
 from madrob_console.referee.acts import Act
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write
 from madrob_console.referee.run import Phase
@@ -22,15 +23,7 @@ class Leave:
     """Leave the console."""
 
 
-@dataclass(frozen=True, slots=True)
-class Open:
-    """Open an earlier run; `invalid`: one that was cut off does not count."""
-
-    folder: str
-    invalid: bool = False
-
-
-Wish = Act | AnyCommand | Leave | Open | str
+Wish = Act | PlaybackCommand | OpenRun | Leave | str
 """What a key or the answers to a dialog bring about; a text says why nothing."""
 
 
@@ -47,7 +40,7 @@ JUMP = Ask(
 """Where to; what is shown there is worked out anew."""
 
 
-def ask_unfinished(run: Unfinished) -> Ask[Open]:
+def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     """What becomes of a run that was cut off."""
     return Ask(
         f"A RUN WAS CUT OFF: {run.words}",
@@ -61,7 +54,7 @@ def ask_unfinished(run: Unfinished) -> Ask[Open]:
                 ),
             ),
         ),
-        lambda word: Open(run.folder, invalid=word == "void"),
+        lambda word: OpenRun(run.folder, invalid=word == "void"),
     )
 
 

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 from textual.binding import Binding
 
 from madrob_console.engine.shown.playback import (
-    CONTROL,
     LONG_STEP,
     SAMPLE_STEP,
     Faster,
+    PlaybackCommand,
     PlayOrPause,
     Skip,
     Slower,
 )
+from madrob_console.engine.shown.requests import ExportTeam, TakeOver
 from madrob_console.referee import acts
 from madrob_console.ui.keys import asks
 
@@ -156,11 +157,11 @@ LETTER_KEYS = (
     Key(
         "export", "e", "e", " Export",
         "pack all runs of the team, or of the marked one, into a zip",
-        "export the team's runs", where=frozenset({"history"}),
+        ExportTeam.name, where=frozenset({"history"}),
     ),
     Key(
         "take", "t", "t", " Take", "take the right to act from another console",
-        "take over", where=_NOWHERE,
+        TakeOver.name, where=_NOWHERE,
     ),
     Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
 )  # fmt: skip
@@ -170,23 +171,23 @@ _PLAYED = _LIVE | _RESULTS
 PLAYBACK_KEYS = (
     Key(
         "play", "space", "Spc", " Pause", "pause the replay, go on",
-        CONTROL, lambda _s, _k: PlayOrPause(), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, _k: PlayOrPause(), where=_PLAYED,
     ),
     Key(
         "sample", "full_stop,comma", ",.", " 20ms", "one door sample back, or on; pauses",
-        CONTROL, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: _skip(k, SAMPLE_STEP), where=_PLAYED,
     ),
     Key(
         "second", "greater_than_sign,less_than_sign", "<>", " 1s", "a second back, or on; pauses",
-        CONTROL, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: _skip(k, LONG_STEP), where=_PLAYED,
     ),
     Key(
         "speed", "plus,equals_sign,minus", "+-", " Speed", "from half to ten times as fast",
-        CONTROL, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
+        PlaybackCommand.name, lambda _s, k: Slower() if k == "minus" else Faster(), where=_PLAYED,
     ),
     Key(
         "jump", "j", "j", " Jump", "to a time of the run",
-        CONTROL, lambda _s, _k: asks.JUMP, where=_PLAYED,
+        PlaybackCommand.name, lambda _s, _k: asks.JUMP, where=_PLAYED,
     ),
 )  # fmt: skip
 """Keys of a replay; anywhere else they are not there, and left to the panes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from madrob_console.archive.history import History
+from madrob_console.engine.shown.requests import GiveCurves
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
 from madrob_console.ui.panes.history_pane import HistoryPane
@@ -35,7 +36,7 @@ class Panes:
         self.setup = SetupPane(link, defaults)
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
-        self.figures = FiguresPane(link.curves)
+        self.figures = FiguresPane(lambda: link.ask(GiveCurves()))
         self.history = HistoryPane(history.refresh)
         self.standings = StandingsPane(history.refresh, defaults.best_runs)
         self.help = HelpPane()

@@ -11,6 +11,8 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
+from madrob_console.engine.shown.requests import NextRunNumber, Perform
+from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.ui.cells.choice import Choice
@@ -106,7 +108,7 @@ class SetupPane(Vertical):
             return setup
         self._form.show_names(setup)
         self._untouched = setup
-        self._problem = "" if setup == run.setup else self._link.act(SetUp(setup)) or ""
+        self._problem = "" if setup == run.setup else self._link.do(Perform.of(SetUp(setup))) or ""
         return self._problem or None
 
     def commit_edits(self) -> str | None:
@@ -230,10 +232,12 @@ class SetupPane(Vertical):
         if self._proposed is not None and wanted[0] != self._proposed[0]:
             self._form.team.value = self._teams.get(wanted[0], "")
         self._proposed = wanted
-        number = self._link.next_run_number(*wanted)
-        self._no_number = number if isinstance(number, str) else ""
-        if isinstance(number, int):
-            self._form.run_number.value = str(number)
+        try:
+            number = self._link.ask(NextRunNumber(*wanted))
+        except MadrobError as error:
+            self._no_number = str(error)
+        else:
+            self._no_number, self._form.run_number.value = "", str(number)
 
     def _state_text(self, snapshot: Snapshot) -> tuple[str, Tone]:
         run = snapshot.run

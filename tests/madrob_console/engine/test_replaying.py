@@ -19,9 +19,9 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.shown.playback import (
-    AnyCommand,
     Faster,
     JumpTo,
+    PlaybackCommand,
     PlaybackView,
     PlayOrPause,
     SetSpeed,
@@ -91,7 +91,7 @@ class Deck:
         while self.world.now < end - 1e-6:
             self.engine.step(0.02)
 
-    def do(self, *commands: AnyCommand) -> None:
+    def do(self, *commands: PlaybackCommand) -> None:
         for command in commands:
             assert self.engine.control(command) is None
             while self.at.jumping_to is not None:
@@ -355,7 +355,7 @@ COMMANDS = st.lists(
 )
 
 
-def same_whatever_was_pressed(folder: Path, commands: list[AnyCommand], at: float) -> None:
+def same_whatever_was_pressed(folder: Path, commands: list[PlaybackCommand], at: float) -> None:
     straight, pressed = Deck(folder), Deck(folder)
     straight.do(JumpTo(at))
     for command in commands:
@@ -375,7 +375,7 @@ def essence(shown: Snapshot) -> Snapshot:
 @settings(max_examples=2)
 @given(commands=COMMANDS, at=st.floats(-2.0, 6.0))
 def test_what_is_shown_at_a_time_depends_on_no_key(
-    folder: Path, commands: list[AnyCommand], at: float
+    folder: Path, commands: list[PlaybackCommand], at: float
 ) -> None:
     same_whatever_was_pressed(folder, commands, at)
 
@@ -386,7 +386,7 @@ def test_what_is_shown_at_a_time_depends_on_no_key_at_length(
 ) -> None:
     @settings(max_examples=request.config.getoption("--runs"))
     @given(commands=COMMANDS, at=st.floats(-2.0, 6.0))
-    def prove(commands: list[AnyCommand], at: float) -> None:
+    def prove(commands: list[PlaybackCommand], at: float) -> None:
         same_whatever_was_pressed(folder, commands, at)
 
     prove()

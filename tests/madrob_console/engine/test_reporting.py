@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import shutil
-import threading
 import time
-from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,15 +15,8 @@ from madrob_console.archive.rescore import open_run, scored_run
 from madrob_console.archive.results import Scored
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
-from madrob_console.clock import SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.process.remote import EXPORT, RemoteEngine
 from madrob_console.engine.process.reporting import Papers
-from madrob_console.engine.process.server import EngineServer
-from madrob_console.engine.shown.client import Role
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.engine.shown.requests import ExportTeam, Role
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
@@ -40,12 +30,12 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import TeamWord
 from madrob_console.report.page import report_html
-from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.served import Served, simulated, wait
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.run_folders import summary, write
 
@@ -116,56 +106,20 @@ def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
         assert (folder / "report.html").exists() == made
 
 
-class Served:
-    """An engine on a socket that packs runs, in threads of this process."""
-
-    def __init__(self, folder: Path) -> None:
-        clock, types = SystemClock(), MessageTypes()
-        source = SimulatedSource(SimulatedTestbed(), clock, types)
-        config = EngineConfig(folder / "runs", DEFAULT_MAPPINGS, disk_needed=0)
-        engine = Engine(source, clock, config, types)
-        self._papers = Papers(aside.COMMAND, lambda: engine.busy, [f"--results={config.results}"])
-        self.local = LocalEngine(engine, self._papers)
-        self.path = folder / "s"
-        self._server = EngineServer(self.local, source.label, 60.0, time.monotonic)
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
-        wait(self.path.exists)
-
-    def _serve(self) -> None:
-        try:
-            self._loop.run_until_complete(self._server.serve(self.path))
-        finally:
-            self._loop.close()
-
-    def close(self) -> None:
-        self._loop.call_soon_threadsafe(self._server.stop)
-        self._thread.join()
-        self.local.close()
-        self._papers.close()
-
-
-def wait(done: Callable[[], object]) -> None:
-    end = time.monotonic() + 60.0
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
 @pytest.mark.machine
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
+    engine = simulated(tmp_path / "runs")
+    papers = Papers(aside.COMMAND, lambda: engine.busy, [f"--results={tmp_path / 'runs'}"])
     with (
-        closing(Served(tmp_path)) as served,
-        closing(RemoteEngine(served.path, Role.REFEREE, "ada@hall")) as console,
-        closing(RemoteEngine(served.path, Role.WATCH, "tv@hall")) as watcher,
+        closing(Served(tmp_path, engine=engine, papers=papers)) as served,
+        closing(served.attach()) as console,
+        closing(served.attach(Role.WATCH)) as watcher,
     ):
-        assert watcher.export_team(3) == "this screen only watches"
+        assert watcher.ask(ExportTeam(3)) == "this screen only watches"
         assert KEYS["export"].refusal(watcher.snapshot()) is not None
-        assert KEYS["export"].act == EXPORT
         assert console.snapshot().export is None
-        assert console.export_team(3) is None
+        assert console.ask(ExportTeam(3)) is None
         assert (shown := console.snapshot().export) is not None
         assert shown.subject == 3
         wait(lambda: (view := watcher.snapshot().export) is not None and view.path)

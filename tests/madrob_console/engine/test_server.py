@@ -3,78 +3,50 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import socket
 import stat
-import threading
+import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.cli import attaching
-from madrob_console.clock import SystemClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.place import Place
 from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.process.server import EngineServer
 from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.client import Role
-from madrob_console.engine.shown.playback import CONTROL, NO_REPLAY, JumpTo, PlayOrPause, SetSpeed
+from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand, PlayOrPause, SetSpeed
+from madrob_console.engine.shown.requests import (
+    GiveCurves,
+    NextRunNumber,
+    Perform,
+    Role,
+    StopEngine,
+    TakeOver,
+)
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.referee.acts import Abort, AddNote, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.acts import Abort, AddNote, SetUp, Start
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import SimulatedTestbed
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.served import Served, act, start, wait
+
+if TYPE_CHECKING:
+    from _typeshed import TraceFunction
 
 pytestmark = pytest.mark.machine
-SPEED = 8.0
-
-
-def simulated(results: Path) -> Engine:
-    clock, types = SystemClock(SPEED), MessageTypes()
-    source = SimulatedSource(SimulatedTestbed(), clock, types)
-    return Engine(source, clock, EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0), types)
-
-
-class Served:
-    """An engine on a socket, in threads of this process; a simulated one if none is given."""
-
-    def __init__(self, folder: Path, idle_time: float = 60.0, engine: Engine | None = None) -> None:
-        engine = engine or simulated(folder / "runs")
-        self.local = LocalEngine(engine)
-        self.path = folder / "s.sock"
-        self.server = EngineServer(self.local, engine.source.label, idle_time, time.monotonic)
-        self._loop = asyncio.new_event_loop()
-        self.thread = threading.Thread(target=self._serve)
-        self.thread.start()
-        wait(self.path.exists)
-
-    def _serve(self) -> None:
-        try:
-            self._loop.run_until_complete(self.server.serve(self.path))
-        finally:
-            self._loop.close()
-
-    def attach(self, role: Role = Role.REFEREE, who: str = "ada@hall (1)") -> RemoteEngine:
-        return RemoteEngine(self.path, role, who)
-
-    def close(self) -> None:
-        with suppress(RuntimeError):  # it has ended by itself
-            self._loop.call_soon_threadsafe(self.server.stop)
-        self.thread.join()
-        self.local.close()
 
 
 @pytest.fixture
@@ -84,23 +56,6 @@ def served(tmp_path: Path) -> Iterator[Served]:
     served.close()
 
 
-def wait(done: Callable[[], bool], patience: float = 30.0) -> None:
-    end = time.monotonic() + patience
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
-def start(client: RemoteEngine) -> None:
-    """A run goes on."""
-    assert client.act(SetUp(make_setup(countdown=1.0))) is None
-    wait(lambda: client.snapshot().handle.force is not None)
-    time.sleep(1.5 / SPEED)
-    for act in (ZeroHandle(), ConfirmPose(), Start()):
-        wait(lambda act=act: client.act(act) is None, 5.0)  # type: ignore[misc]
-    wait(lambda: client.snapshot().run.phase is Phase.RUNNING)
-
-
 def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> None:
     with closing(served.attach()) as client:
         start(client)
@@ -108,8 +63,8 @@ def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> 
         local, remote = served.local.snapshot(), client.snapshot()
         assert remote.result == local.result
         assert remote.run.outcome is Outcome.COMPLETED
-        assert client.curves() == served.local.curves()
-        assert client.next_run_number(3, 1) == 2
+        assert client.ask(GiveCurves()) == served.local.ask(GiveCurves())
+        assert client.ask(NextRunNumber(3, 1)) == 2
         assert client.results == served.local.results
 
 
@@ -119,27 +74,20 @@ def test_a_run_goes_on_when_its_screen_has_gone_and_another_one_finds_it(served:
     client.close()
     with closing(served.attach()) as later:
         assert later.snapshot().run.phase is Phase.RUNNING
-        assert later.act(Abort("enough")) is None
-
-
-def test_a_refusal_crosses_the_socket_in_words(served: Served) -> None:
-    with closing(served.attach()) as client:
-        assert client.act(Start()) == "no run is set up yet"
-        with pytest.raises(MadrobError, match="no run folder"):
-            client.open_run("../../etc")
+        assert act(later, Abort("enough")) is None
 
 
 def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees(
     served: Served,
 ) -> None:
     with closing(served.attach(who="ada@hall")) as ada, closing(served.attach(who="bo@tent")) as bo:
-        assert ada.act(SetUp(make_setup())) is None
-        assert bo.act(AddNote("mine")) == "ada@hall has the right to act"
+        assert act(ada, SetUp(make_setup())) is None
+        assert act(bo, AddNote("mine")) == "ada@hall has the right to act"
         assert bo.snapshot().refusals["abort"] == "ada@hall has the right to act: t takes it over"
-        assert bo.take_over() is None
-        assert bo.act(AddNote("mine")) is None
+        assert bo.ask(TakeOver()) is None
+        assert act(bo, AddNote("mine")) is None
         wait(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().faults)
-        assert ada.act(AddNote("no")) == "bo@tent has the right to act"
+        assert act(ada, AddNote("no")) == "bo@tent has the right to act"
 
 
 def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> None:
@@ -147,7 +95,7 @@ def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> N
     with closing(served.attach(who="bo@tent")) as bo:
         ada.close()
         wait(lambda: "set up" not in bo.snapshot().refusals)
-        assert bo.act(SetUp(make_setup())) is None
+        assert act(bo, SetUp(make_setup())) is None
 
 
 def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
@@ -156,8 +104,8 @@ def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
         start(client)
         for watcher in watchers:
             wait(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
-            assert watcher.act(Abort("me")) == "this screen only watches"
-            assert watcher.take_over() == "this screen only watches"
+            assert act(watcher, Abort("me")) == "this screen only watches"
+            assert watcher.ask(TakeOver()) == "this screen only watches"
             assert all("only watches" in why for why in watcher.snapshot().refusals.values())
             watcher.close()
         assert client.snapshot().run.phase is Phase.RUNNING
@@ -187,20 +135,15 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
         closing(replayed.attach(who="bo@tent")) as bo,
         closing(replayed.attach(Role.WATCH)) as watcher,
     ):
-        assert ada.control(PlayOrPause()) is None
-        assert ada.control(JumpTo(1.5)) is None
+        assert ada.ask(PlayOrPause()) is None
+        assert ada.ask(JumpTo(1.5)) is None
         wait(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
-        assert "only watches" in str(watcher.control(PlayOrPause()))
-        assert "only watches" in watcher.snapshot().refusals[CONTROL]
-        assert "ada@hall" in str(bo.control(SetSpeed(2.0)))
-        assert "nothing can be done" in str(ada.act(Abort()))
-        assert CONTROL not in ada.snapshot().refusals
-        assert ada.stop_engine(force=False) is None  # nothing is lost with a replay
-
-
-def test_only_a_replay_can_be_moved(served: Served) -> None:
-    with closing(served.attach()) as client:
-        assert client.control(JumpTo(1.0)) == NO_REPLAY
+        assert "only watches" in str(watcher.ask(PlayOrPause()))
+        assert "only watches" in watcher.snapshot().refusals[PlaybackCommand.name]
+        assert "ada@hall" in str(bo.ask(SetSpeed(2.0)))
+        assert "nothing can be done" in str(act(ada, Abort()))
+        assert PlaybackCommand.name not in ada.snapshot().refusals
+        assert ada.ask(StopEngine(force=False)) is None  # nothing is lost with a replay
 
 
 def test_a_spectator_who_names_no_testbed_gets_the_only_one_that_runs(
@@ -275,15 +218,7 @@ def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(
         while later.recv(65536):
             pass
     with closing(served.attach()) as client:
-        assert client.act(SetUp(make_setup())) is None
-
-
-def test_an_act_with_fields_of_the_wrong_type_does_nothing(served: Served) -> None:
-    with closing(served.attach()) as client:
-        for name, details in (("abort", {"reason": 3}), ("set up", {}), ("rm -rf", {})):
-            with pytest.raises(MadrobError):
-                client._ask(wire.ActRequest(next(client._numbers), name, details))
-        assert client.snapshot().run.phase is Phase.IDLE
+        assert act(client, SetUp(make_setup())) is None
 
 
 def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
@@ -298,15 +233,6 @@ def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
     served.close()
 
 
-def test_an_engine_with_a_run_ends_only_by_force(served: Served) -> None:
-    with closing(served.attach()) as client:
-        start(client)
-        assert client.stop_engine(force=False) == "a run is going on"
-        assert client.stop_engine(force=True) is None
-    served.thread.join(5.0)
-    assert not served.thread.is_alive()
-
-
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
     client = served.attach()
     served.close()
@@ -319,9 +245,68 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
         return False
 
     wait(told, 5.0)
-    with pytest.raises(MadrobError):
-        client.act(Start())
+    with pytest.raises(MadrobError, match="start the console again"):
+        act(client, Start())
     client.close()
+
+
+ASK = RemoteEngine.ask.__code__
+
+
+@pytest.mark.parametrize("lines", range(7))
+def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
+    tmp_path: Path, lines: int
+) -> None:
+    drive = Drive(tmp_path)
+    state = wire.State(drive.engine.snapshot(), may_act=True, referee="")
+    with socket.socket(socket.AF_UNIX) as listening, ThreadPoolExecutor() as pool:
+        listening.bind(str(tmp_path / "s"))
+        listening.listen()
+        attached = pool.submit(RemoteEngine, tmp_path / "s", Role.REFEREE, "ada@hall")
+        engine, _ = listening.accept()
+        engine.sendall(wire.frame(wire.Welcome(wire.VERSION, 1, "SIMULATED", str(tmp_path))))
+        engine.sendall(wire.frame(state))
+        client = attached.result()
+
+        done: list[int] = []
+
+        def ends(frame: FrameType, _event: str, _argument: object) -> TraceFunction | None:
+            if frame.f_code is not ASK:
+                return None
+            done.append(frame.f_lineno)
+            if len(done) == lines + 1:
+                engine.sendall(wire.frame(wire.Rejected("the engine has failed: no disk")))
+                wait(lambda: not client._thread.is_alive())
+            return ends
+
+        began = time.monotonic()
+        sys.settrace(ends)
+        try:
+            with pytest.raises(MadrobError, match="the engine has failed: no disk"):
+                client.ask(NextRunNumber(3, 1))
+        finally:
+            sys.settrace(None)
+        took = time.monotonic() - began
+    engine.close()
+    client.close()
+    assert len(done) > lines
+    assert took < 3.0
+
+
+def test_what_lay_in_the_socket_for_too_long_is_not_carried_out(served: Served) -> None:
+    """The engine's process stood still meanwhile, say."""
+    late = Perform.of(SetUp(make_setup()))
+    with closing(served.attach()) as client, socket.socket(socket.AF_UNIX) as screen:
+        client.close()
+        screen.connect(str(served.path))
+        screen.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "x")))
+        screen.sendall(wire.frame(wire.Call(1, time.monotonic() - 0.1, wire.raw(late))))
+        screen.shutdown(socket.SHUT_WR)
+        while screen.recv(65536):
+            pass
+    with closing(served.attach()) as client:
+        assert client.ask(NextRunNumber(3, 1)) == 1
+        assert client.snapshot().run.phase is Phase.IDLE
 
 
 def say(path: Path, hello: wire.Hello) -> wire.Rejected:

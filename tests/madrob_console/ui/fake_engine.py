@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
 from madrob_console.engine.shown.curves import Curves
-from madrob_console.engine.shown.playback import AnyCommand, PlaybackView
+from madrob_console.engine.shown.playback import PlaybackCommand, PlaybackView
+from madrob_console.engine.shown.requests import (
+    ExportTeam,
+    GiveCurves,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    Request,
+    T,
+)
 from madrob_console.engine.shown.snapshot import (
     DoorView,
     ExportView,
@@ -22,7 +32,7 @@ from madrob_console.engine.shown.snapshot import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.acts import Act, Situation, Start, refusals
+from madrob_console.referee.acts import Act, Situation, Start, act_named, refusals
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
@@ -79,6 +89,7 @@ class FakeEngine:
     log: tuple[LogLine, ...] = ()
     acts: list[Act] = field(default_factory=list)
     used_numbers: dict[tuple[int, int], int] = field(default_factory=dict)
+    no_number: str | None = None
     failure: str | None = None
     closed: bool = False
     unfinished: tuple[Unfinished, ...] = ()
@@ -86,7 +97,7 @@ class FakeEngine:
     exported: list[int] = field(default_factory=list)
     export: ExportView | None = None
     playback: PlaybackView | None = None
-    commands: list[AnyCommand] = field(default_factory=list)
+    commands: list[PlaybackCommand] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
 
@@ -132,7 +143,6 @@ class FakeEngine:
         )
 
     def act(self, act: Act) -> str | None:
-        self._answer()
         situation = self._situation()
         if (refused := act.refusal(situation)) is not None:
             return refused
@@ -145,32 +155,27 @@ class FakeEngine:
             self.result, self.steps = None, NO_STEPS
         return None
 
-    def next_run_number(self, subject: int, condition_number: int) -> int:
+    def ask(self, request: Request[T]) -> T:
         self._answer()
-        return self.used_numbers.get((subject, condition_number), 0) + 1
+        return cast("T", self._carry_out(request))
 
-    def open_run(self, folder: str, *, invalid: bool = False) -> str | None:
-        self._answer()
-        self.opened.append(f"{folder} invalid" if invalid else folder)
-        return None
-
-    def export_team(self, subject: int) -> str | None:
-        self._answer()
-        self.exported.append(subject)
-        self.export = ExportView(subject)
-        return None
-
-    def control(self, command: AnyCommand) -> str | None:
-        self._answer()
-        self.commands.append(command)
-        return None
-
-    def curves(self) -> Curves | None:
-        self._answer()
-        return self.figures
-
-    def take_over(self) -> str | None:
-        self._answer()
+    def _carry_out(self, request: Request[Any]) -> object:
+        match request:
+            case Perform(name, details):
+                return self.act(act_named(name, details))
+            case NextRunNumber(subject, condition):
+                if self.no_number is not None:
+                    raise MadrobError(self.no_number)
+                return self.used_numbers.get((subject, condition), 0) + 1
+            case OpenRun(folder, invalid):
+                self.opened.append(f"{folder} invalid" if invalid else folder)
+            case ExportTeam(subject):
+                self.exported.append(subject)
+                self.export = ExportView(subject)
+            case PlaybackCommand():
+                self.commands.append(request)
+            case GiveCurves():
+                return self.figures
         return None
 
     def close(self) -> None:

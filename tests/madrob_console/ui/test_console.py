@@ -10,8 +10,8 @@ import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
-from madrob_console.engine.shown.client import EngineClient
-from madrob_console.engine.shown.playback import CONTROL
+from madrob_console.engine.shown.playback import PlaybackCommand
+from madrob_console.engine.shown.requests import EngineClient, TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout
@@ -33,7 +33,8 @@ PHASES = {
     Phase.STOPPED: ("enter", "f6", "f5"),
     Phase.FINAL: ("enter", "f6", "f5"),
 }
-ACTS = [key for key in KEYS.values() if key.act not in ("", CONTROL) and key.name != "take"]
+OTHERS = ("", PlaybackCommand.name, TakeOver.name)
+ACTS = [key for key in KEYS.values() if key.act not in OTHERS]
 
 
 async def bring(driver: Driver, phase: Phase) -> None:

@@ -4,7 +4,6 @@ import asyncio
 
 import pytest
 
-from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.ui.cells.field import Field
@@ -283,10 +282,7 @@ def test_a_name_changed_by_cleaning_is_shown_changed(engine: FakeEngine) -> None
 
 
 def test_a_number_that_cannot_be_proposed_is_no_crash(engine: FakeEngine) -> None:
-    def unreadable(subject: int, condition_number: int) -> int:
-        raise MadrobError("the results folder /results cannot be read: mount it")
-
-    engine.next_run_number = unreadable  # type: ignore[method-assign]
+    engine.no_number = "the results folder /results cannot be read: mount it"
 
     async def drive() -> None:
         async with driving(engine) as driver:

@@ -22,9 +22,10 @@ from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.config.example import example_toml
 from madrob_console.config.settings import load_settings
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name, terminal_safe
-from madrob_console.referee.acts import Abort, SetUp, Waive, act_details, act_named
+from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
 from madrob_console.referee.run import CheckName
 from madrob_console.standings.teams import read_teams
 from madrob_console.testbeds.simulated import Scenario
@@ -173,20 +174,21 @@ def _settings(place: Place, examples: int) -> None:
 def _socket(place: Place, examples: int) -> None:
     drive = Drive(place.root / "inside" / "results", Scenario.TOUCH_ONLY)
     requests = [
-        wire.ActRequest(1, act.name, act_details(act))
+        Perform.of(act)
         for act in (SetUp(make_setup()), Abort("why"), Waive(next(iter(_checks(drive))), "why"))
     ]
-    messages = (*requests, wire.OpenRun(2, recorded().name), wire.NextRunNumber(3, 1, 2))
+    asked = (*requests, OpenRun(recorded().name), NextRunNumber(1, 2))
+    messages = [wire.Call(number, 1.0, wire.raw(one)) for number, one in enumerate(asked)]
 
     def check(content: bytes) -> None:
-        for read in (wire.hello_of, wire.request_of, wire.message_of):
+        for read in (wire.hello_of, wire.call_of, wire.message_of):
             only_words(lambda read=read: read(content))  # type: ignore[misc]
         with suppress(MadrobError):
-            match wire.request_of(content):
-                case wire.ActRequest(_, name, details):
+            match wire.call_of(content)[1]:
+                case Perform(name, details):
                     only_words(lambda: drive.engine.perform(act_named(name, details)))
                     drive.engine.snapshot()
-                case wire.NextRunNumber(_, subject, condition):
+                case NextRunNumber(subject, condition):
                     only_words(lambda: drive.engine.next_run_number(subject, condition))
                 case _:
                     pass

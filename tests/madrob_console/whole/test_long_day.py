@@ -20,7 +20,7 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.course import Course
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.client import Role
+from madrob_console.engine.shown.requests import Role
 from madrob_console.referee.acts import (
     Abort,
     DeclareTimeout,

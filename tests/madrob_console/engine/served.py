@@ -1,0 +1,94 @@
+"""An engine in this process, on a socket, and what its screens do."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from madrob_console.clock import SystemClock
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.server import EngineServer
+from madrob_console.engine.shown.requests import EngineClient, Perform, Role
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from tests.madrob_console.engine.drive import make_setup
+
+SPEED = 8.0
+"""Times as fast as a run of a competition."""
+
+
+def simulated(results: Path, speed: float = SPEED) -> Engine:
+    clock, types = SystemClock(speed), MessageTypes()
+    source = SimulatedSource(SimulatedTestbed(), clock, types)
+    return Engine(source, clock, EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0), types)
+
+
+class Served:
+    """An engine on a socket, in threads of this process; a simulated one if none is given."""
+
+    def __init__(
+        self,
+        folder: Path,
+        idle_time: float = 60.0,
+        engine: Engine | None = None,
+        papers: Papers | None = None,
+    ) -> None:
+        engine = engine or simulated(folder / "runs")
+        self.papers = papers
+        self.local = LocalEngine(engine, papers)
+        self.path = folder / "s.sock"
+        self.server = EngineServer(self.local, engine.source.label, idle_time, time.monotonic)
+        self._loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self._serve)
+        self.thread.start()
+        wait(self.path.exists)
+
+    def _serve(self) -> None:
+        try:
+            self._loop.run_until_complete(self.server.serve(self.path))
+        finally:
+            self._loop.close()
+
+    def attach(self, role: Role = Role.REFEREE, who: str = "ada@hall (1)") -> RemoteEngine:
+        return RemoteEngine(self.path, role, who)
+
+    def close(self) -> None:
+        with suppress(RuntimeError):  # it has ended by itself
+            self._loop.call_soon_threadsafe(self.server.stop)
+        self.thread.join()
+        self.local.close()
+        if self.papers is not None:
+            self.papers.close()
+
+
+def wait(done: Callable[[], object], patience: float = 30.0) -> None:
+    end = time.monotonic() + patience
+    while not done():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+def act(client: EngineClient, act: Act) -> str | None:
+    """Hand in an act of the referee."""
+    return client.ask(Perform.of(act))
+
+
+def start(client: EngineClient) -> None:
+    """A run goes on."""
+    assert act(client, SetUp(make_setup(countdown=5.0))) is None
+    wait(lambda: client.snapshot().handle.force is not None)
+    time.sleep(1.5 / SPEED)  # the handle's zero is the mean of a second
+    for one in (ZeroHandle(), ConfirmPose(), Start()):  # on a busy machine a topic may be stale
+        wait(lambda one=one: act(client, one) is None)  # type: ignore[misc]
+    wait(lambda: client.snapshot().run.phase is Phase.RUNNING)

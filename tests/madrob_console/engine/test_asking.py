@@ -1,0 +1,196 @@
+"""What a screen can rely on, whether its engine runs in this process or in another one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.playback import (
+    NO_REPLAY,
+    Faster,
+    JumpTo,
+    PlayOrPause,
+    SetSpeed,
+    Skip,
+    Slower,
+)
+from madrob_console.engine.shown.requests import (
+    EngineClient,
+    ExportTeam,
+    GiveCurves,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    Request,
+    StopEngine,
+    TakeOver,
+)
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
+from madrob_console.referee.run import Phase
+from recorder.message import RawMessage
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.served import Served, act, simulated, start, wait
+
+pytestmark = pytest.mark.machine
+
+WAYS = ("in this process", "over a socket")
+
+EXAMPLES: tuple[Request[Any], ...] = (
+    Perform.of(Abort("why")),
+    NextRunNumber(3, 1),
+    OpenRun("subject_003_cond_001_run_001_20231114_221320"),
+    ExportTeam(3),
+    GiveCurves(),
+    TakeOver(),
+    PlayOrPause(),
+    Faster(),
+    Slower(),
+    SetSpeed(2.0),
+    Skip(1.0),
+    JumpTo(1.0),
+    StopEngine(),
+)
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Engine:
+    return simulated(tmp_path / "runs")
+
+
+@pytest.fixture(params=WAYS)
+def client(
+    request: pytest.FixtureRequest, engine: Engine, tmp_path: Path
+) -> Iterator[EngineClient]:
+    if request.param == WAYS[0]:
+        with closing(LocalEngine(engine)) as local:
+            yield local
+        return
+    with (
+        closing(Served(tmp_path, engine=engine)) as served,
+        closing(served.attach()) as remote,
+    ):
+        yield remote
+
+
+def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None:
+    start(client)
+    wait(lambda: client.snapshot().result is not None)
+    shown = client.snapshot()
+    assert shown.run.outcome is Outcome.COMPLETED
+    assert shown.recorder.dropped == 0
+    assert shown.folder is not None
+    assert (Path(shown.folder) / "result.json").is_file()
+    assert client.ask(NextRunNumber(3, 1)) == 2
+    curves = client.ask(GiveCurves())
+    assert curves is not None
+    assert not curves.empty
+    assert len(curves.events) > 5
+
+
+def test_what_was_done_shows_in_the_next_snapshot(client: EngineClient) -> None:
+    start(client)
+    assert act(client, Abort("enough")) is None
+    assert client.snapshot().run.phase is Phase.STOPPED
+
+
+def test_a_refusal_comes_back_in_words(client: EngineClient) -> None:
+    assert act(client, Start()) == "no run is set up yet"
+    assert client.ask(JumpTo(1.0)) == NO_REPLAY
+    assert client.ask(ExportTeam(3)) == "nobody packs runs here: use `madrob export`"
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        OpenRun("../../etc"),
+        Perform("abort", {"reason": 3}),
+        Perform("set up", {}),
+        Perform("rm -rf", {}),
+    ],
+)
+def test_what_fails_is_raised_in_words(client: EngineClient, request_: Request[Any]) -> None:
+    with pytest.raises(MadrobError, match=r"no run folder|'abort'|'set up'|no act"):
+        client.ask(request_)
+    assert client.snapshot().run.phase is Phase.IDLE
+    assert act(client, SetUp(make_setup())) is None  # the next one is answered
+
+
+def test_every_request_is_carried_out(client: EngineClient) -> None:
+    assert {type(example) for example in EXAMPLES} == set(wire.REQUESTS)
+    for example in EXAMPLES:
+        if isinstance(example, OpenRun):
+            with pytest.raises(MadrobError, match="No such file"):
+                client.ask(example)
+        else:
+            client.ask(example)
+
+
+def test_an_engine_with_a_run_ends_only_by_force(client: EngineClient) -> None:
+    start(client)
+    assert client.ask(StopEngine()) == "a run is going on"
+    assert client.ask(StopEngine(force=True)) is None
+    wait(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
+    with pytest.raises(MadrobError, match="the engine has ended"):
+        act(client, ConfirmPose())
+
+
+def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> None:
+    client.close()
+    began = time.monotonic()
+    with pytest.raises(MadrobError, match="the engine has ended"):
+        act(client, ConfirmPose())
+    assert time.monotonic() - began < 1.0
+
+
+def test_what_a_screen_was_told_failed_does_not_happen_later(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, go_on = threading.Event(), threading.Event()
+    take = engine.source.take
+
+    def stalls(timeout: float) -> list[RawMessage]:
+        held.set()
+        assert go_on.wait(30.0)
+        return list(take(timeout))
+
+    monkeypatch.setattr(engine.source, "take", stalls)
+    monkeypatch.setattr(Perform, "timeout", 0.3)
+    assert held.wait(30.0)
+    with pytest.raises(MadrobError, match="the engine does not answer: look at the disk"):
+        act(client, SetUp(make_setup()))
+    go_on.set()
+    assert client.ask(NextRunNumber(3, 1)) == 1  # whatever came before it has had its turn
+    assert client.snapshot().run.phase is Phase.IDLE
+
+
+def test_one_that_waits_does_not_hold_up_the_others(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag is read for as long as it takes; an abort goes past it."""
+    reading, go_on = threading.Event(), threading.Event()
+
+    def reads(_folder: Path) -> None:
+        reading.set()
+        assert go_on.wait(30.0)
+        raise MadrobError("its bag is gone")
+
+    monkeypatch.setattr("madrob_console.engine.process.local.open_run", reads)
+    with ThreadPoolExecutor() as pool:
+        opening = pool.submit(client.ask, EXAMPLES[2])
+        assert reading.wait(30.0)
+        assert act(client, SetUp(make_setup())) is None
+        go_on.set()
+        with pytest.raises(MadrobError, match="its bag is gone"):
+            opening.result()
