@@ -1,1 +1,1 @@
-"""The commands, one file each, and what they share."""
+"""The commands, one file each (`<name>_command.py`), and what several of them share."""

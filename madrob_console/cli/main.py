@@ -19,7 +19,7 @@ COMMANDS = (
     *("score", "report", "standings", "export", "schema", "recover"),
     *("calibrate", "doctor", "settings"),
 )
-"""A module each, beside this one, in the order of the help."""
+"""In the order of the help; each is a file beside this one, `<name>_command.py`."""
 
 _EXIT_CODES = """\
 exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 interrupted,
@@ -45,7 +45,7 @@ def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in names:
-        import_module(f"madrob_console.cli.{name}").add(commands)
+        import_module(f"madrob_console.cli.{name}_command").add(commands)
     return parser
 
 

@@ -1,4 +1,4 @@
-"""A run without screens: an engine driven as a referee would, a plain line per event."""
+"""A run or a replay without screens: a plain line per event."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from madrob_console.cli.log_printer import LogPrinter
 from madrob_console.cli.score_table import result_lines
 from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.event_log import EventLog
+from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.process.reporting import Papers
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
@@ -26,6 +27,55 @@ _LOOK_PERIOD = 0.5
 _REST = 1.5
 
 
+class _LogPrinter:
+    """Prints every line of a log once.
+
+    Args:
+        log: of an engine.
+    """
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._printed = 0
+
+    def print_new(self) -> None:
+        """Print what has come since."""
+        for line in self._log.lines:
+            if line.number < self._printed:
+                continue
+            self._printed = line.number + 1
+            clock = "" if line.relative is None else f"{line.relative:+.3f} s"
+            print(f"{clock:>12}  {line.origin:<8}  {line.text}", flush=True)
+
+
+def print_replay(engine: Engine, replay: Replay) -> Outcome:
+    """Print a replay to its end and what it differs in from the stored result; nothing is written.
+
+    Raises:
+        MadrobError: it was interrupted from the keyboard.
+    """
+    log = _LogPrinter(engine.log)
+    engine.open()
+    try:
+        print(f"testbed: {engine.source.label}", flush=True)
+        for problem in replay.problems:
+            print(f"note: {problem}", flush=True)
+        log.print_new()
+        while engine.scored is None:
+            engine.step(STEP)
+            log.print_new()
+    except KeyboardInterrupt:
+        raise MadrobError("the replay was stopped before its end") from None
+    finally:
+        engine.close()
+    result = engine.scored.result
+    for line in result_lines(result):
+        print(line)
+    print(f"replay: {replay.view(result).comparison}; nothing was recorded")
+    print(f"run folder: {engine.folder}", flush=True)
+    return result.ending.outcome
+
+
 class UnattendedRun:
     """Drives an engine as a referee would, and prints what happens.
 
@@ -39,7 +89,7 @@ class UnattendedRun:
         self._papers = papers
         if papers is not None:
             engine.on_result = papers.report
-        self._log = LogPrinter(engine.log)
+        self._log = _LogPrinter(engine.log)
         self._signal: int | None = None
 
     def go(self, setup: Callable[[], RunSetup], wait: float, waive: str | None) -> Outcome:

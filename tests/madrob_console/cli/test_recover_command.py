@@ -14,7 +14,7 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.rescore import score_path
 from madrob_console.archive.results import scores
 from madrob_console.cli.main import main as madrob
-from madrob_console.cli.recover import main
+from madrob_console.cli.recover_command import main
 from madrob_console.referee.journal import Journal
 from recorder.bag import BAG_INFORMATION
 from recorder.reader import read_bag

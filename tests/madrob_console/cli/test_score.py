@@ -15,7 +15,7 @@ import pytest
 from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.main import main
-from madrob_console.cli.score import describe_run
+from madrob_console.cli.score_command import describe_run
 from madrob_console.testbeds.simulated import Scenario
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup

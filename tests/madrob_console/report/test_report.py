@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.results import Scored
-from madrob_console.cli.report import main
+from madrob_console.cli.report_command import main
 from madrob_console.kinds import SourceKind
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import (

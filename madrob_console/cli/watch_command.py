@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from madrob_console.cli.arguments import Commands, add_testbed_options, command
-from madrob_console.cli.console import add_look_options, show
+from madrob_console.cli.console_command import add_look_options, show
 
 
 def add(commands: Commands) -> None:

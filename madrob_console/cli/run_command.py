@@ -89,9 +89,8 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.cli import aside
         from madrob_console.cli.attaching import engine_place
-        from madrob_console.cli.replaying import print_replay
         from madrob_console.cli.session import open_engine
-        from madrob_console.cli.unattended import UnattendedRun
+        from madrob_console.cli.unattended import UnattendedRun, print_replay
         from madrob_console.config import load_settings
         from madrob_console.engine.process.reporting import Papers
 
