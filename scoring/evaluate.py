@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, QualityCounter, missing_readings
-from scoring.result import Ending, Indicator, Result
+from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, Sample
@@ -154,19 +153,24 @@ class Assessment:
     def provisional(self, procedure: Procedure) -> dict[str, float]:
         """The time indicators known so far, by file name, s; the run can still change them."""
         events = self._live.events(door_events=2)  # the last closing is one of them
-        known = (
-            pi.time_to_handle(events),
-            pi.door_occupation_time(events, self.condition, self._ruleset),
-            pi.passage_time(events, procedure.done, self._ruleset),
-        )
-        return {str(i.name): float(i.value) for i in known if i.value is not None}
+        known = {
+            IndicatorName.TIME_TO_HANDLE: pi.time_to_handle(events),
+            IndicatorName.DOOR_OCCUPATION_TIME: pi.door_occupation_time(
+                events, self.condition, self._ruleset
+            ),
+            IndicatorName.PASSAGE_TIME: pi.passage_time(events, procedure.done, self._ruleset),
+        }
+        return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
 
-    def result(self, ending: Ending, rulings: Sequence[Ruling] = ()) -> tuple[Result, Rows]:
+    def result(
+        self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()
+    ) -> tuple[Result, Rows]:
         """The result of the run and the pre-processed data behind it.
 
         Args:
             ending: how the run ended.
             rulings: the referee's, in the order in which they were made.
+            remarks: what else there is to know of the data, in words.
         """
         end = self._end(ending)
         events = self._scoring.events(end)
@@ -179,22 +183,23 @@ class Assessment:
         procedure = self.procedure(rulings, end)
         rows = self._cut(self._rows(), ending, procedure)
         if problem is not None:
-            indicators = tuple(Indicator.missing(name, problem) for name in IndicatorName)
+            indicators = {name: Indicator.missing(name, problem) for name in IndicatorName}
         else:
             indicators = pi.compute_indicators(
                 events, procedure.done, rows, self.condition, self._ruleset
             )
         result = Result(
-            ruleset=self._ruleset.name,
-            condition=self.condition,
-            ending=ending,
-            start=self.start,
-            indicators=indicators,
-            steps=procedure.steps,
-            lock_detection=procedure.lock_detection,
-            events=events,
             handle_zero=self._zero,
-            quality=self.quality(),
+            ruleset=self._ruleset.name,
+            outcome=ending.outcome,
+            outcome_reason=ending.reason,
+            start=self.start,
+            stop=ending.stop,
+            indicators=indicators,
+            lock_detection=procedure.lock_detection,
+            steps=procedure.steps,
+            events=tuple(EventRecord.of(event, self.start) for event in events),
+            quality=self.quality(remarks),
         )
         return result, rows
 
@@ -222,8 +227,8 @@ class Assessment:
             end += self._thresholds.settle_time  # a slam ends after the panel has closed
         return cut_rows(rows, self.start, end)
 
-    def quality(self) -> Quality:
-        """The data quality of everything fed so far."""
+    def quality(self, more: Iterable[str] = ()) -> Quality:
+        """The data quality of everything fed so far, with more remarks on it."""
         expected = [s for s in Signal if s is not Signal.LATCH or s in self._counters]
         signals = []
         remarks = []
@@ -249,10 +254,4 @@ class Assessment:
             text if count == 1 else f"{text} ({count} times)"
             for text, count in self._problems.items()
         ]
-        return Quality(tuple(signals), tuple(remarks))
-
-
-def with_remarks(result: Result, remarks: Iterable[str]) -> Result:
-    """The result with more remarks on its data quality."""
-    quality = replace(result.quality, remarks=(*result.quality.remarks, *remarks))
-    return replace(result, quality=quality)
+        return Quality(tuple(signals), (*remarks, *more))

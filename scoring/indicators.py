@@ -41,7 +41,7 @@ def compute_indicators(
     rows: Rows,
     condition: Condition,
     ruleset: Ruleset,
-) -> tuple[Indicator, ...]:
+) -> dict[IndicatorName, Indicator]:
     """All indicators of a run that is not aborted.
 
     Args:
@@ -75,7 +75,7 @@ def compute_indicators(
             case IndicatorName.CAPABILITY_LEVEL:
                 return capability_level(events, condition, done, ruleset)
 
-    return tuple(map(computed, IndicatorName))
+    return {name: computed(name) for name in IndicatorName}
 
 
 def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:
@@ -110,8 +110,9 @@ def door_occupation_time(
     events: Sequence[Event], condition: Condition, ruleset: Ruleset
 ) -> Indicator:
     """From the approach on the starting side to leaving on the destination side, s."""
+    name = IndicatorName.DOOR_OCCUPATION_TIME
     occupation = _duration(
-        IndicatorName.DOOR_OCCUPATION_TIME,
+        name,
         _first(events, EventName.approaches(condition.starting_side)),
         _last(events, EventName.moves_to(condition.destination_side)),
         _NEVER_APPROACHED,
@@ -119,7 +120,7 @@ def door_occupation_time(
     )
     negative = occupation.value is not None and occupation.value <= 0
     if ruleset.occupation_only_if_positive and negative:
-        return Indicator.missing(occupation.name, "robot left no later than it approached")
+        return Indicator.missing(name, "robot left no later than it approached")
     return occupation
 
 

@@ -15,11 +15,11 @@ from scoring.protocol import LockDetection, Step
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """The referee's word on a step: kept beside the automatic finding (section 7).
+    """The referee's word on a step, kept beside the automatic finding (protocol section 7).
 
     Attributes:
-        step: which step.
-        confirmed: True = done, False = not done, None = withdrawn: what the sensors say counts.
+        step: which of the six.
+        confirmed: true = done, false = not done, null = withdrawn: the sensors count.
         time: when the referee said so, s since the epoch.
         reason: why, in the referee's words.
         referee: the referee's name.
@@ -34,21 +34,28 @@ class Ruling:
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One step: sensors say / referee says / final.
+    """One of the six steps: what the sensors say, what the referee says, what counts.
 
     Attributes:
-        step: which step.
-        sensors: time of the automatic finding, s since the epoch; None = not done.
-        ruling: the referee's latest word on it; None = none.
-        final: time that counts; None = not done.
-        waiting: why it is not done, in words; empty when done.
+        step: its number, 1 to 6.
+        name: in words.
+        sensors: time of the automatic finding, s since the epoch; null = not done.
+        referee: the referee's latest word on it; null = none.
+        final: the time that counts, s since the epoch; null = not done.
+        reason: why it is not done, in words; null where it is.
     """
 
     step: Step
-    sensors: float | None
-    ruling: Ruling | None
-    final: float | None
-    waiting: str = ""
+    name: str
+    sensors: float | None = None
+    referee: Ruling | None = None
+    final: float | None = None
+    reason: str | None = None
+
+    @property
+    def denied(self) -> bool:
+        """Whether the referee says that it is not done."""
+        return self.referee is not None and self.referee.confirmed is False
 
     @property
     def done(self) -> bool:
@@ -111,7 +118,14 @@ def follow_procedure(
     automatic = _chain(evidence, mode, settle_time, {})
     ruled = _chain(evidence, mode, settle_time, latest) if latest else automatic
     steps = tuple(
-        StepRecord(step, automatic[step].time, latest.get(step), ruled[step].time, ruled[step].why)
+        StepRecord(
+            step,
+            step.text,
+            automatic[step].time,
+            latest.get(step),
+            ruled[step].time,
+            ruled[step].why or None,
+        )
         for step in Step
     )
     return Procedure(steps, ruled[Step.LOCK].settling, mode)

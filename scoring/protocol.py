@@ -44,7 +44,13 @@ class BenchmarkType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Benchmark type, opening side and starting side: one of 20 (section 1)."""
+    """What the robot has to do: one of 20 conditions (protocol section 1).
+
+    Attributes:
+        benchmark_type: how the door resists.
+        opening_side: the side towards which the panel moves.
+        starting_side: the side on which the robot starts.
+    """
 
     benchmark_type: BenchmarkType
     opening_side: Side
@@ -282,9 +288,12 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """Where the robot stands at the start, in the frame `madrob_door` (section 1).
+    """Where the robot stands at the start, in the frame `madrob_door` (protocol section 1).
 
-    x points to the CCW side, y along the wall, both in m; yaw in degrees.
+    Attributes:
+        x: towards the CCW side, m.
+        y: along the wall, m.
+        yaw: degrees.
     """
 
     x: float

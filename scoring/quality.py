@@ -21,17 +21,18 @@ class SignalQuality:
     Attributes:
         signal: which.
         samples: samples used.
-        rate: their mean rate, Hz, gaps left out; None below two samples.
-        largest_gap: the longest interval between samples, s; None below two samples.
-        gaps: intervals above the largest allowed one.
-        jitter: standard deviation of the other intervals, s; None below two of them.
+        rate: their mean rate, gaps left out, Hz; null below two samples.
+        largest_gap: the longest interval between samples, s; null below two samples.
+        gaps: how many intervals were longer than allowed.
+        jitter: standard deviation of the other intervals, s; null below two of them.
         dropped: samples with a duplicate, backward or missing stamp.
         shifted: samples whose stamp was shifted back after a step of the publisher's clock.
         no_reading: readings that were NaN, missing or out of range.
-        skew: largest abs(stamp - log time) outside of steps, s; None without samples.
+        skew: largest difference between stamp and log time, outside of the clock's steps, s; null
+            without samples.
         clock_steps: how often the publisher's clock was stepped.
-        begins_late, ends_early: how long nothing of it could be used at the beginning and at
-            the end of the recording, s; 0 = no longer than the largest allowed interval.
+        begins_late, ends_early: how long nothing of it could be used at that end of the
+            recording, s; 0 = no longer than an interval may be.
     """
 
     signal: Signal
@@ -85,7 +86,12 @@ class SignalQuality:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """The data quality of a run: numbers per signal and what to know in words."""
+    """The quality of the data of a run.
+
+    Attributes:
+        signals: in numbers.
+        remarks: what to know of them, in words; waived checks and faults among them.
+    """
 
     signals: tuple[SignalQuality, ...] = ()
     remarks: tuple[str, ...] = ()

@@ -1,4 +1,7 @@
-"""The result of one run: plain data without the numbers' machinery, so that screens can hold it."""
+"""The result of one run: plain data without the numbers' machinery, so that screens can hold it.
+
+What stands here is what `result.json` says of it: names, order and meaning are the file's.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +11,33 @@ from dataclasses import dataclass
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
-from scoring.protocol import Condition, Event, LockDetection, Outcome
+from scoring.protocol import Event, EventName, LockDetection, Outcome
 from scoring.quality import Quality
 from scoring.rulesets import RulesetName
 
 
 @dataclass(frozen=True, slots=True)
 class Indicator:
-    """One performance indicator: a value, or the reason why there is none.
+    """One performance indicator: a value, or the reason why there is none (protocol section 6).
 
     Attributes:
-        name: which one.
-        value: the value in `unit`; None where it cannot be computed.
-        unit: unit of the value.
-        reason: why there is no value, in words; None where there is one.
+        value: in the unit; null where it cannot be computed.
+        unit: of the value.
+        reason: why there is no value, in words; null where there is one.
 
     Raises:
         ScoringError: there are both or neither of value and reason, or the value is not finite.
     """
 
-    name: IndicatorName
-    value: float | int | None
+    value: int | float | None
     unit: str
     reason: str | None
 
     def __post_init__(self) -> None:
         if (self.value is None) == (self.reason is None):
-            raise ScoringError(f"{self.name}: give either a value or the reason why there is none")
+            raise ScoringError("give either a value or the reason why there is none")
         if self.value is not None and not math.isfinite(self.value):
-            raise ScoringError(f"{self.name}: {self.value} is no value: give a reason instead")
+            raise ScoringError(f"{self.value} is no value: give a reason instead")
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:
@@ -45,12 +46,12 @@ class Indicator:
             return cls.missing(name, "out of the range of numbers")
         # numpy scalars would be written as object tags by YAML
         plain = int(value) if name.spec.counts else float(value)
-        return cls(name, plain, name.spec.unit, None)
+        return cls(plain, name.spec.unit, None)
 
     @classmethod
     def missing(cls, name: IndicatorName, reason: str) -> Indicator:
         """An indicator without a value."""
-        return cls(name, None, name.spec.unit, reason)
+        return cls(None, name.spec.unit, reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,36 +70,55 @@ class Ending:
 
 
 @dataclass(frozen=True, slots=True)
+class EventRecord:
+    """Something that happened (protocol section 4).
+
+    Attributes:
+        time: s since the epoch.
+        since_start: s since the start of the run.
+        event: what, as EUROBENCH names it.
+    """
+
+    time: float
+    since_start: float
+    event: EventName
+
+    @classmethod
+    def of(cls, event: Event, start: float) -> EventRecord:
+        """An event of a run that started at `start`, s since the epoch."""
+        return cls(event.time, event.time - start, event.name)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Result:
     """The result of one run (sections 6 and 7).
 
     Attributes:
-        ruleset: the rules that made it.
-        condition: of the run.
-        ending: how it ended.
+        handle_zero: force of the handle at rest, N; subtracted before a touch is looked for.
+        ruleset: the rules that made the indicators.
+        outcome: how the run ended; an aborted run is invalid, an interrupted one does not count.
+        outcome_reason: why it ended, in words.
         start: s since the epoch.
-        indicators: all that there are, in the protocol's order.
-        steps: the six, with what sensors and referee say.
-        lock_detection: what decided step 6; never `AUTO`.
-        events: all events by time.
-        handle_zero: N, as set by the referee.
+        stop: s since the epoch; null for a run that was cut off by a failure of the machine.
+        indicators: all that there are, in the protocol's order, each with unit and value or
+            reason.
+        lock_detection: what decided step 6; never `auto`.
+        steps: the six, in order, with what sensors and referee say.
+        events: by time.
         quality: of the data.
     """
 
-    ruleset: RulesetName
-    condition: Condition
-    ending: Ending
-    start: float
-    indicators: tuple[Indicator, ...]
-    steps: tuple[StepRecord, ...]
-    lock_detection: LockDetection
-    events: tuple[Event, ...]
     handle_zero: float
+    ruleset: RulesetName
+    outcome: Outcome
+    outcome_reason: str
+    start: float
+    stop: float | None
+    indicators: dict[IndicatorName, Indicator]
+    lock_detection: LockDetection
+    steps: tuple[StepRecord, ...]
+    events: tuple[EventRecord, ...]
     quality: Quality
-
-    def indicator(self, name: IndicatorName) -> Indicator:
-        """One of them."""
-        return next(i for i in self.indicators if i.name is name)
 
 
 def value_text(value: float) -> str:

@@ -11,8 +11,8 @@ import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.rescore import rescore
-from madrob_console.archive.result_file import LARGEST_RESULT, UnusableResultError, read_result
-from madrob_console.archive.results import result_document
+from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_reader import LARGEST_RESULT, UnusableResultError, read_result
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_bounded
@@ -61,7 +61,7 @@ def check_run(run: RunPath) -> tuple[Difference, ...]:
         raise MadrobError(f"{run.name}: holds no recording: put the bag back beside the results")
     stored = _stored(folder)
     (scored,) = rescore(folder)
-    recomputed = msgspec.json.encode(result_document(scored, folder))
+    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder))
     return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
 
 

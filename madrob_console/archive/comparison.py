@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.archive.result_file import ResultPart, UnusableResultError, read_result
+from madrob_console.archive.result_reader import ResultPart, UnusableResultError, read_result
 from madrob_console.names import terminal_safe
 from scoring.indicator_table import IndicatorName
 from scoring.result import Result
@@ -54,12 +54,12 @@ def compared(stored: Stored, result: Result) -> str:
 def _differences(stored: ResultPart, result: Result) -> Iterator[str]:
     if stored.ruleset != result.ruleset:
         yield f"ruleset {result.ruleset}, stored {terminal_safe(stored.ruleset)}"
-    if stored.outcome is not result.ending.outcome:
-        yield f"outcome {result.ending.outcome}, stored {stored.outcome}"
+    if stored.outcome is not result.outcome:
+        yield f"outcome {result.outcome}, stored {stored.outcome}"
     if stored.start != result.start:
         yield f"start {result.start - stored.start:+.6g} s from the stored one"
     for name in IndicatorName:
-        value, part = result.indicator(name).value, stored.indicators.get(name)
+        value, part = result.indicators[name].value, stored.indicators.get(name)
         known = None if part is None else part.value
         if value != known:
             here, there = _apart(value, known)

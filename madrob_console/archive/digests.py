@@ -4,12 +4,31 @@ from __future__ import annotations
 
 import hashlib
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from madrob_console.archive.result_parts import FileDigest
+from msgspec import Meta
+
 from madrob_console.files.plain import open_plain, refusal
 
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+"""A digest as `sha256sum` prints it."""
+
 _DATA = (".mcap", ".yaml", ".csv")
+
+
+@dataclass(frozen=True, slots=True)
+class FileDigest:
+    """A file of the run as it was when the result was written.
+
+    Attributes:
+        sha256: its digest.
+        bytes: its size.
+    """
+
+    sha256: Sha256
+    bytes: int
 
 
 def digests_of(folder: Path) -> tuple[dict[str, FileDigest], tuple[str, ...]]:

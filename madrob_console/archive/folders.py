@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -36,7 +37,7 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
-RESULT_FORMAT = 1
+RESULT_FORMAT: Final = 1
 """Version of the layout of `result.json`."""
 
 _TIME_FORMAT = "%Y%m%d_%H%M%S"

@@ -24,7 +24,7 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     run_folder_names,
 )
-from madrob_console.archive.result_file import (
+from madrob_console.archive.result_reader import (
     Name,
     ResultPart,
     Start,

@@ -13,10 +13,10 @@ from pathlib import Path
 import msgspec
 
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.result_file import LARGEST_RESULT
-from madrob_console.archive.results import Scored, ending_of
+from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
+from madrob_console.archive.scored import Scored
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_bounded
@@ -30,8 +30,9 @@ from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import read_run
-from scoring.evaluate import Assessment, with_remarks
+from scoring.evaluate import Assessment
 from scoring.kinematics import load_filters
+from scoring.protocol import Condition
 from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
@@ -81,11 +82,13 @@ class ScoredPath:
         path: the bag or folder; of a published run, the folder and how its files begin.
         result: by the ruleset that was asked for.
         rows: cut to the run.
+        condition: of the run.
     """
 
     path: Path
     result: Result
     rows: Rows
+    condition: Condition
 
 
 def score_path(path: Path, rules: RulesetName | None = None) -> tuple[ScoredPath, ...]:
@@ -116,9 +119,12 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
             published = read_run(run.path, run.prefix)
             chosen = [ruleset(name) if name else PROTOCOL for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
+            condition = published.condition
         else:
-            pairs = [(scored.result, scored.rows) for scored in rescore(run.path, rules)]
-    return tuple(ScoredPath(Path(run.name), result, rows) for result, rows in pairs)
+            scored = rescore(run.path, rules)
+            pairs = [(one.result, one.rows) for one in scored]
+            condition = scored[0].record.setup.condition
+    return tuple(ScoredPath(Path(run.name), result, rows, condition) for result, rows in pairs)
 
 
 def rescore(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:
@@ -129,7 +135,10 @@ def rescore(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[S
     """
     with _naming(path):
         recorded = read_recorded_run(path)
-        return [_scored(recorded, assessment) for assessment in _assess(recorded, rules)]
+        return [
+            Scored.of(recorded.record, recorded.run, assessment)
+            for assessment in _assess(recorded, rules)
+        ]
 
 
 def scored_run(path: Path) -> Scored:
@@ -139,13 +148,7 @@ def scored_run(path: Path) -> Scored:
         MadrobError: it cannot be read; the message names path and remedy.
     """
     opened = open_run(path)
-    return _scored(opened.recorded, opened.assessment)
-
-
-def _scored(recorded: RecordedRun, assessment: Assessment) -> Scored:
-    run = recorded.run
-    result, rows = assessment.result(ending_of(run), run.rulings)
-    return Scored(recorded.record, run, with_remarks(result, run.remarks()), rows)
+    return Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
 
 
 @contextmanager

@@ -1,45 +1,44 @@
-"""The whole of `result.json`: its types, and the JSON schema that is published with it.
+"""The whole of `result.json`: what stands in it, and the JSON schema that is published with it.
 
-The names here, in `result_parts` and in `result_referee` are the file's. A key may be added to a
-format; one that is dropped, renamed or means something else makes a new one (`RESULT_FORMAT`).
-What a class says of its attributes stands in the schema.
+Its parts are the types that scoring and the referee work with; here stands only what is around
+them. A key may be added to a format; one that is dropped, renamed or means something else makes a
+new one (`RESULT_FORMAT`). What a class says of its attributes stands in the schema.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, fields
 from inspect import cleandoc
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
+from madrob_console.archive.digests import FileDigest, digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.archive.result_parts import (
-    DataQuality,
-    Event,
-    FileDigest,
-    Indicators,
-    StepTimes,
-)
-from madrob_console.archive.result_referee import (
+from madrob_console.archive.scored import Scored
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.run import (
     Closure,
     FalseStart,
     Incident,
     Note,
-    Part,
-    Ruling,
-    Setup,
+    RunSetup,
     Waiver,
 )
-from madrob_console.kinds import SourceKind
-from scoring.protocol import LockDetection, Outcome
-from scoring.rulesets import RulesetName
+from scoring.indicator_table import IndicatorName
+from scoring.procedure import Ruling
+from scoring.result import Result
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
+MANUAL_START = "execution time and time to handle include the delay of the manual start"
 
-class ResultDocument(Part, frozen=True):
-    """The result of one run of the MADROB benchmark.
+
+@dataclass(frozen=True, kw_only=True)
+class Heading:
+    """Which run a result is of: the keys before those of the result itself.
 
     Attributes:
         format: version of this layout.
@@ -52,23 +51,6 @@ class ResultDocument(Part, frozen=True):
         run_number: the repetition, 1 to 999.
         condition_number: 1 to 20, as EUROBENCH counts.
         setup: what was set for the run.
-        handle_zero: force of the handle at rest, N; subtracted before a touch is looked for.
-        ruleset: the rules that made the indicators.
-        outcome: how the run ended; an aborted run is invalid, an interrupted one does not count.
-        outcome_reason: why it ended, in words.
-        start: s since the epoch.
-        stop: s since the epoch; null for a run that was cut off by a failure of the machine.
-        indicators: the eight, each with unit and value or reason.
-        lock_detection: what decided step 6.
-        steps: the six, in order.
-        events: by time.
-        quality: of the data.
-        waivers, false_starts, incidents, rulings, notes: what happened and what the referee said,
-            each in the order in which it came.
-        closure: how the result was finalised; null = it is provisional.
-        remark: on the times.
-        files: name -> digest and size, of the recording and the data files.
-        files_left_out: which of them have no digest and why, in words.
     """
 
     format: Literal[1]
@@ -80,18 +62,22 @@ class ResultDocument(Part, frozen=True):
     team: str
     run_number: int
     condition_number: int
-    setup: Setup
-    handle_zero: float
-    ruleset: RulesetName
-    outcome: Outcome
-    outcome_reason: str
-    start: float
-    stop: float | None
-    indicators: Indicators
-    lock_detection: LockDetection
-    steps: tuple[StepTimes, ...]
-    events: tuple[Event, ...]
-    quality: DataQuality
+    setup: RunSetup
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultDocument(Result, Heading):
+    """The result of one run of the MADROB benchmark.
+
+    Attributes:
+        waivers, false_starts, incidents, rulings, notes: what happened and what the referee said,
+            each in the order in which it came.
+        closure: how the result was finalised; null = it is provisional.
+        remark: on the times.
+        files: name -> digest and size, of the recording and the data files.
+        files_left_out: which of them have no digest and why, in words.
+    """
+
     waivers: tuple[Waiver, ...]
     false_starts: tuple[FalseStart, ...]
     incidents: tuple[Incident, ...]
@@ -99,15 +85,64 @@ class ResultDocument(Part, frozen=True):
     notes: tuple[Note, ...]
     closure: Closure | None
     remark: str
-    files: dict[str, FileDigest] = msgspec.field(default_factory=dict)
+    files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, scored: Scored, folder: Path) -> ResultDocument:
+        """The content of `result.json` in `folder`, which holds the recording and the data."""
+        record, run, setup = scored.record, scored.run, scored.record.setup
+        files, left_out = digests_of(folder)
+        return cls(
+            format=RESULT_FORMAT,
+            software=f"madrob-console {record.version}",
+            competition=record.competition,
+            source=record.source,
+            issue=run.issue,
+            subject=setup.subject,
+            team=setup.team,
+            run_number=setup.run_number,
+            condition_number=setup.condition.number,
+            setup=setup,
+            **{each.name: getattr(scored.result, each.name) for each in fields(Result)},
+            waivers=run.waivers,
+            false_starts=run.false_starts,
+            incidents=run.incidents,
+            rulings=run.rulings,
+            notes=run.notes,
+            closure=run.closure,
+            remark=MANUAL_START,
+            files=files,
+            files_left_out=left_out,
+        )
 
 
 def result_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of `result.json`; its `$id` ends with the format's number."""
     (root,), parts = msgspec.json.schema_components([ResultDocument], ref_template="#/$defs/{name}")
+    whole = parts[ResultDocument.__name__]
+    del parts[IndicatorName.__name__]  # the keys of the indicators: each is named below
     for part in parts.values():
-        _describe(part)
+        if part is whole:
+            _describe(whole, *(kind.__doc__ or "" for kind in (ResultDocument, Result, Heading)))
+            continue
+        _describe(part, part.get("description", ""))
+        if "properties" in part:  # the defaults are the program's: files say everything
+            part["required"] = list(part["properties"])
+            for key in part["properties"].values():
+                key.pop("default", None)
+    told = whole["properties"]["indicators"]["description"]
+    whole["properties"]["indicators"] = {"$ref": "#/$defs/Indicators", "description": told}
+    parts["Indicators"] = {
+        "title": "Indicators",
+        "description": "The performance indicators (protocol section 6).",
+        "type": "object",
+        "properties": {
+            name: {"$ref": "#/$defs/Indicator", "description": name.spec.definition}
+            for name in IndicatorName
+        },
+        "required": list(IndicatorName),
+    }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:madrob:result:{RESULT_FORMAT}",
@@ -122,19 +157,19 @@ def schema_text() -> bytes:
     return msgspec.json.format(msgspec.json.encode(result_schema()), indent=2) + b"\n"
 
 
-def _describe(part: dict[str, Any]) -> None:
-    """What the docstring says of the attributes goes to the properties."""
-    about, _, attributes = cleandoc(part.get("description", "")).partition("\n\nAttributes:\n")
-    if about:
+def _describe(part: dict[str, Any], *docs: str) -> None:
+    """What the docstrings say of the attributes goes to the properties."""
+    texts = [cleandoc(doc).partition("\n\nAttributes:\n") for doc in docs]
+    if about := texts[0][0]:
         part["description"] = about
     names: list[str] = []
-    for line in attributes.splitlines():
-        if line.startswith(" " * 8):
-            more = line.strip()
+    for _, _, attributes in texts:
+        for line in attributes.partition("\n\n")[0].splitlines():
+            if line.startswith(" " * 8):
+                for name in names:
+                    part["properties"][name]["description"] += f" {line.strip()}"
+                continue
+            told, _, text = line.strip().partition(": ")
+            names = told.split(", ")
             for name in names:
-                part["properties"][name]["description"] += f" {more}"
-            continue
-        told, _, text = line.strip().partition(": ")
-        names = told.split(", ")
-        for name in names:
-            part["properties"][name]["description"] = text
+                part["properties"][name]["description"] = text

@@ -15,6 +15,7 @@ from madrob_console.report import PictureFormat
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
+    from scoring.protocol import Condition
     from scoring.result import Result
     from scoring.rows import Rows
 
@@ -100,25 +101,25 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
     with imports_kept():
         from scoring.figures.plots import figures_of, missing_figures, png, svg
 
-    for run, result, rows in _results(path):
-        for name, figure in figures_of(result, rows).items():
+    for run, result, rows, condition in _results(path):
+        for name, figure in figures_of(result, rows, condition).items():
             data = png(figure) if pictures is PictureFormat.PNG else svg(figure).encode()
             yield _target(path, output, f"{run}{name}.{pictures}"), data
         for name, reason in missing_figures(result, rows).items():
             complain(f"{path}: {run}no figure {name.number}: {reason}")
 
 
-def _results(path: Path) -> Iterator[tuple[str, Result, Rows]]:
+def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
     """What the figures of a path show, and how the files of each run begin."""
     with imports_kept():
         from madrob_console.archive.rescore import score_path, scored_run
 
     if _published(path):
-        for published in score_path(path):
-            yield f"{published.path.name}_", published.result, published.rows
+        for one in score_path(path):
+            yield f"{one.path.name}_", one.result, one.rows, one.condition
     else:
         scored = scored_run(path)
-        yield "", scored.result, scored.rows
+        yield "", scored.result, scored.rows, scored.record.setup.condition
 
 
 def _published(path: Path) -> bool:

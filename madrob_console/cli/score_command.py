@@ -22,6 +22,7 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.archive.rescore import ScoredPath
     from madrob_console.archive.run_paths import RunPath
+    from scoring.result import Result
 
 DIFFERENCES = 1
 """Exit code of `--check` where a result is not what its recording gives."""
@@ -202,20 +203,28 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
 
 
 def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
-    from madrob_console.archive.results import scores
     from madrob_console.cli.score_table import difference
 
     if len(scored) == 1:
-        return scores(scored[0].result)
+        return _content(scored[0].result)
     first, *others = (each.result for each in scored)
     differences: dict[str, Any] = {}
-    for one in first.indicators:
-        by = {other.ruleset: difference(one, other.indicator(one.name)) for other in others}
-        differences[one.name] = by if len(others) > 1 else next(iter(by.values()))
+    for name, one in first.indicators.items():
+        by = {other.ruleset: difference(one, other.indicators[name]) for other in others}
+        differences[name] = by if len(others) > 1 else next(iter(by.values()))
     return {
-        "rulesets": {result.ruleset: scores(result) for result in (first, *others)},
+        "rulesets": {result.ruleset: _content(result) for result in (first, *others)},
         "differences": differences,
     }
+
+
+def _content(result: Result) -> dict[str, Any]:
+    """A result as `result.json` has it, without what was set for the run."""
+    import msgspec
+
+    content: dict[str, Any] = msgspec.to_builtins(result)
+    del content["handle_zero"]
+    return content
 
 
 def _checked(run: RunPath, *, as_json: bool) -> RunText:

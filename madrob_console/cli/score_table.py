@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from madrob_console.archive.results import MANUAL_START
+from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
 from scoring.result import Indicator, Result
 
@@ -14,8 +14,8 @@ _NONE = "-"
 def result_lines(result: Result) -> Iterator[str]:
     """A result as a table for people."""
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
-    for indicator in result.indicators:
-        yield f"{_name(indicator)} {_value(indicator):>12}  {indicator.reason or indicator.unit}"
+    for name, indicator in result.indicators.items():
+        yield f"{name.words:<30} {_value(indicator):>12}  {indicator.reason or indicator.unit}"
     yield from _notes(result)
 
 
@@ -28,16 +28,16 @@ def comparison_lines(results: Sequence[Result]) -> Iterator[str]:
     yield _outcome(first)
     heads = [first.ruleset, *(head for other in others for head in (other.ruleset, "difference"))]
     yield _row("", heads)
-    for one in first.indicators:
+    for name, one in first.indicators.items():
         cells = [_value(one)]
         for other in others:
-            two = other.indicator(one.name)
+            two = other.indicators[name]
             cells += [_value(two), _difference(one, two)]
-        yield f"{_row(_name(one), cells)}  {one.unit}"
+        yield f"{_row(name.words, cells)}  {one.unit}"
     for each in results:
-        for indicator in each.indicators:
+        for name, indicator in each.indicators.items():
             if indicator.reason is not None:
-                yield f"{_name(indicator).rstrip()}, {each.ruleset}: {indicator.reason}"
+                yield f"{name.words}, {each.ruleset}: {indicator.reason}"
     yield from _notes(first)
 
 
@@ -51,16 +51,12 @@ def _row(name: str, cells: Sequence[str]) -> str:
 
 
 def _outcome(result: Result) -> str:
-    return terminal_safe(f"outcome: {result.ending.outcome} ({result.ending.reason})")
+    return terminal_safe(f"outcome: {result.outcome} ({result.outcome_reason})")
 
 
 def _notes(result: Result) -> Iterator[str]:
     for note in (MANUAL_START, *result.quality.remarks):
         yield terminal_safe(f"note: {note}")
-
-
-def _name(indicator: Indicator) -> str:
-    return f"{indicator.name.words:<30}"
 
 
 def _value(indicator: Indicator) -> str:

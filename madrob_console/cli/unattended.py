@@ -73,7 +73,7 @@ def print_replay(engine: Engine, replay: Replay) -> Outcome:
         print(line)
     print(f"replay: {replay.view(result).comparison}; nothing was recorded")
     print(f"run folder: {engine.folder}", flush=True)
-    return result.ending.outcome
+    return result.outcome
 
 
 class UnattendedRun:
@@ -191,7 +191,7 @@ class UnattendedRun:
         if self._papers is not None:
             self._wait_for_report(self._papers)
         print(f"run folder: {self._engine.folder}", flush=True)
-        return scored.result.ending.outcome
+        return scored.result.outcome
 
     def _wait_for_report(self, papers: Papers) -> None:
         """Wait until the report is made; a signal ends the waiting, and it gets ready alone."""

@@ -16,7 +16,7 @@ from madrob_console.archive.folders import (
     run_folder_names,
 )
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
-from madrob_console.archive.result_file import (
+from madrob_console.archive.result_reader import (
     ResultPart,
     UnusableResultError,
     read_result,

@@ -57,16 +57,16 @@ class RunSetup:
     """Everything set for a run before its start.
 
     Attributes:
-        subject: the robot's number, 1..999.
+        subject: the robot's number, 1 to 999.
         team: the team's name, cleaned.
-        run_number: the repetition, 1..999.
-        condition: benchmark type, opening side and starting side.
+        run_number: the repetition, 1 to 999.
+        condition: what the robot has to do.
         start_pose: where the robot stands; on the starting side.
         referee: the referee's name, cleaned.
         timeout: s from the start.
         countdown: s before the start; the recording needs at least 1 s.
         ruleset: which rules make the indicators.
-        lock_detection: what decides step 6.
+        lock_detection: what decides step 6 (protocol section 7).
     """
 
     subject: int
@@ -104,7 +104,14 @@ class RunSetup:
 
 @dataclass(frozen=True, slots=True)
 class Waiver:
-    """A failed check that the referee let pass for this run."""
+    """A failing pre-start check that the referee let pass for this run.
+
+    Attributes:
+        check: which.
+        reason: why.
+        referee: the referee's name.
+        time: s since the epoch.
+    """
 
     check: CheckName
     reason: str
@@ -114,12 +121,12 @@ class Waiver:
 
 @dataclass(frozen=True, slots=True)
 class FalseStart:
-    """Touch, opening or approach during the countdown (section 7).
+    """Touch, opening or approach during the countdown (protocol section 7).
 
     Attributes:
-        time: when, s since the epoch.
-        event: what.
-        accepted: the referee's reason for letting it pass; None while undecided.
+        time: s since the epoch.
+        event: what happened.
+        accepted: the referee's reason for letting it pass; null = not decided.
     """
 
     time: float
@@ -129,7 +136,14 @@ class FalseStart:
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """A timed mark of the referee (section 7); `withdrawn`: why it was taken back."""
+    """A mark of the referee; it changes no indicator (protocol section 7).
+
+    Attributes:
+        time: s since the epoch.
+        kind: what happened.
+        note: of the referee.
+        withdrawn: why it was taken back; null = it stands.
+    """
 
     time: float
     kind: IncidentKind
@@ -139,7 +153,12 @@ class Incident:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Free text of the referee, with its time."""
+    """A note of the referee.
+
+    Attributes:
+        time: s since the epoch.
+        text: as it was written.
+    """
 
     time: float
     text: str
@@ -155,7 +174,14 @@ class TestbedFault:
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """How a result was finalised."""
+    """How a result was finalised.
+
+    Attributes:
+        time: s since the epoch.
+        referee: the referee's name.
+        team_word: what the team says of the result.
+        note: of the team or the referee.
+    """
 
     time: float
     referee: str

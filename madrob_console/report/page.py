@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.report import sections
 from madrob_console.report.explanations import (
     INVALID,
@@ -17,7 +17,6 @@ from madrob_console.report.explanations import (
     task_text,
 )
 from madrob_console.report.markup import Content, Markup, element, said
-from scoring.procedure import StepRecord
 
 
 def report_html(scored: Scored, software: str = "") -> str:
@@ -55,7 +54,7 @@ def _head(scored: Scored) -> Markup:
         "head",
         element("meta", charset="utf-8"),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("title", f"{title}: {OUTCOMES[scored.result.ending.outcome].lower()}"),
+        element("title", f"{title}: {OUTCOMES[scored.result.outcome].lower()}"),
         element("style", Markup(style)),
     )
 
@@ -63,11 +62,11 @@ def _head(scored: Scored) -> Markup:
 def _top(scored: Scored) -> Markup:
     """Warnings first; then whose run it is and how it ended."""
     record, result = scored.record, scored.result
-    setup, ending = record.setup, result.ending
+    setup = record.setup
     condition, task = setup.condition, task_text(setup.condition)
-    warnings = (UNOFFICIAL.get(record.source), INVALID.get(ending.outcome))
+    warnings = (UNOFFICIAL.get(record.source), INVALID.get(result.outcome))
     team = (" · ", said(setup.team)) if setup.team else ()
-    reason = (": ", said(ending.reason)) if ending.reason else ()
+    reason = (": ", said(result.outcome_reason)) if result.outcome_reason else ()
     return element(
         "header",
         [element("p", words, class_="banner") for words in warnings if words],
@@ -75,7 +74,7 @@ def _top(scored: Scored) -> Markup:
         element("h1", f"Run {setup.run_number} of subject {setup.subject}", team),
         element("p", f"Condition {condition.number}, {condition.benchmark_type}: {task}"),
         element("p", f"Started {date_text(result.start)}"),
-        element("p", element("strong", OUTCOMES[ending.outcome]), reason, class_="outcome"),
+        element("p", element("strong", OUTCOMES[result.outcome]), reason, class_="outcome"),
         element("p", _summary(scored)),
     )
 
@@ -83,22 +82,18 @@ def _top(scored: Scored) -> Markup:
 def _summary(scored: Scored) -> Iterator[Content]:
     """How far the robot came, how long it took, and whether that is the last word."""
     run, result = scored.run, scored.result
-    done, stop = sum(record.done for record in result.steps), result.ending.stop
+    done, stop = sum(record.done for record in result.steps), result.stop
     yield f"{done} of {len(result.steps)} steps count. "
     if stop is not None and stop >= result.start:
         took = element("span", f"{since(stop, result.start)} s", class_="whole")
         yield "The run took ", took, ". "
-    if denied := [record.step.text for record in result.steps if _denied(record)]:
+    if denied := [record.step.text for record in result.steps if record.denied]:
         yield f"The referee denies: {', '.join(denied)}. "
     issue = f", issue {run.issue}" if run.issue > 1 else ""
     if run.closure is None:
         yield f"The result is provisional{issue}."
     else:
         yield f"The result is final{issue}; {run.closure.team_word} by the team."
-
-
-def _denied(record: StepRecord) -> bool:
-    return record.ruling is not None and record.ruling.confirmed is False
 
 
 def _foot(scored: Scored, software: str) -> Markup:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.report.markup import Markup, element, escaped, section
 from scoring.figure_table import FigureName
 from scoring.figures.plots import figures_of, missing_figures, svg
@@ -17,7 +17,7 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
 def figures(scored: Scored) -> Markup:
     """The figures that the run has, and the reasons for those that it has not."""
-    drawn = figures_of(scored.result, scored.rows)
+    drawn = figures_of(scored.result, scored.rows, scored.record.setup.condition)
     missing = missing_figures(scored.result, scored.rows)
     if not drawn:
         return section("Figures", element("p", f"None: {_reasons(missing)}."))

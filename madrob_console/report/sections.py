@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
@@ -28,7 +29,7 @@ from madrob_console.report.markup import (
     section,
     table,
 )
-from scoring.indicator_table import unit_text
+from scoring.indicator_table import IndicatorName, unit_text
 from scoring.procedure import Ruling, StepRecord
 from scoring.quality import SignalQuality
 from scoring.result import Indicator, Result, value_text
@@ -76,16 +77,15 @@ def indicators(result: Result) -> Markup:
     """All of them, with unit and explanation."""
     rules = ruleset(result.ruleset)
 
-    def row(indicator: Indicator) -> tuple[Content, Content]:
-        star = " *" if indicator.name.spec.with_the_start else ""
-        name = element("b", indicator.name.words + star)
-        what = element("small", rules.explanation(indicator.name))
+    def row(name: IndicatorName, indicator: Indicator) -> tuple[Content, Content]:
+        title = element("b", name.words + (" *" if name.spec.with_the_start else ""))
+        what = element("small", rules.explanation(name))
         if indicator.value is None:
-            return (name, what), element("span", f"none: {indicator.reason}", class_="none")
+            return (title, what), element("span", f"none: {indicator.reason}", class_="none")
         unit = element("span", f" {unit_text(indicator.unit)}", class_="unit")
-        return (name, what), (element("b", value_text(indicator.value)), unit)
+        return (title, what), (element("b", value_text(indicator.value)), unit)
 
-    rows = map(row, result.indicators)
+    rows = starmap(row, result.indicators.items())
     return section(
         "Indicators",
         table(("indicator", "value"), rows, class_="indicators"),
@@ -97,10 +97,10 @@ def steps(result: Result) -> Markup:
     """What the sensors say, what the referee says, what counts."""
 
     def row(record: StepRecord) -> tuple[Content, ...]:
-        ruling = record.ruling
+        ruling = record.referee
         name: list[Content] = [f"{record.step:d} {record.step.text}"]
-        if record.waiting:
-            name.append(element("small", record.waiting))
+        if record.reason:
+            name.append(element("small", record.reason))
         referee: Content = NONE
         if ruling is not None:
             referee = RULED[ruling.confirmed], element("small", said(ruling.reason))

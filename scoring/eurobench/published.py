@@ -17,7 +17,7 @@ from scoring.indicators import compute_indicators
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
 from scoring.quality import Quality
-from scoring.result import Ending, Result
+from scoring.result import Ending, EventRecord, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
 
@@ -58,15 +58,16 @@ def evaluate_published(
         rows = cut_rows(rows, run.start_time, end)
     indicators = compute_indicators(events, procedure.done, rows, run.condition, ruleset)
     result = Result(
-        ruleset=ruleset.name,
-        condition=run.condition,
-        ending=ending,
-        start=run.start_time,
-        indicators=indicators,
-        steps=procedure.steps,
-        lock_detection=procedure.lock_detection,
-        events=events,
         handle_zero=0.0,
+        ruleset=ruleset.name,
+        outcome=ending.outcome,
+        outcome_reason=ending.reason,
+        start=run.start_time,
+        stop=ending.stop,
+        indicators=indicators,
+        lock_detection=procedure.lock_detection,
+        steps=procedure.steps,
+        events=tuple(EventRecord.of(event, run.start_time) for event in events),
         quality=Quality(remarks=(_AS_PUBLISHED, *_missing_rows(run, ending.stop, thresholds))),
     )
     return result, rows

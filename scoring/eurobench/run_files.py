@@ -22,6 +22,7 @@ from scoring.errors import ScoringError
 from scoring.eurobench.csv_tables import Table, parse_table
 from scoring.eurobench.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
 from scoring.eurobench.run_names import numbers_of
+from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.protocol import Condition, Event, EventName, Thresholds
 from scoring.result import Indicator
@@ -141,7 +142,7 @@ def write_run_files(
     events: Sequence[Event],
     joint: JointState,
     wrench: Wrench,
-    indicators: Sequence[Indicator],
+    indicators: Mapping[IndicatorName, Indicator],
 ) -> None:
     """Write EUROBENCH's files of a run into a folder: YAML, pre-processed data, indicators.
 
@@ -179,11 +180,11 @@ def write_run_files(
         ),
         f"{prefix}_wrench.csv": _csv({"time": wrench.time, "force_x": _or_nan(wrench.force)}),
     }
-    for indicator in indicators:
+    for name, indicator in indicators.items():
         value = missing if indicator.value is None else indicator.value
-        texts[f"{indicator.name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
-    for name, text in texts.items():
-        _write(folder / name, text)
+        texts[f"{name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
+    for file, text in texts.items():
+        _write(folder / file, text)
     _sync(folder)
 
 

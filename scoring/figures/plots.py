@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scoring.figure_table import FigureName, FigurePart, FigureSpec, Quantity, marked_events
 from scoring.figures.drawing import BLUE, ORANGE, Panel, draw_sheet
 from scoring.figures.event_labels import Interval
-from scoring.indicator_table import unit_text
-from scoring.protocol import EventName, Outcome
-from scoring.result import Indicator, Result, value_text
+from scoring.indicator_table import IndicatorName, unit_text
+from scoring.protocol import Condition, EventName, Outcome
+from scoring.result import Result, value_text
 from scoring.rows import Rows
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class _Run:
 
     def times(self, name: EventName) -> list[float]:
         """When an event took place; it may happen more than once."""
-        return [e.time - self.result.start for e in self.result.events if e.name is name]
+        return [e.since_start for e in self.result.events if e.event is name]
 
     def series(self, quantity: Quantity) -> tuple[Array, Array]:
         """Times and values of a quantity."""
@@ -69,7 +69,7 @@ class _Run:
     @property
     def window(self) -> Interval:
         """What a figure of the whole run shows: the run, and all data of it."""
-        stop = self.result.ending.stop
+        stop = self.result.stop
         times = [0.0] if stop is None else [0.0, stop - self.result.start]
         for quantity in Quantity:
             series, _ = self.series(quantity)
@@ -111,22 +111,23 @@ class _Run:
         return max(first, begin - _MARGIN), min(last, end + _MARGIN)
 
 
-def figures_of(result: Result, rows: Rows) -> dict[FigureName, Figure]:
+def figures_of(result: Result, rows: Rows, condition: Condition) -> dict[FigureName, Figure]:
     """The figures of a run by `FigureName`; `missing_figures` says why one is not there.
 
     Args:
         result: of the run.
         rows: its pre-processed data.
+        condition: its destination side tells the crossing.
     """
     run = _Run(result, rows)
     missing = missing_figures(result, rows)
     with _look():
-        return {name: _draw(run, name) for name in FigureName if name not in missing}
+        return {name: _draw(run, name, condition) for name in FigureName if name not in missing}
 
 
 def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
     """The figures that a run does not have, and why, in words."""
-    if result.ending.outcome is Outcome.ABORTED:
+    if result.outcome is Outcome.ABORTED:
         return dict.fromkeys(FigureName, "the run was aborted and is invalid")
     run = _Run(result, rows)
     return {name: why for name in FigureName if (why := _why_missing(run, name.spec)) is not None}
@@ -165,17 +166,17 @@ def _look() -> AbstractContextManager[None]:
     return style.context(["default", _STYLE])
 
 
-def _draw(run: _Run, name: FigureName) -> Figure:
+def _draw(run: _Run, name: FigureName, condition: Condition) -> Figure:
     figure = name.spec
-    indicator = run.result.indicator(figure.indicator)
     whole = figure.part is FigurePart.WHOLE
     window = run.part(figure.part) or run.window
     *above, last = figure.panels
     panels = [_panel(run, quantity, ORANGE, window) for quantity in above]
-    panels.append(_panel(run, last, BLUE, window, empty=indicator.reason or ""))
-    condition, start = run.result.condition, run.result.start
-    events = marked_events(((e.time - start, e.name) for e in run.result.events), condition)
-    title = f"Figure {name.number}   {_finding(indicator) if whole else figure.title}"
+    reason = run.result.indicators[figure.indicator].reason
+    panels.append(_panel(run, last, BLUE, window, empty=reason or ""))
+    events = marked_events(((e.since_start, e.event) for e in run.result.events), condition)
+    finding = _finding(run, figure.indicator) if whole else figure.title
+    title = f"Figure {name.number}   {finding}"
     return draw_sheet(title, panels, events, window, run.rows.thresholds.largest_gap)
 
 
@@ -204,8 +205,9 @@ def _panel(run: _Run, quantity: Quantity, colour: str, window: Interval, empty: 
     )
 
 
-def _finding(indicator: Indicator) -> str:
-    words = indicator.name.words
+def _finding(run: _Run, name: IndicatorName) -> str:
+    indicator = run.result.indicators[name]
+    words = name.words
     if indicator.value is None:
         return f"{words}: none"
     return f"{words} {value_text(indicator.value)} {unit_text(indicator.unit)}"

@@ -177,7 +177,7 @@ def check_on_disk(drive: Drive, folder: Path, result: Result) -> None:
     """The result and every line of the journal, once, are in the run's folder."""
     assert drive.engine.result_problem is None
     document = msgspec.json.decode((folder / "result.json").read_bytes())
-    assert document["outcome"] == result.ending.outcome
+    assert document["outcome"] == result.outcome
     assert document["quality"]["remarks"] == list(result.quality.remarks)
     entries, torn = read_journal(folder / "journal.jsonl")
     what = [entry.what for entry in entries]
@@ -185,4 +185,4 @@ def check_on_disk(drive: Drive, folder: Path, result: Result) -> None:
     assert what[-2:] in (["run stops", "result written"], ["abort", "result written"])
     assert len(torn) <= 1
     assert len({entry.to_json() for entry in entries}) == len(entries)
-    assert rebuild(entries, drive.engine.run.handle_zero).outcome is result.ending.outcome
+    assert rebuild(entries, drive.engine.run.handle_zero).outcome is result.outcome

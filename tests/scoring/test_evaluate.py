@@ -34,13 +34,13 @@ def result(ending: Ending = COMPLETED, ruleset: Ruleset = PROTOCOL) -> Result:
 
 
 def value(found: Result, name: IndicatorName) -> float | int | None:
-    return found.indicator(name).value
+    return found.indicators[name].value
 
 
 def test_a_completed_run_has_all_values() -> None:
     found = result()
-    assert [i.name for i in found.indicators] == list(IndicatorName)
-    assert all(i.value is not None for i in found.indicators), found.indicators
+    assert list(found.indicators) == list(IndicatorName)
+    assert all(i.value is not None for i in found.indicators.values()), found.indicators
     assert value(found, IndicatorName.EXECUTION_TIME) == 6.0
     assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
     assert value(found, IndicatorName.DOOR_OCCUPATION_TIME) == 1.0
@@ -54,8 +54,8 @@ def test_feeding_the_same_samples_gives_the_same_result_to_the_last_digit() -> N
 
 def test_an_aborted_run_has_no_indicators() -> None:
     found = result(Ending(Outcome.ABORTED, "robot on fire", START + 4))
-    assert {i.reason for i in found.indicators} == {"run aborted: invalid"}
-    assert found.events[-1].name is EventName.BENCHMARK_STOP
+    assert {i.reason for i in found.indicators.values()} == {"run aborted: invalid"}
+    assert found.events[-1].event is EventName.BENCHMARK_STOP
 
 
 def test_a_run_aborted_in_the_countdown_has_no_events() -> None:
@@ -66,12 +66,12 @@ def test_an_interrupted_run_without_a_stop_keeps_what_can_be_computed() -> None:
     found = result(Ending(Outcome.INTERRUPTED, "cut off", None))
     assert value(found, IndicatorName.EXECUTION_TIME) is None
     assert value(found, IndicatorName.TIME_TO_HANDLE) == 2.0
-    assert EventName.BENCHMARK_STOP not in [e.name for e in found.events]
+    assert EventName.BENCHMARK_STOP not in [e.event for e in found.events]
 
 
 def test_a_timeout_before_the_closing_says_why_there_is_no_passage_time() -> None:
     found = result(Ending(Outcome.TIMEOUT, "5.5 s elapsed", START + 5.5))
-    assert found.indicator(IndicatorName.PASSAGE_TIME).reason == "door never closed"
+    assert found.indicators[IndicatorName.PASSAGE_TIME].reason == "door never closed"
     assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
 
 
@@ -95,23 +95,24 @@ def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> Non
     denied = [Ruling(Step.CROSS, False, START + 9, "arm only", "R")]
     run = assessment(steady_run())
     before, after = run.result(COMPLETED)[0], run.result(COMPLETED, denied)[0]
-    changed = {i.name for i, j in zip(before.indicators, after.indicators, strict=True) if i != j}
+    changed = {name for name, i in before.indicators.items() if i != after.indicators[name]}
+    assert before.indicators.keys() == after.indicators.keys()
     assert changed == {IndicatorName.CAPABILITY_LEVEL, IndicatorName.PASSAGE_TIME}
 
 
 @pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020])
 def test_a_run_without_data_has_reasons_only(ruleset: Ruleset) -> None:
     found = assessment([], ruleset=ruleset).result(COMPLETED)[0]
-    for indicator in found.indicators:
-        if indicator.name is IndicatorName.CAPABILITY_LEVEL:
+    for name, indicator in found.indicators.items():
+        if name is IndicatorName.CAPABILITY_LEVEL:
             assert indicator.value == 0
-        elif indicator.name is not IndicatorName.EXECUTION_TIME:
+        elif name is not IndicatorName.EXECUTION_TIME:
             assert indicator.reason
     assert any("nothing recorded" in remark for remark in found.quality.remarks)
 
 
 def test_values_are_plain_numbers() -> None:
-    assert {type(i.value) for i in result().indicators} == {float, int}
+    assert {type(i.value) for i in result().indicators.values()} == {float, int}
 
 
 def test_panel_against_the_opening_side_is_kept_in_the_quality() -> None:
@@ -125,7 +126,7 @@ def test_a_run_cut_off_in_the_countdown_has_nothing() -> None:
         Ending(Outcome.INTERRUPTED, "cut off", None)
     )[0]
     assert found.events == ()
-    assert {i.reason for i in found.indicators} == {"the run never started"}
+    assert {i.reason for i in found.indicators.values()} == {"the run never started"}
     assert all(record.final is None for record in found.steps)
 
 

@@ -237,11 +237,11 @@ def test_an_indicator_without_its_row_cannot_be_imported() -> None:
 def test_an_indicator_has_either_a_value_or_a_reason() -> None:
     name = IndicatorName.EXECUTION_TIME
     with pytest.raises(ScoringError, match="either a value or the reason"):
-        Indicator(name, None, "s", None)
+        Indicator(None, "s", None)
     with pytest.raises(ScoringError, match="either a value or the reason"):
-        Indicator(name, 1.0, "s", "why")
+        Indicator(1.0, "s", "why")
     with pytest.raises(ScoringError, match="nan is no value"):
-        Indicator(name, math.nan, "s", None)
+        Indicator(math.nan, "s", None)
     assert Indicator.of(name, math.inf).reason == "out of the range of numbers"
 
 
@@ -273,19 +273,19 @@ def test_values_are_plain_finite_numbers_whatever_comes_in(
     opened: bool,
 ) -> None:
     condition = Condition.from_number(number)
-    indicators = (
-        execution_time(events, condition, ruleset),
-        time_to_handle(events),
-        door_occupation_time(events, condition, ruleset),
-        passage_time(events, done, ruleset),
-        unsafety_of_door_operation(rows),
-        smoothness_of_door_actuation(rows, opened),
-        roughness_of_door_actuation(rows),
-        capability_level(events, condition, done, ruleset),
-    )
-    assert [indicator.name for indicator in indicators] == list(IndicatorName)
-    for indicator in indicators:
-        whole = indicator.name is IndicatorName.CAPABILITY_LEVEL
+    indicators = {
+        IndicatorName.EXECUTION_TIME: execution_time(events, condition, ruleset),
+        IndicatorName.TIME_TO_HANDLE: time_to_handle(events),
+        IndicatorName.DOOR_OCCUPATION_TIME: door_occupation_time(events, condition, ruleset),
+        IndicatorName.PASSAGE_TIME: passage_time(events, done, ruleset),
+        IndicatorName.UNSAFETY_OF_DOOR_OPERATION: unsafety_of_door_operation(rows),
+        IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: smoothness_of_door_actuation(rows, opened),
+        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: roughness_of_door_actuation(rows),
+        IndicatorName.CAPABILITY_LEVEL: capability_level(events, condition, done, ruleset),
+    }
+    for name, indicator in indicators.items():
+        assert indicator.unit == name.spec.unit
+        whole = name is IndicatorName.CAPABILITY_LEVEL
         if indicator.value is None:
             assert indicator.reason
         else:

@@ -131,7 +131,7 @@ def test_under_referee_only_the_referee_stops_the_run() -> None:
 def test_the_sensor_mode_without_a_value_leaves_it_to_the_referee() -> None:
     run = assessment(passage_through(), lock=LockDetection.SENSOR)
     assert run.procedure().completed is None
-    assert "referee" in run.procedure().steps[-1].waiting
+    assert "referee" in (run.procedure().steps[-1].reason or "")
 
 
 @pytest.mark.parametrize("step", list(Step))
@@ -139,7 +139,7 @@ def test_a_denied_step_ends_the_chain_and_keeps_the_automatic_finding(step: Step
     procedure = assessment(passage_through()).procedure([ruling(step, False)], stop=START + 6)
     assert procedure.level == step - 1
     assert all(record.sensors is not None for record in procedure.steps)
-    assert procedure.steps[step - 1].waiting == "denied by the referee: seen"
+    assert procedure.steps[step - 1].reason == "denied by the referee: seen"
 
 
 def test_a_confirmed_step_lets_the_later_ones_count_at_their_own_times() -> None:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from madrob_console.archive.folders import next_run_number
 from madrob_console.archive.rescore import OpenedRun
-from madrob_console.archive.results import Scored
 from madrob_console.archive.run_record import RunRecord
+from madrob_console.archive.scored import Scored
 from madrob_console.archive.unfinished import Unfinished, find_unfinished
 from madrob_console.clock import Clock, seconds
 from madrob_console.engine.live.chronicle import Chronicle
@@ -472,7 +472,7 @@ class Engine:
             for topic, count in self._lost().items():
                 if lost := count - self._lost_before.get(topic, 0):
                     assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
-        scored = Scored(record, run, *self._observation.result(run))
+        scored = self._observation.score(record, run)
         if write:
             assert self._folder is not None
             self._keeper.write(self._folder, scored)

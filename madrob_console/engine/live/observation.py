@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from madrob_console.archive.results import ending_of
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.archive.scored import Scored
 from madrob_console.engine.live.course import Course, Happening
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.engine.live.sensors import Sensors
@@ -16,11 +17,9 @@ from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, T
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.source import TopicStatus
 from recorder.message import RawMessage
-from scoring.evaluate import Assessment, with_remarks
+from scoring.evaluate import Assessment
 from scoring.procedure import Procedure
 from scoring.protocol import Thresholds
-from scoring.result import Result
-from scoring.rows import Rows
 
 
 class MessageOrigin(Protocol):
@@ -103,13 +102,12 @@ class Observation:
         if (assessment := self.assessment) is not None:
             self.procedure = assessment.procedure(run.rulings, run.stop)
 
-    def result(self, run: Run) -> tuple[Result, Rows]:
-        """The result of a run that is over, and the data behind it."""
+    def score(self, record: RunRecord, run: Run) -> Scored:
+        """The result of a run that is over, and what is behind it."""
         assessment = self.assessment
         assert assessment is not None
         self.judge(run)
-        result, rows = assessment.result(ending_of(run), run.rulings)
-        return with_remarks(result, run.remarks()), rows
+        return Scored.of(record, run, assessment)
 
     def view(
         self,

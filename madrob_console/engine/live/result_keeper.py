@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.archive.results import Scored, write_results
+from madrob_console.archive.result_writer import write_results
+from madrob_console.archive.scored import Scored
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, Origin, up_to_date
 from madrob_console.referee.rebuild import Change

@@ -10,7 +10,7 @@ from madrob_console.referee.run import Phase, Run
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step
 
-NO_STEPS = tuple(StepRecord(step, None, None, None) for step in Step)
+NO_STEPS = tuple(StepRecord(step, step.text) for step in Step)
 """The six steps before a run."""
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.engine.process.background import Background, Finished
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.names import terminal_safe

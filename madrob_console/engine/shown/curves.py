@@ -82,10 +82,10 @@ def curves_of(result: Result, rows: Rows) -> Curves:
         result: of the run.
         rows: its pre-processed data.
     """
-    start, stop = result.start, result.ending.stop
-    events = tuple((event.time - start, str(event.name)) for event in result.events)
+    start, stop = result.start, result.stop
+    events = tuple((event.since_start, str(event.event)) for event in result.events)
     ran = 0.0 if stop is None else max(0.0, stop - start)
-    if result.ending.outcome is Outcome.ABORTED:
+    if result.outcome is Outcome.ABORTED:
         return Curves(ran, events=events)
     found = {quantity: _curve(*rows.series(quantity), start, rows) for quantity in Quantity}
     curves = Curves(ran, {quantity: curve for quantity, curve in found.items() if curve}, events)

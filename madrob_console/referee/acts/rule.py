@@ -40,7 +40,7 @@ class Rule(Act):
         found = None if record is None else record.sensors
         sensors = "not done" if found is None else relative_text(found, view.run.start) + " s"
         verdict = Pick(
-            f"Sensors: {sensors}. Referee: {_said(record.ruling if record else None)}.",
+            f"Sensors: {sensors}. Referee: {_said(record.referee if record else None)}.",
             (
                 Option("c", "confirm: it is done", "confirm"),
                 Option("d", "deny: it is not done", "deny"),

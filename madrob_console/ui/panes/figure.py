@@ -11,7 +11,7 @@ from madrob_console.ui.cells.axes import LARGEST, Window
 from madrob_console.ui.cells.lines import Line, Span, Tone, line
 from madrob_console.ui.cells.plot import BRAILLE, Frame, Ink, Mark, Plot
 from madrob_console.ui.look.words import fitted
-from madrob_console.ui.panes.run_summary import who_text
+from madrob_console.ui.panes.run_summary import what_text
 from scoring.figure_table import (
     EventMark,
     FigureName,
@@ -63,7 +63,8 @@ class Sheet:
         """
         figure = FIGURES[self.number]
         events = marked_events(self.curves.events, self._condition)
-        head = [self._title(width), line(Span(self._run(), Tone.DIM)), self._finding()]
+        run = line(Span(what_text(self.snapshot.run), Tone.DIM))
+        head = [self._title(width), run, self._finding()]
         foot = [_legend(events)] if height >= _ROWS_WITH_LEGEND else []
         if height >= _ROWS_WITH_KEYS:
             foot.append(line(Span(KEYS, Tone.DIM)))
@@ -81,8 +82,8 @@ class Sheet:
 
     @property
     def _condition(self) -> Condition | None:
-        result = self.snapshot.result
-        return None if result is None else result.condition
+        setup = self.snapshot.run.setup
+        return None if self.snapshot.result is None or setup is None else setup.condition
 
     def _plot(self, quantity: Quantity) -> Plot:
         spec = quantity.spec
@@ -102,22 +103,13 @@ class Sheet:
         right = f"  {self.window.start:.2f} to {self.window.end:.2f} s, {part}"
         return line(Span(fitted(text, width - len(right)) + right, Tone.STRONG))
 
-    def _run(self) -> str:
-        condition = self._condition
-        if condition is None:
-            return who_text(self.snapshot.run)
-        return (
-            f"{who_text(self.snapshot.run)}, condition {condition.number}: "
-            f"{condition.benchmark_type}, {condition.way}"
-        )
-
     def _finding(self) -> Line:
         """The indicator that the figure explains, by the ruleset of the result."""
         figure, result = FIGURES[self.number], self.snapshot.result
         name = figure.indicator.words
         if result is None:
             return line(name)
-        indicator = result.indicator(figure.indicator)
+        indicator = result.indicators[figure.indicator]
         begin = f"{result.ruleset}: {name} "
         if indicator.value is None:
             return line(begin, Span(f"none: {indicator.reason}", Tone.WARN))

@@ -13,6 +13,7 @@ from scoring.result import value_text
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
+    from scoring.indicator_table import IndicatorName
     from scoring.result import Indicator
 
 _NAME = 29
@@ -38,25 +39,27 @@ class IndicatorTable(View):
         delay = "* with the manual start's delay"
         head = fitted(f"indicators  {delay}", _NAME + 20) if roomy else fitted("indicators", _NAME)
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
-        for indicator in snapshot.result.indicators:
-            lines += _rows(indicator, self._means(indicator), width)
+        for name, indicator in snapshot.result.indicators.items():
+            lines += _rows(name, indicator, self._means(name), width)
         return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
 
-    def _means(self, indicator: Indicator) -> tuple[float, int] | None:
+    def _means(self, name: IndicatorName) -> tuple[float, int] | None:
         """Mean of the earlier runs that have a value, and how many have."""
-        values = [v for run in self.earlier if (v := run.values.get(indicator.name)) is not None]
+        values = [v for run in self.earlier if (v := run.values.get(name)) is not None]
         return (fmean(values), len(values)) if values else None
 
 
-def _rows(indicator: Indicator, mean: tuple[float, int] | None, width: int) -> list[Line]:
-    name = indicator.name.words + (" *" if indicator.name.spec.with_the_start else "")
+def _rows(
+    name: IndicatorName, indicator: Indicator, mean: tuple[float, int] | None, width: int
+) -> list[Line]:
+    title = name.words + (" *" if name.spec.with_the_start else "")
     if indicator.value is None:
         texts = wrapped(f"none: {indicator.reason}", max(10, width - _NAME))
-        first = line(f"{name:<{_NAME}}", Span(texts[0], Tone.WARN))
+        first = line(f"{title:<{_NAME}}", Span(texts[0], Tone.WARN))
         return [first, *(line(" " * _NAME, Span(text, Tone.WARN)) for text in texts[1:])]
     return [
         line(
-            f"{name:<{_NAME}}",
+            f"{title:<{_NAME}}",
             Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
             Span(f" {indicator.unit:<8}", Tone.DIM),
             _compared(indicator.value, mean, width >= _ROOMY),

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import OUTCOMES, wrapped
-from madrob_console.ui.panes.run_summary import TONES, who_text
+from madrob_console.ui.panes.run_summary import TONES, what_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
-    from scoring.procedure import StepRecord
     from scoring.result import Result
 
 
@@ -25,24 +24,15 @@ class ResultHead(View):
         result = snapshot.result
         if result is None:
             return [line(_no_result(snapshot))]
-        tone = TONES[result.ending.outcome]
-        outcome = f"{OUTCOMES[result.ending.outcome]} ({result.ending.reason})"
-        if denied := [str(int(s.step)) for s in result.steps if _denied(s)]:
+        tone = TONES[result.outcome]
+        outcome = f"{OUTCOMES[result.outcome]} ({result.outcome_reason})"
+        if denied := [str(int(s.step)) for s in result.steps if s.denied]:
             outcome += f"; the referee denies step {', '.join(denied)}"
-        condition = result.condition
-        what = (
-            f"{who_text(snapshot.run)}, condition {condition.number}:"
-            f" {condition.benchmark_type}, {condition.way}"
-        )
         return [
             *_marked([line(Span(row, tone)) for row in wrapped(outcome, width)], snapshot, width),
-            *(line(row) for row in wrapped(what, width)),
+            *(line(row) for row in wrapped(what_text(snapshot.run), width)),
             *_state(snapshot, result, width),
         ]
-
-
-def _denied(record: StepRecord) -> bool:
-    return record.ruling is not None and record.ruling.confirmed is False
 
 
 def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:

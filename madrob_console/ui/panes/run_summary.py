@@ -49,6 +49,15 @@ def who_text(run: Run) -> str:
     return f"run {run.setup.run_number} of subject {run.setup.subject}{team}"
 
 
+def what_text(run: Run) -> str:
+    """The same, and what the robot has to do."""
+    if run.setup is None:
+        return who_text(run)
+    condition = run.setup.condition
+    what = f"condition {condition.number}: {condition.benchmark_type}, {condition.way}"
+    return f"{who_text(run)}, {what}"
+
+
 def _time_left(snapshot: Snapshot) -> Line:
     run = snapshot.run
     if run.outcome is not None:

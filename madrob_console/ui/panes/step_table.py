@@ -44,8 +44,8 @@ def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> 
     rows = [line(Span(fitted(head, width), Tone.DIM))]
     for record in steps:
         row = _row(record, start, is_next=record.step is pending)
-        if why and record.waiting:
-            row = line(*row, Span(f"  {fitted(record.waiting, room)}", Tone.DIM))
+        if why and record.reason:
+            row = line(*row, Span(f"  {fitted(record.reason, room)}", Tone.DIM))
         rows.append(row)
     return rows
 
@@ -62,14 +62,14 @@ def _compact(steps: Sequence[StepRecord], start: float | None, width: int) -> li
                 Span("✓ " if record.done else "> " if record.step is pending else "  ", tone),
                 f"{record.step} {record.step.text:<18}",
                 Span(f"{final:>7}", tone),
-                Span(" ref" if record.ruling is not None else "", Tone.WARN),
+                Span(" ref" if record.referee is not None else "", Tone.WARN),
             )
         )
     return rows
 
 
 def _row(record: StepRecord, start: float | None, *, is_next: bool) -> Line:
-    ruling = record.ruling
+    ruling = record.referee
     said = "-" if ruling is None else "confirmed" if ruling.confirmed else "denied"
     mark = "x" if said == "denied" else ">" if is_next else " "
     tone = Tone.STRONG if is_next else Tone.DIM

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.folders import RESULT_FORMAT, RunId
 from madrob_console.archive.history import INDEX_FILE, History, RunSummary, earlier_runs, matches
-from madrob_console.archive.result_file import LARGEST_RESULT
+from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise
 from madrob_console.referee.run import TeamWord
@@ -64,7 +64,9 @@ def test_a_run_of_the_engine_reads_as_its_result_says(tmp_path: Path) -> None:
     assert run.problem is None
     assert (run.subject, run.team, run.condition, run.run_number) == (3, "Delft", 1, 1)
     assert run.started == result.start
-    assert run.values == {i.name: i.value for i in result.indicators if i.value is not None}
+    assert run.values == {
+        name: i.value for name, i in result.indicators.items() if i.value is not None
+    }
     assert len(run.values) == 8
     assert (run.outcome, run.valid) == (Outcome.COMPLETED, True)
     assert (run.source, run.official) == ("simulated", False)

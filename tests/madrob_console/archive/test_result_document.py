@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pytest
 from madrob_console.archive.digests import digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.archive.result_document import ResultDocument, result_schema
-from madrob_console.archive.result_file import read_result
+from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
 from madrob_console.referee.run import IncidentKind, TeamWord
@@ -87,7 +88,7 @@ def test_every_result_is_what_the_schema_says(folders: dict[str, Path], outcome:
     found = document(folders[outcome])
     assert found["outcome"] == outcome
     jsonschema.validate(found, result_schema())
-    assert set(found) == set(ResultDocument.__struct_fields__)
+    assert set(found) == {each.name for each in fields(ResultDocument)}
     for path in folders[outcome].glob("result_issue_*.json"):
         jsonschema.validate(json.loads(path.read_text()), result_schema())
 

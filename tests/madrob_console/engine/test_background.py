@@ -12,7 +12,7 @@ from typing import cast
 
 import pytest
 
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.cli import aside
 from madrob_console.engine.process import background
 from madrob_console.engine.process.background import Background, Finished

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curves_of
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
@@ -21,18 +21,15 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
 from scoring.protocol import (
-    BenchmarkType,
-    Condition,
     Event,
     EventName,
     LockDetection,
     Outcome,
-    Side,
     Step,
     Thresholds,
 )
 from scoring.quality import Quality
-from scoring.result import Ending, Indicator, Result
+from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows
 from scoring.rulesets import RulesetName
 from scoring.samples import Sample
@@ -49,15 +46,16 @@ def a_result(
     outcome: Outcome = Outcome.COMPLETED, duration: float | None = 10.0, *events: Event
 ) -> Result:
     return Result(
-        ruleset=RulesetName.PROTOCOL,
-        condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
-        ending=Ending(outcome, "", None if duration is None else START + duration),
-        start=START,
-        indicators=tuple(Indicator.missing(name, "not asked for") for name in IndicatorName),
-        steps=tuple(StepRecord(step, None, None, None) for step in Step),
-        lock_detection=LockDetection.SETTLE,
-        events=events,
         handle_zero=0.0,
+        ruleset=RulesetName.PROTOCOL,
+        outcome=outcome,
+        outcome_reason="",
+        start=START,
+        stop=None if duration is None else START + duration,
+        indicators={name: Indicator.missing(name, "not asked for") for name in IndicatorName},
+        lock_detection=LockDetection.SETTLE,
+        steps=tuple(StepRecord(step, step.text) for step in Step),
+        events=tuple(EventRecord.of(event, START) for event in events),
         quality=Quality((), ()),
     )
 
@@ -87,11 +85,11 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(
     scored = scored_run(tmp_path, scenario)
     curves = curves_of(scored.result, scored.rows)
     result = scored.result
-    unsafety = result.indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION).value
+    unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value
     assert max(map(abs, values(curves.of(Quantity.ACCELERATION)))) == unsafety
-    roughness = result.indicator(IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION).value
+    roughness = result.indicators[IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION].value
     assert max(map(abs, values(curves.of(Quantity.FORCE)))) == roughness
-    smoothness = result.indicator(IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION).value
+    smoothness = result.indicators[IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION].value
     assert 10 / np.mean(np.abs(values(curves.of(Quantity.JERK)))) == pytest.approx(
         smoothness, rel=1e-12
     )
@@ -100,9 +98,9 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(
 def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> None:
     scored = scored_run(tmp_path, Scenario.NOMINAL)
     curves = curves_of(scored.result, scored.rows)
-    assert curves.duration == scored.result.indicator(IndicatorName.EXECUTION_TIME).value
+    assert curves.duration == scored.result.indicators[IndicatorName.EXECUTION_TIME].value
     assert curves.events[0] == (0.0, "benchmark_start")
-    touched = scored.result.indicator(IndicatorName.TIME_TO_HANDLE).value
+    touched = scored.result.indicators[IndicatorName.TIME_TO_HANDLE].value
     assert (touched, "handle_is_touched") in curves.events
     first, last = curves.extent
     assert first == 0.0

@@ -64,8 +64,8 @@ def test_a_nominal_run_is_completed_recorded_and_scored(tmp_path: Path) -> None:
     drive.whole_run(make_setup())
     scored = drive.engine.scored
     assert scored is not None
-    assert scored.result.ending.outcome is Outcome.COMPLETED
-    assert all(i.value is not None for i in scored.result.indicators)
+    assert scored.result.outcome is Outcome.COMPLETED
+    assert all(i.value is not None for i in scored.result.indicators.values())
     assert scored.result.quality.remarks == ()
     names = {path.name for path in folder_of(drive).iterdir()}
     prefix = "subject_003_cond_001_run_001"
@@ -167,7 +167,7 @@ def closing_time(tmp_path: Path) -> float:
     drive = Drive(tmp_path / "measured")
     drive.whole_run(make_setup())
     assert drive.engine.scored is not None
-    value = drive.engine.scored.result.indicator(IndicatorName.EXECUTION_TIME).value
+    value = drive.engine.scored.result.indicators[IndicatorName.EXECUTION_TIME].value
     assert value is not None
     return value
 
@@ -235,7 +235,7 @@ def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
     drive.finish()
     scored = drive.engine.scored
     assert scored is not None
-    assert scored.result.ending.outcome is Outcome.COMPLETED
+    assert scored.result.outcome is Outcome.COMPLETED
     assert score_path(folder_of(drive))[0].result == scored.result
 
 
@@ -283,7 +283,7 @@ def test_the_latch_sensor_decides_where_there_is_one(tmp_path: Path) -> None:
     assert scored is not None
     assert truth is not None
     assert scored.result.lock_detection is LockDetection.SENSOR
-    assert scored.result.ending.stop == pytest.approx(truth.stop, abs=0.025)
+    assert scored.result.stop == pytest.approx(truth.stop, abs=0.025)
 
 
 def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_found(
@@ -401,10 +401,10 @@ def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_pat
     shutil.copytree(folder_of(drive), cut)  # what a kill at this moment leaves behind
     drive.engine.close()
     scored = score_path(cut)[0].result
-    assert scored.ending.outcome is Outcome.INTERRUPTED
+    assert scored.outcome is Outcome.INTERRUPTED
     assert replayed(cut) == scored
-    assert scored.indicator(IndicatorName.EXECUTION_TIME).value is None
-    assert scored.indicator(IndicatorName.TIME_TO_HANDLE).value is not None
+    assert scored.indicators[IndicatorName.EXECUTION_TIME].value is None
+    assert scored.indicators[IndicatorName.TIME_TO_HANDLE].value is not None
 
 
 class Silenced(Drive):
@@ -476,7 +476,7 @@ def test_the_condition_decides_which_side_is_the_destination(tmp_path: Path) -> 
         drive = Drive(tmp_path, seed=number)
         drive.whole_run(make_setup(condition))
         assert drive.engine.run.outcome is Outcome.COMPLETED, number
-        names = [e.name for e in drive.engine.scored.result.events]  # type: ignore[union-attr]
+        names = [e.event for e in drive.engine.scored.result.events]  # type: ignore[union-attr]
         assert f"humanoid_moves_to_{condition.destination_side}_side" in names
 
 

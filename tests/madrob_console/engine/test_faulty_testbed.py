@@ -96,7 +96,7 @@ def test_a_clock_that_is_5_s_off_from_before_the_start_ends_no_run_and_is_marked
     drive.act(Waive(CheckName.TOPICS, "no time server"), Waive(CheckName.CLOCK, "no time server"))
     drive.begin()
     result = drive.result()
-    assert result.ending.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT)
+    assert result.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT)
     off = r"stamps differ from reception by up to 5\.0\d\d s"
     assert len(re.findall(off, "\n".join(result.quality.remarks))) == len(drive.topics())
     assert drive.rescored() == result
@@ -112,8 +112,8 @@ def test_a_stamp_that_stood_still_for_a_while_shifts_nothing_afterwards(tmp_path
     for topic in (DOOR, HANDLE, STRIP):
         drive.faulty.heal(topic)
     wanted, found = undisturbed.result(), drive.result()
-    assert found.ending.outcome is Outcome.COMPLETED
-    assert [(e.name, e.time) for e in found.events] == [(e.name, e.time) for e in wanted.events]
+    assert found.outcome is Outcome.COMPLETED
+    assert [(e.event, e.time) for e in found.events] == [(e.event, e.time) for e in wanted.events]
     assert not any("clock stepped" in remark for remark in found.quality.remarks)
     assert any("stamps dropped" in remark for remark in found.quality.remarks)
 
@@ -218,6 +218,6 @@ def test_what_is_up_before_the_start_fails_a_check_and_when_waived_happens_at_th
     drive.faulty.heal(before.topic)
     result = drive.result()
     assert drive.engine.run.false_starts == ()
-    assert next(e.time for e in result.events if e.name is before.event) == result.start
+    assert next(e.time for e in result.events if e.event is before.event) == result.start
     assert f"check waived: {before.check}: the team knows" in result.quality.remarks
     assert drive.rescored() == result

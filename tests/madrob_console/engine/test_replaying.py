@@ -162,7 +162,7 @@ def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: P
     shown = deck.to_the_end()
     stored = json.loads((folder / "result.json").read_text())
     assert shown.result == score_path(folder)[0].result
-    values = {str(i.name): i.value for i in shown.result.indicators}
+    values = {str(name): i.value for name, i in shown.result.indicators.items()}
     assert values == {name: i["value"] for name, i in stored["indicators"].items()}
     assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
     assert shown.result_source == "replay"
@@ -431,7 +431,7 @@ def test_a_stored_result_that_the_bag_does_not_give_is_told_value_by_value(copy:
     deck = Deck(copy)
     result = deck.to_the_end().result
     assert result is not None
-    measured = result.indicator(IndicatorName.EXECUTION_TIME).value
+    measured = result.indicators[IndicatorName.EXECUTION_TIME].value
     assert deck.at.comparison.startswith(
         f"differs from the stored result: execution time {measured:.2f}, stored 5.25; roughness"
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.rescore import open_run, scored_run
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.engine.process.reporting import Papers

@@ -170,7 +170,7 @@ def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> No
         wait(lambda: client.snapshot().result is not None)
         result = client.snapshot().result
         assert result is not None
-        assert result.ending.outcome is Outcome.COMPLETED
+        assert result.outcome is Outcome.COMPLETED
         assert not any("lost" in remark for remark in result.quality.remarks)
     stalled.close()
 

@@ -19,7 +19,7 @@ from madrob_console.testbeds.simulated.truth import Truth
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
-from scoring.result import Result
+from scoring.result import EventRecord, Result
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.slowly import slow_but_for
 
@@ -108,7 +108,7 @@ def stamps_in(folder: Path) -> Stamps:
     return stamps
 
 
-def error_in_samples(found: Event, true: Event, stamps: Stamps, blur: float = 0.0) -> float:
+def error_in_samples(found: EventRecord, true: Event, stamps: Stamps, blur: float = 0.0) -> float:
     """1 = found at the last instant of the sampling interval in which it truly happened.
 
     Args:
@@ -117,9 +117,9 @@ def error_in_samples(found: Event, true: Event, stamps: Stamps, blur: float = 0.
         blur: for so long nobody could tell whether a touch had happened, s.
     """
     error = abs(found.time - true.time)
-    if found.name is EventName.HANDLE_IS_TOUCHED:
+    if found.event is EventName.HANDLE_IS_TOUCHED:
         error = max(0.0, error - blur)
-    for signal in SIGNALS.get(found.name, ()):
+    for signal in SIGNALS.get(found.event, ()):
         times = stamps.get(signal, [])
         place = bisect_left(times, found.time)
         if place < len(times) and times[place] == found.time:
@@ -130,8 +130,8 @@ def error_in_samples(found: Event, true: Event, stamps: Stamps, blur: float = 0.
 
 def compare(played: Played) -> Comparison:
     result, truth = played.result, played.truth
-    assert [e.name for e in result.events] == [e.name for e in truth.events], lines(result, truth)
-    assert result.ending.outcome is truth.outcome, lines(result, truth)
+    assert [e.event for e in result.events] == [e.name for e in truth.events], lines(result, truth)
+    assert result.outcome is truth.outcome, lines(result, truth)
     error, raw_error = (
         max(
             error_in_samples(found, true, played.stamps, blur)
@@ -139,17 +139,15 @@ def compare(played: Played) -> Comparison:
         )
         for blur in (played.blur, 0.0)
     )
-    level = result.indicator(IndicatorName.CAPABILITY_LEVEL).value
+    level = result.indicators[IndicatorName.CAPABILITY_LEVEL].value
     assert isinstance(level, int)
     return Comparison(error, raw_error, level, truth.capability_level)
 
 
 def lines(result: Result, truth: Truth) -> str:
-    def text(events: tuple[Event, ...]) -> list[str]:
-        return [f"{e.time - result.start:8.3f} {e.name}" for e in events]
-
-    found, true = text(result.events), text(truth.events)
-    return "\n".join(["found:", *found, result.ending.outcome, "true:", *true, truth.outcome])
+    found = [f"{e.since_start:8.3f} {e.event}" for e in result.events]
+    true = [f"{e.time - result.start:8.3f} {e.name}" for e in truth.events]
+    return "\n".join(["found:", *found, result.outcome, "true:", *true, truth.outcome])
 
 
 CONDITIONS = [

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.results import Scored
+from madrob_console.archive.scored import Scored
 from madrob_console.cli.report_command import main
 from madrob_console.kinds import SourceKind
 from madrob_console.names import terminal_safe
@@ -45,7 +45,6 @@ from scoring.figure_table import FigureName
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
-from scoring.result import Ending
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 
@@ -144,8 +143,8 @@ def page(text: str) -> Page:
 
 def ended(scored: Scored, outcome: Outcome, reason: str = "as told") -> Scored:
     """The same run with another outcome; an aborted one has no figures and is quick to write."""
-    ending = Ending(outcome, reason, scored.result.ending.stop)
-    return replace(scored, result=replace(scored.result, ending=ending))
+    result = replace(scored.result, outcome=outcome, outcome_reason=reason)
+    return replace(scored, result=result)
 
 
 def of_source(scored: Scored, source: SourceKind) -> Scored:
@@ -205,14 +204,14 @@ def test_the_outcome_is_told_in_words(page: Page) -> None:
 def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scored) -> None:
     told = page.section("Indicators")
     assert len(scored.result.indicators) == len(IndicatorName)
-    for indicator in scored.result.indicators:
+    for name, indicator in scored.result.indicators.items():
         value = indicator.value
         assert value is not None
         shown = f"{value}" if isinstance(value, int) else f"{value:.4f}"
         unit = indicator.unit.replace("^2", "²").replace("^3", "³")
         assert f"{shown} {unit}" in told
-        assert indicator.name.spec.explanation in told
-        assert indicator.name.replace("_", " ") in told
+        assert name.spec.explanation in told
+        assert name.replace("_", " ") in told
 
 
 def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:
@@ -247,7 +246,7 @@ def test_each_step_shows_sensors_referee_and_what_counts(page: Page, scored: Sco
 def test_a_denied_step_is_told_on_top(scored: Scored) -> None:
     steps = list(scored.result.steps)
     denial = Ruling(Step.CROSS, confirmed=False, time=0.0, reason="arm only", referee="R")
-    steps[3] = replace(steps[3], ruling=denial, final=None, waiting="denied by the referee")
+    steps[3] = replace(steps[3], referee=denial, final=None, reason="denied by the referee")
     denied = replace(scored, result=replace(scored.result, steps=tuple(steps)))
     page = Page(report_html(ended(denied, Outcome.ABORTED)))
     assert "The referee denies: cross the threshold." in page.inside("header")

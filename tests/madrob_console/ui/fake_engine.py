@@ -51,7 +51,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, SignalQuality
-from scoring.result import Ending, Indicator, Result
+from scoring.result import Indicator, Result
 
 EPOCH = 1_700_000_000.0
 TOPICS = (
@@ -192,7 +192,7 @@ class FakeEngine:
 
     def do_step(self, step: Step) -> None:
         """A step is done now."""
-        done = StepRecord(step, self.now, None, self.now)
+        done = StepRecord(step, step.text, self.now, None, self.now)
         self.steps = tuple(done if record.step is step else record for record in self.steps)
 
     def false_start(self, event: EventName = EventName.HANDLE_IS_TOUCHED) -> None:
@@ -217,15 +217,16 @@ class FakeEngine:
         assert start is not None
         self.run = replace(self.run, issue=self.run.issue + 1)
         self.result = Result(
+            handle_zero=self.run.handle_zero,
             ruleset=setup.ruleset,
-            condition=setup.condition,
-            ending=Ending(self.run.outcome or Outcome.COMPLETED, self.run.outcome_reason, self.now),
+            outcome=self.run.outcome or Outcome.COMPLETED,
+            outcome_reason=self.run.outcome_reason,
             start=start,
+            stop=self.now,
             indicators=indicators(missing=self.run.outcome is not Outcome.COMPLETED),
             steps=self.steps,
             lock_detection=LockDetection.SETTLE,
             events=(),
-            handle_zero=self.run.handle_zero,
             quality=Quality(tuple(quality(s) for s in list(Signal)[:-1]), ()),
         )
 
@@ -270,16 +271,16 @@ class FakeEngine:
         return SensorView(side, index, (side, index) in self.occupied, masked, None, self.freshness)
 
 
-def indicators(*, missing: bool = False) -> tuple[Indicator, ...]:
+def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:
     """Eight indicators; without a crossing where `missing`."""
     values = (17.432, 3.214, 4.5, 12.25, 1.875, 0.0625, 14.75, 6)
     gone = (IndicatorName.DOOR_OCCUPATION_TIME, IndicatorName.PASSAGE_TIME)
-    return tuple(
-        Indicator(name, None, name.spec.unit, "robot never reached the destination side")
+    return {
+        name: Indicator(None, name.spec.unit, "robot never reached the destination side")
         if missing and name in gone
-        else Indicator(name, value, name.spec.unit, None)
+        else Indicator(value, name.spec.unit, None)
         for name, value in zip(IndicatorName, values, strict=True)
-    )
+    }
 
 
 def quality(signal: Signal) -> SignalQuality:

@@ -89,7 +89,7 @@ def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
 def test_an_indicator_without_a_value_gives_its_reason() -> None:
     engine = finished()
     assert engine.result is not None
-    missing = tuple(Indicator.missing(name, "door never opened") for name in IndicatorName)
+    missing = {name: Indicator.missing(name, "door never opened") for name in IndicatorName}
     engine.result = replace(engine.result, indicators=missing)
     rows = drawn(
         1,

@@ -73,7 +73,7 @@ def test_three_columns_tell_sensors_referee_and_what_counts(engine: FakeEngine) 
             await driver.run()
             engine.do_step(Step.TOUCH)
             denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
-            first = replace(engine.steps[0], ruling=denied, final=None)
+            first = replace(engine.steps[0], referee=denied, final=None)
             engine.steps = (first, *engine.steps[1:])
             await driver.settle()
             assert "x 1 touch the handle      1.000  denied         no" in driver.text

@@ -69,11 +69,11 @@ def check_live(drive: Drive, stop: Stop) -> None:
     if stop in (Stop.COMPLETED, Stop.ELAPSED):
         assert replace(result, quality=Quality()) == replace(good, quality=Quality())
         return
-    seen = [event for event in result.events if event.name is not EventName.BENCHMARK_STOP]
-    assert seen == [event for event in good.events if event.name is not EventName.BENCHMARK_STOP]
+    seen = [event for event in result.events if event.event is not EventName.BENCHMARK_STOP]
+    assert seen == [event for event in good.events if event.event is not EventName.BENCHMARK_STOP]
     assert len(seen) == 2
     outcome = Outcome.ABORTED if stop is Stop.ABORTED else Outcome.TIMEOUT
-    assert (drive.engine.run.outcome, result.ending.stop) == (outcome, drive.engine.run.stop)
+    assert (drive.engine.run.outcome, result.stop) == (outcome, drive.engine.run.stop)
 
 
 def check_result(machine: Machine) -> None:
@@ -114,10 +114,13 @@ def check_scored_again(machine: Machine) -> None:
     if machine.fault in DELETED:
         assert again.events == live.events
     else:
-        assert again.ending == live.ending
-    if machine.fault in (*DELETED, Fault.RUN_LOCKED) and live.ending.outcome is Outcome.COMPLETED:
-        values = {i.name: i.value for i in live.indicators}
-        assert {i.name: i.value for i in again.indicators} == pytest.approx(values, rel=1e-3)
+        assert (again.outcome, again.outcome_reason) == (live.outcome, live.outcome_reason)
+        assert again.stop == live.stop
+    if machine.fault in (*DELETED, Fault.RUN_LOCKED) and live.outcome is Outcome.COMPLETED:
+        values = {name: i.value for name, i in live.indicators.items()}
+        assert {name: i.value for name, i in again.indicators.items()} == pytest.approx(
+            values, rel=1e-3
+        )
 
 
 def check_next_run(machine: Machine, stop: Stop) -> None:

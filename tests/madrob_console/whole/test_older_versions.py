@@ -91,7 +91,7 @@ def test_a_recording_still_gives_the_stored_result(older: Path, name: str) -> No
 
 def test_a_run_that_was_cut_off_is_still_scored_and_found(older: Path) -> None:
     (scored,) = score_path(older / "results" / CUT_OFF)
-    assert scored.result.ending.outcome == "interrupted"
+    assert scored.result.outcome == "interrupted"
     assert any(signal.samples for signal in scored.result.quality.signals)
     (found,) = find_unfinished(older / "results")
     assert (found.folder, found.subject, found.team) == (CUT_OFF, 1, "Delft")

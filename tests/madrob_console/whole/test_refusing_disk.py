@@ -46,7 +46,7 @@ def test_a_result_that_waits_is_written_while_later_runs_are_made(tmp_path: Path
         second = drive.engine.scored.result  # type: ignore[union-attr]
         check_on_disk(drive, machine.folder, second)
         document = msgspec.json.decode((first / "result.json").read_bytes())
-        assert document["outcome"] == result.ending.outcome
+        assert document["outcome"] == result.outcome
         assert document["notes"][0]["text"] == "look at the disk"
         what = [entry.what for entry in read_journal(first / "journal.jsonl")[0]]
         assert what[-3:] == ["run stops", "note", "result written"]

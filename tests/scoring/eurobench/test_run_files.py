@@ -50,11 +50,11 @@ EVENTS = (
 TIME = START + np.arange(40) / 50
 JOINT = joint_state(TIME, 0.1 * np.sin(TIME), PROTOCOL, Thresholds())
 WRENCH = Wrench(TIME, np.where(np.arange(40) == 7, np.nan, 5.9 + np.cos(TIME)))
-INDICATORS = (
-    Indicator.of(IndicatorName.TIME_TO_HANDLE, 5e-07),
-    Indicator.of(IndicatorName.CAPABILITY_LEVEL, 3),
-    Indicator.missing(IndicatorName.PASSAGE_TIME, "door never closed"),
-)
+INDICATORS = {
+    IndicatorName.TIME_TO_HANDLE: Indicator.of(IndicatorName.TIME_TO_HANDLE, 5e-07),
+    IndicatorName.CAPABILITY_LEVEL: Indicator.of(IndicatorName.CAPABILITY_LEVEL, 3),
+    IndicatorName.PASSAGE_TIME: Indicator.missing(IndicatorName.PASSAGE_TIME, "door never closed"),
+}
 
 EVENT_TEXT = f"time,event\n{START},benchmark_start\n{START + 2},handle_is_touched\n"
 JOINT_TEXT = "time,position,velocity,acceleration\n1.0,0.01,,\n1.02,0.02,0.5,-0.25\n1.04,0.02,,\n"
@@ -291,7 +291,7 @@ def test_every_digit_survives_the_files(values: list[float]) -> None:
     joint = JointState(times, times[::-1], times * 0.1, times[::-1] * 0.3)
     event = (Event(float(times[0]), EventName.BENCHMARK_START),)
     with tempfile.TemporaryDirectory() as name:
-        write_run_files(Path(name), INFO, event, joint, Wrench(times, times), ())
+        write_run_files(Path(name), INFO, event, joint, Wrench(times, times), {})
         (run,) = read_eurobench(Path(name))
     assert run.events == event
     for column in ("time", "position", "velocity", "acceleration"):
@@ -334,7 +334,7 @@ def test_a_missing_value_is_null_or_what_the_published_scripts_write(tmp_path: P
 
 def test_run_info_has_the_published_keys_and_ours(tmp_path: Path) -> None:
     info = replace(INFO, condition=Condition.from_number(14), start_pose=None)
-    write_run_files(tmp_path, info, EVENTS, JOINT, WRENCH, ())
+    write_run_files(tmp_path, info, EVENTS, JOINT, WRENCH, {})
     text = (tmp_path / "run_info_subject_001_cond_014_run_001.yaml").read_text()
     assert "start_time: 1580487388.2376215\nrobot_name: '1'\n" in text
     assert "&id" not in text
@@ -353,7 +353,7 @@ def test_a_setting_without_a_yaml_form_is_refused_before_anything_is_written(
 ) -> None:
     info = replace(INFO, settings={"zero": object()})
     with pytest.raises(ScoringError, match="use plain types"):
-        write_run_files(tmp_path, info, EVENTS, JOINT, WRENCH, ())
+        write_run_files(tmp_path, info, EVENTS, JOINT, WRENCH, {})
     assert not list(tmp_path.iterdir())
 
 
@@ -362,16 +362,16 @@ def test_a_file_that_cannot_be_written_is_named_and_leaves_nothing_half(tmp_path
     blocked.mkdir()
     (blocked / "in the way").touch()
     with pytest.raises(ScoringError, match=r"wrench\.csv: cannot be written"):
-        write_run_files(tmp_path, INFO, EVENTS, JOINT, WRENCH, ())
+        write_run_files(tmp_path, INFO, EVENTS, JOINT, WRENCH, {})
     with pytest.raises(ScoringError, match="cannot be written"):
-        write_run_files(tmp_path / "nowhere", INFO, EVENTS, JOINT, WRENCH, ())
+        write_run_files(tmp_path / "nowhere", INFO, EVENTS, JOINT, WRENCH, {})
     assert not list(tmp_path.glob(".*"))
 
 
 def test_an_empty_run_is_written_and_read(tmp_path: Path) -> None:
     nothing = np.array([])
     joint = joint_state(nothing, nothing, PROTOCOL, Thresholds())
-    write_run_files(tmp_path, INFO, EVENTS[:1], joint, Wrench(nothing, nothing), ())
+    write_run_files(tmp_path, INFO, EVENTS[:1], joint, Wrench(nothing, nothing), {})
     (run,) = read_eurobench(tmp_path)
     assert run.joint_state.reason == joint.reason == "no door angle recorded"
     assert run.wrench.force.size == 0

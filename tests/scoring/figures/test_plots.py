@@ -27,11 +27,11 @@ from scoring.figures.stretches import stretches
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
-from scoring.result import Ending, Result
+from scoring.result import Ending, EventRecord, Result
 from scoring.rows import Rows, process_rows
 from scoring.rulesets import PROTOCOL
 from scoring.samples import Sample
-from tests.scoring.runs import START, assessment, clear, door, handle, under
+from tests.scoring.runs import CONDITION, START, assessment, clear, door, handle, under
 
 Array = NDArray[np.float64]
 Scored = tuple[Result, Rows]
@@ -72,6 +72,10 @@ def nominal() -> Scored:
     return run()
 
 
+def figures_for(result: Result, rows: Rows) -> dict[FigureName, Figure]:
+    return figures_of(result, rows, CONDITION)
+
+
 def line(axes: Axes, label: str) -> Line2D:
     return next(found for found in axes.get_lines() if found.get_label() == label)
 
@@ -92,7 +96,7 @@ def test_the_first_figure_shows_position_and_low_passed_acceleration_of_the_run(
     nominal: Scored,
 ) -> None:
     result, rows = nominal
-    figure = figures_of(result, rows)[FigureName.ACCELERATION]
+    figure = figures_for(result, rows)[FigureName.ACCELERATION]
     time, position = curve(figure.axes[0], "position, rad")
     np.testing.assert_array_equal(time, rows.joint_state.time - START)
     np.testing.assert_array_equal(position, rows.joint_state.position)
@@ -102,14 +106,14 @@ def test_the_first_figure_shows_position_and_low_passed_acceleration_of_the_run(
 
 def test_the_last_figure_shows_the_force_as_recorded(nominal: Scored) -> None:
     result, rows = nominal
-    time, force = curve(figures_of(result, rows)[FigureName.FORCE].axes[0], "force, N")
+    time, force = curve(figures_for(result, rows)[FigureName.FORCE].axes[0], "force, N")
     np.testing.assert_array_equal(time, rows.force_time - START)
     np.testing.assert_array_equal(force, rows.force)
 
 
 def test_jerk_is_drawn_without_its_sign_and_clipped(nominal: Scored) -> None:
     result, rows = nominal
-    figure = figures_of(result, rows)[FigureName.JERK]
+    figure = figures_for(result, rows)[FigureName.JERK]
     _, jerk = curve(figure.axes[1], "abs jerk, rad/s³")
     drawn = jerk[np.isfinite(jerk)]
     np.testing.assert_array_equal(drawn, np.minimum(np.abs(rows.jerk), LARGEST_JERK))
@@ -128,25 +132,25 @@ def test_the_marked_maximum_is_the_indicator(
     name: FigureName, indicator: IndicatorName, nominal: Scored
 ) -> None:
     result, rows = nominal
-    figure = figures_of(result, rows)[name]
+    figure = figures_for(result, rows)[name]
     (time,), (value,) = curve(figure.axes[-1], "maximum")
     signal_time, signal = {
         FigureName.ACCELERATION: (rows.joint_state.time, rows.low_passed),
         FigureName.FORCE: (rows.force_time, rows.force),
     }[name]
-    assert abs(value) == result.indicator(indicator).value
+    assert abs(value) == result.indicators[indicator].value
     assert value == signal[np.flatnonzero(signal_time - START == time)[0]]
     assert f"maximum {abs(value):.4f}" in words(figure)
-    assert f"{result.indicator(indicator).value:.4f}" in figure.texts[0].get_text()
+    assert f"{result.indicators[indicator].value:.4f}" in figure.texts[0].get_text()
 
 
 def test_the_largest_force_may_be_negative(nominal: Scored) -> None:
-    (time,), (value,) = curve(figures_of(*nominal)[FigureName.FORCE].axes[0], "maximum")
+    (time,), (value,) = curve(figures_for(*nominal)[FigureName.FORCE].axes[0], "maximum")
     assert (time, value) == (pytest.approx(4.0), -30.0)
 
 
 def test_position_is_orange_signal_blue_and_maximum_red(nominal: Scored) -> None:
-    upper, lower = figures_of(*nominal)[FigureName.ACCELERATION].axes
+    upper, lower = figures_for(*nominal)[FigureName.ACCELERATION].axes
     red, green, blue = to_rgb(line(upper, "position, rad").get_color())
     assert red > green > blue
     red, green, blue = to_rgb(line(lower, "acceleration, rad/s²").get_color())
@@ -163,25 +167,25 @@ def test_events_are_labelled_lines(nominal: Scored) -> None:
         "crossing": EventName.MOVES_TO_CW,
         "closing": EventName.DOOR_CLOSES,
     }
-    for name, figure in figures_of(result, rows).items():
+    for name, figure in figures_for(result, rows).items():
         if name in (FigureName.JERK_OF_THE_OPENING, FigureName.JERK_OF_THE_CLOSING):
             continue
         for word, event in moments.items():
-            at = next(e.time for e in result.events if e.name is event) - START
+            at = next(e.time for e in result.events if e.event is event) - START
             for axes in figure.axes:
                 assert curve(axes, word)[0][0] == pytest.approx(at, abs=0.01)
             assert word in words(figure)
 
 
 def test_a_repeated_event_says_which_one_is_labelled() -> None:
-    figure = figures_of(*run(lambda t: swing(t) + swing(3 * t)))[FigureName.ACCELERATION]
+    figure = figures_for(*run(lambda t: swing(t) + swing(3 * t)))[FigureName.ACCELERATION]
     assert np.unique(curve(figure.axes[0], "closing")[0]).size == 2
     assert "opening 1 of 2" in words(figure)
     assert "closing 2 of 2" in words(figure)
 
 
 def test_figures_three_and_four_show_opening_and_closing_alone(nominal: Scored) -> None:
-    figures = figures_of(*nominal)
+    figures = figures_for(*nominal)
     first, last = figures[FigureName.JERK_OF_THE_OPENING].axes[1].get_xlim()
     assert 2 < first < 3.1
     assert 4.6 < last < 6
@@ -194,20 +198,20 @@ def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
     result, rows = nominal
     kept = (rows.force_time < START + 3) | (rows.force_time > START + 6)
     holed = replace(rows, force_time=rows.force_time[kept], force=rows.force[kept])
-    time, force = curve(figures_of(result, holed)[FigureName.FORCE].axes[0], "force, N")
+    time, force = curve(figures_for(result, holed)[FigureName.FORCE].axes[0], "force, N")
     assert np.isnan(force).sum() == 1
     assert 3 > time[np.flatnonzero(np.isnan(force))[0] - 1] > 2.9
 
 
 def test_an_aborted_run_has_no_figures_and_says_why() -> None:
     result, rows = run(outcome=Outcome.ABORTED)
-    assert figures_of(result, rows) == {}
+    assert figures_for(result, rows) == {}
     assert set(missing_figures(result, rows)) == set(FigureName)
     assert "invalid" in missing_figures(result, rows)[FigureName.FORCE]
 
 
 def test_an_interrupted_run_has_the_figures_of_what_was_recorded() -> None:
-    figures = figures_of(*run(outcome=Outcome.INTERRUPTED, stop=None))
+    figures = figures_for(*run(outcome=Outcome.INTERRUPTED, stop=None))
     assert set(figures) == set(FigureName)
     assert figures[FigureName.FORCE].axes[0].get_xlim()[1] == pytest.approx(11.98)
 
@@ -231,24 +235,24 @@ def test_every_figure_is_there_or_has_a_reason(
     reasons = missing_figures(result, rows)
     assert {name.number for name in reasons} == set(missing)
     assert all(missing[name.number] in reason for name, reason in reasons.items())
-    assert set(figures_of(result, rows)) == set(FigureName) - set(reasons)
+    assert set(figures_for(result, rows)) == set(FigureName) - set(reasons)
 
 
 def test_a_figure_without_its_signal_says_why_inside() -> None:
-    figure = figures_of(*run(lambda _: 0.0, outcome=Outcome.TIMEOUT))[FigureName.JERK]
+    figure = figures_for(*run(lambda _: 0.0, outcome=Outcome.TIMEOUT))[FigureName.JERK]
     assert "door never opened" in words(figure)
 
 
 def test_svg_is_the_same_every_time_whatever_the_users_settings(nominal: Scored) -> None:
-    first = [svg(figure) for figure in figures_of(*nominal).values()]
+    first = [svg(figure) for figure in figures_for(*nominal).values()]
     with mpl.rc_context({"lines.linewidth": 9, "svg.fonttype": "path", "font.size": 20}):
         before = dict(mpl.rcParams)
-        assert [svg(figure) for figure in figures_of(*nominal).values()] == first
+        assert [svg(figure) for figure in figures_for(*nominal).values()] == first
         assert dict(mpl.rcParams) == before
 
 
 def test_svg_is_xml_with_readable_text_and_no_date(nominal: Scored) -> None:
-    for name, figure in figures_of(*nominal).items():
+    for name, figure in figures_for(*nominal).items():
         text = svg(figure)
         root = ET.fromstring(text)
         assert f"Figure {name.number}" in "".join(root.itertext())
@@ -257,7 +261,7 @@ def test_svg_is_xml_with_readable_text_and_no_date(nominal: Scored) -> None:
 
 
 def test_png_is_a_picture(nominal: Scored) -> None:
-    data = png(figures_of(*nominal)[FigureName.FORCE])
+    data = png(figures_for(*nominal)[FigureName.FORCE])
     assert data.startswith(b"\x89PNG\r\n")
     assert int.from_bytes(data[16:20], "big") > 600
 
@@ -271,13 +275,12 @@ def test_a_long_run_stays_a_small_file_and_keeps_its_extremes(nominal: Scored) -
     joint = joint_state(time, angle, PROTOCOL, Thresholds())
     rows = process_rows(joint, time, force, PROTOCOL, Thresholds())
     flaps = tuple(
-        Event(float(at), name)
+        EventRecord.of(Event(float(at), name), START)
         for at in time[::20]
         for name in (EventName.DOOR_OPENS, EventName.DOOR_CLOSES)
     )
-    ended = replace(result.ending, stop=float(time[-1]))
-    result = replace(result, ending=ended, events=(*result.events, *flaps))
-    figures = figures_of(result, rows)
+    result = replace(result, stop=float(time[-1]), events=(*result.events, *flaps))
+    figures = figures_for(result, rows)
     assert max(len(svg(figure)) for figure in figures.values()) < 300_000
     _, drawn = curve(figures[FigureName.FORCE].axes[0], "force, N")
     assert (drawn.min(), drawn.max()) == (force.min(), force.max())
@@ -335,7 +338,7 @@ def test_no_number_is_too_large_to_be_drawn(force: Array, acceleration: Array) -
         jerk=force[:5],
         jerk_time=rows.force_time[:5],
     )
-    for figure in figures_of(result, wild).values():
+    for figure in figures_for(result, wild).values():
         assert "nan" not in svg(figure).lower()
 
 
