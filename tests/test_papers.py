@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
+import runpy
 import shlex
+import shutil
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
@@ -12,19 +15,29 @@ from pathlib import Path
 import pytest
 
 from madrob_console.cli.main import build_parser
+from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName, Outcome, Step, Thresholds
 from scoring.rulesets import RulesetName
+from tests.madrob_console.recorded_runs import recorded
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("madrob_console", "scoring", "recorder")
+PAPERS = (
+    "README.md",
+    "scoring/PROTOCOL.md",
+    "madrob_console/ARCHITECTURE.md",
+    "madrob_console/CHANGELOG.md",
+    ".github/CONTRIBUTING.md",
+)
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
 
 _CITATION = re.compile(
     r"""\bsections?\s(?P<numbers>\d+(?:(?:,\s|\sand\s|,\sand\s|\sto\s)\d+)*)(?:,\s"(?P<words>[^"]+)")?""",
     re.IGNORECASE,
 )
+_PATH = re.compile(r"`([\w.][\w./]*(?:/|/[\w.]+\.\w+|\.py|\.md|\.toml))`")
 _PLACEHOLDERS = {"PATH": "somewhere", "PATH...": "somewhere", "N": "3", "KG": "2.5"}
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
 
@@ -121,15 +134,42 @@ def test_every_folder_says_what_lives_there() -> None:
         assert ast.get_docstring(ast.parse(text)), folder.relative_to(ROOT)
 
 
-@pytest.mark.parametrize(
-    "paper",
-    ["README.md", "scoring/PROTOCOL.md", "madrob_console/CHANGELOG.md"],
-)
+@pytest.mark.parametrize("paper", PAPERS)
 def test_links_to_files_lead_somewhere(paper: str) -> None:
     path = ROOT / paper
     for match in _LINK.finditer(path.read_text(encoding="utf-8")):
         if "://" not in match["target"]:
             assert (path.parent / match["target"]).exists(), match["target"]
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_files_and_folders_that_a_paper_names_are_there(paper: str) -> None:
+    text = (ROOT / paper).read_text(encoding="utf-8")
+    for name in _PATH.findall(text):
+        places = (ROOT / name, ROOT / "madrob_console" / name)
+        assert any(place.exists() for place in places), name
+
+
+def test_the_papers_name_the_files_of_the_ways() -> None:
+    text = (ROOT / "madrob_console" / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    assert len(set(_PATH.findall(text))) > 80
+
+
+def test_the_rooms_say_what_their_folders_say() -> None:
+    text = (ROOT / "madrob_console" / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    said = re.findall(r"^- `([\w/]+)/`: (.*(?:\n  .*)*)", text, re.MULTILINE)
+    rooms = {name: " ".join(words.split()) for name, words in said}
+    folders = {path.parent for path in SOURCES} - {ROOT / "madrob_console"}
+    assert rooms == {
+        str(folder.relative_to(ROOT)).removeprefix("madrob_console/"): _first_paragraph(folder)
+        for folder in folders
+    }
+
+
+def _first_paragraph(folder: Path) -> str:
+    text = (folder / "__init__.py").read_text(encoding="utf-8")
+    docstring = ast.get_docstring(ast.parse(text)) or ""
+    return " ".join(docstring.partition("\n\n")[0].split())
 
 
 def fenced(text: str, language: str) -> list[str]:
@@ -176,3 +216,21 @@ def test_the_readme_s_options_are_those_of_the_commands(
             seen += 1
             assert option in help_text, f"madrob {words} {option}"
     assert seen > 10
+
+
+def test_the_readme_s_example_scores_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (example,) = fenced((ROOT / "README.md").read_text(encoding="utf-8"), "python")
+    assert len(example.splitlines()) <= 12
+    shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / "my_run")
+    (tmp_path / "example.py").write_text(example, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path("example.py")
+    first, *told = capsys.readouterr().out.splitlines()
+    stored = json.loads((tmp_path / "my_run" / "result.json").read_bytes())
+    assert first == "my_run: completed, by protocol"
+    assert told[:8] == [
+        f"{name} {one['value']} {one['unit']} " for name, one in stored["indicators"].items()
+    ]
+    assert re.fullmatch(r"\d+ samples of the door, 1\.\d\d rad at most", told[8])
