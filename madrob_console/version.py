@@ -23,13 +23,15 @@ if TYPE_CHECKING:
 RELEASE = "0.1.0"
 """Given by hand; what changed in it stands in CHANGELOG.md."""
 
+DISTRIBUTION = "madrob-console"
+"""What pip calls it."""
+
 CODE = ("madrob_console", "recorder", "scoring")
 """The packages."""
 
 REST = (".ci", ".github", ".gitignore", ".readme", "README.md", "pyproject.toml", "tests")
 """What else a source tree holds."""
 
-_DISTRIBUTION = "madrob-console"
 _Place: TypeAlias = "Path | zipfile.Path"
 
 
@@ -50,7 +52,7 @@ def software_version() -> str:
     except OSError as error:
         raise MadrobError(
             f"the program cannot read its own code ({error}), so that no result could say which "
-            f"version made it: install {_DISTRIBUTION} again"
+            f"version made it: install {DISTRIBUTION} again"
         ) from None
 
 
@@ -83,14 +85,14 @@ def _package(name: str) -> _Place:
 
 def _is_source(tree: _Place) -> bool:
     project = tree / "pyproject.toml"
-    return project.is_file() and f'name = "{_DISTRIBUTION}"'.encode() in project.read_bytes()
+    return project.is_file() and f'name = "{DISTRIBUTION}"'.encode() in project.read_bytes()
 
 
 def _installed(folder: _Place, version: str) -> str | None:
     """What the installation says, which was made where the source tree was; None = it is not it."""
     from importlib.metadata import distributions
 
-    found = distributions(name=_DISTRIBUTION, path=[str(folder).rstrip("/")])
+    found = distributions(name=DISTRIBUTION, path=[str(folder).rstrip("/")])
     return next((one.version for one in found if one.version.startswith(f"{version}.")), None)
 
 

@@ -7,18 +7,17 @@ import locale
 import os
 import shutil
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.preparing.finding import Finding, Level
+from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.version import DISTRIBUTION
 
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
-
-PACKAGES = ("mcap", "msgspec", "numpy", "pandas", "PyYAML", "rosbags", "scipy", "textual")
-"""Libraries without which the console does not run."""
 
 OLDEST_PYTHON = (3, 11)
 SMALLEST_TERMINAL = (80, 24)
@@ -30,7 +29,7 @@ def doctor(
     results: Path,
     *,
     domain: int | None = None,
-    disk_space: int = 500_000_000,
+    disk_space: int,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
 ) -> Iterator[Finding]:
@@ -53,6 +52,7 @@ def doctor(
 
     checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
         ("python", look_at_python),
+        ("packages", lambda: look_at_packages(_requirements())),
         ("results", lambda: look_at_results(results, disk_space)),
         ("terminal", lambda: look_at_terminal(environment)),
         ("ros", testbed),
@@ -63,39 +63,75 @@ def doctor(
 
 def usable(findings: Sequence[Finding]) -> bool:
     """Whether the console runs here."""
-    return all(finding.level is not Level.ERROR for finding in findings)
+    return all(finding.severity is not Severity.ERROR for finding in findings)
 
 
 def line(finding: Finding) -> str:
     """A finding as a line of plain text."""
-    return f"{finding.level.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
+    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
 
 
 def verdict(findings: Sequence[Finding]) -> str:
     """What all findings come to, as a line."""
     if not usable(findings):
         return "not usable: see the errors above"
-    warnings = sum(finding.level is Level.WARNING for finding in findings)
+    warnings = sum(finding.severity is Severity.WARNING for finding in findings)
     return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
 
 
 def look_at_python() -> Iterator[Finding]:
-    """Python and the libraries."""
+    """Python itself."""
     version = ".".join(map(str, sys.version_info[:3]))
     if sys.version_info[:2] < OLDEST_PYTHON:
         needed = ".".join(map(str, OLDEST_PYTHON))
-        yield Finding(Level.ERROR, "python", f"{version}: install {needed} or newer")
+        yield Finding(Severity.ERROR, "python", f"{version}: install {needed} or newer")
     else:
-        yield Finding(Level.OK, "python", f"{version}, {sys.prefix}")
+        yield Finding(Severity.OK, "python", f"{version}, {sys.prefix}")
+
+
+def look_at_packages(requirements: Sequence[str] | None) -> Iterator[Finding]:
+    """The libraries without which the console does not run.
+
+    Args:
+        requirements: as pyproject.toml has them (PEP 508), extras and all; None = nobody knows.
+    """
+    if requirements is None:
+        unknown = f"nothing says which are needed: install {DISTRIBUTION} to have them looked at"
+        yield Finding(Severity.WARNING, "packages", unknown)
+        return
+    try:
+        from packaging.requirements import Requirement
+    except ModuleNotFoundError:
+        yield _missing("packaging")
+        return
     found = []
-    for package in PACKAGES:
+    for requirement in map(Requirement, requirements):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue  # of another platform, or of an extra
         try:
-            found.append(f"{package} {metadata.version(package)}")
+            found.append(f"{requirement.name} {metadata.version(requirement.name)}")
         except metadata.PackageNotFoundError:
-            yield Finding(
-                Level.ERROR, "packages", f"{package} is missing: install madrob-console again"
-            )
-    yield Finding(Level.OK, "packages", ", ".join(found))
+            yield _missing(requirement.name)
+    yield Finding(Severity.OK, "packages", ", ".join(found))
+
+
+def _missing(package: str) -> Finding:
+    text = f"{package} is missing: install {DISTRIBUTION} again"
+    return Finding(Severity.ERROR, "packages", text)
+
+
+def _requirements() -> Sequence[str] | None:
+    """What this installation needs, or this source tree that is not installed."""
+    try:
+        return metadata.requires(DISTRIBUTION)
+    except metadata.PackageNotFoundError:
+        pass
+    try:
+        project = (Path(__file__).parents[2] / "pyproject.toml").read_bytes().decode()
+    except OSError:
+        return None
+    dependencies: list[str] = tomllib.loads(project)["project"]["dependencies"]
+    return dependencies
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
@@ -105,26 +141,26 @@ def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
         place = place.parent
     if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         yield Finding(
-            Level.ERROR, "results", f"{folder} cannot be written: set results.folder to another"
+            Severity.ERROR, "results", f"{folder} cannot be written: set results.folder to another"
         )
         return
     free = shutil.disk_usage(place).free
     text = f"{folder}: {free / 1e9:.1f} GB free"
     if free < disk_space:
         needed = f"{disk_space / 1e9:.1f} GB"
-        yield Finding(Level.WARNING, "results", f"{text}, less than {needed}: make room")
+        yield Finding(Severity.WARNING, "results", f"{text}, less than {needed}: make room")
     else:
-        yield Finding(Level.OK, "results", text)
+        yield Finding(Severity.OK, "results", text)
 
 
 def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
     """The terminal: kind, colours, size, characters."""
     kind = environment.get("TERM", "")
     if not sys.stdout.isatty():
-        yield Finding(Level.OK, "terminal", "none: the output goes elsewhere")
+        yield Finding(Severity.OK, "terminal", "none: the output goes elsewhere")
     elif kind in ("", "dumb", "unknown"):
         yield Finding(
-            Level.WARNING, "terminal", f"TERM={kind} draws no screens: use TERM=xterm-256color"
+            Severity.WARNING, "terminal", f"TERM={kind} draws no screens: use TERM=xterm-256color"
         )
     else:
         size = shutil.get_terminal_size()
@@ -132,12 +168,14 @@ def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
         small = size.columns < SMALLEST_TERMINAL[0] or size.lines < SMALLEST_TERMINAL[1]
         if small:
             text += f": enlarge it to {SMALLEST_TERMINAL[0]}x{SMALLEST_TERMINAL[1]}"
-        yield Finding(Level.WARNING if small else Level.OK, "terminal", text)
+        yield Finding(Severity.WARNING if small else Severity.OK, "terminal", text)
     encoding = getattr(sys.stdout, "encoding", None) or locale.getpreferredencoding(False)
     if _is_utf8(encoding):
-        yield Finding(Level.OK, "characters", "UTF-8")
+        yield Finding(Severity.OK, "characters", "UTF-8")
     else:
-        yield Finding(Level.WARNING, "characters", f"{encoding}: use a UTF-8 locale (LANG=C.UTF-8)")
+        yield Finding(
+            Severity.WARNING, "characters", f"{encoding}: use a UTF-8 locale (LANG=C.UTF-8)"
+        )
 
 
 def _colours(kind: str, environment: Mapping[str, str]) -> str:
@@ -161,5 +199,5 @@ def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Findin
         findings.extend(check())
     except Exception as error:  # noqa: BLE001  # the doctor must get to the end on a sick machine
         first = next(iter(str(error).splitlines()), "") or type(error).__name__
-        findings.append(Finding(Level.WARNING, subject, f"could not be looked at ({first})"))
+        findings.append(Finding(Severity.WARNING, subject, f"could not be looked at ({first})"))
     return findings

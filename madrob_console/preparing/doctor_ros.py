@@ -12,7 +12,7 @@ from pathlib import Path
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes, TopicMapping
-from madrob_console.preparing.finding import Finding, Level
+from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.loading import (
@@ -42,7 +42,7 @@ def look_at_ros(
     try:
         number = domain_id(domain, environment)
     except MadrobError as error:
-        yield Finding(Level.ERROR, "ros domain", str(error))
+        yield Finding(Severity.ERROR, "ros domain", str(error))
         return
     yield _domain(number)
     yield _discovery(environment)
@@ -52,11 +52,11 @@ def look_at_ros(
         load_rclpy()
         utilities = load_module("rclpy.utilities")
         rmw = utilities.get_rmw_implementation_identifier()
-        yield Finding(Level.OK, "middleware", str(rmw))
+        yield Finding(Severity.OK, "middleware", str(rmw))
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
-        yield Finding(Level.WARNING, "ros", str(error))
+        yield Finding(Severity.WARNING, "ros", str(error))
 
 
 def look_at_installation(
@@ -76,15 +76,15 @@ def look_at_installation(
     spec = importlib.util.find_spec("rclpy")
     if spec is None:
         hint = f"{system}/{distributions[-1]} is not sourced; " if distributions else ""
-        yield Finding(Level.WARNING, "ros", f"not found, {hint}only simulated: {REMEDY}")
+        yield Finding(Severity.WARNING, "ros", f"not found, {hint}only simulated: {REMEDY}")
         return
     where = Path(spec.origin or "").parent
     distribution = environment.get("ROS_DISTRO") or "jazzy"
     kind = "system" if where.is_relative_to(system) or not wheels else f"wheels {wheels}"
-    yield Finding(Level.OK, "ros", f"{distribution}, {kind}, {where}")
+    yield Finding(Severity.OK, "ros", f"{distribution}, {kind}, {where}")
     if distributions and wheels:
         yield Finding(
-            Level.WARNING,
+            Severity.WARNING,
             "ros",
             f"both {system}/{distributions[-1]} and wheels are installed, their libraries clash: "
             f"use an environment without {_WHEELS}",
@@ -127,7 +127,9 @@ def look_at_testbed(
     yield _door(present=has_door)
     if consoles > 0:
         yield Finding(
-            Level.WARNING, "console", f"another one runs in domain {domain}: end it, or take turns"
+            Severity.WARNING,
+            "console",
+            f"another one runs in domain {domain}: end it, or take turns",
         )
 
 
@@ -146,32 +148,32 @@ def _take(source: RosSource, duration: float) -> Counter[str]:
 
 def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:
     if status.problem is not None:
-        return Finding(Level.WARNING, status.topic, status.problem)
+        return Finding(Severity.WARNING, status.topic, status.problem)
     if status.publishers == 0:
         if optional:
-            return Finding(Level.OK, status.topic, "no publisher (optional)")
-        return Finding(Level.WARNING, status.topic, "no publisher: start the testbed")
+            return Finding(Severity.OK, status.topic, "no publisher (optional)")
+        return Finding(Severity.WARNING, status.topic, "no publisher: start the testbed")
     found = f"{status.publishers} publisher{'s' if status.publishers > 1 else ''}, {status.type}"
     if rate == 0 and not optional:
-        return Finding(Level.WARNING, status.topic, f"{found}, but silent: look at its sensor")
+        return Finding(Severity.WARNING, status.topic, f"{found}, but silent: look at its sensor")
     if status.publishers > 1:
-        return Finding(Level.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
-    return Finding(Level.OK, status.topic, f"{found}, {rate:.1f} Hz")
+        return Finding(Severity.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
+    return Finding(Severity.OK, status.topic, f"{found}, {rate:.1f} Hz")
 
 
 def _door(*, present: bool) -> Finding:
     if present:
-        return Finding(Level.OK, DOOR_NODE, "takes the sides and the brake")
-    return Finding(Level.WARNING, DOOR_NODE, "not there: the sides must be set by hand")
+        return Finding(Severity.OK, DOOR_NODE, "takes the sides and the brake")
+    return Finding(Severity.WARNING, DOOR_NODE, "not there: the sides must be set by hand")
 
 
 def _domain(number: int) -> Finding:
     # above, its ports lie among those that Linux gives to any connection
     if 101 < number < 215:
         return Finding(
-            Level.WARNING, "ros domain", f"{number}: its ports may be taken, use 0 to 101"
+            Severity.WARNING, "ros domain", f"{number}: its ports may be taken, use 0 to 101"
         )
-    return Finding(Level.OK, "ros domain", str(number))
+    return Finding(Severity.OK, "ros domain", str(number))
 
 
 def _discovery(environment: Mapping[str, str]) -> Finding:
@@ -181,7 +183,7 @@ def _discovery(environment: Mapping[str, str]) -> Finding:
     peers = environment.get("ROS_STATIC_PEERS", "")
     text = f"{given}, peers {peers}" if peers else given
     if given == "OFF" and not peers:
-        return Finding(Level.WARNING, "discovery", f"{text}: nobody is found, unset it")
+        return Finding(Severity.WARNING, "discovery", f"{text}: nobody is found, unset it")
     if given == "LOCALHOST" and not peers:
-        return Finding(Level.OK, "discovery", f"{text}: only testbeds on this machine")
-    return Finding(Level.OK, "discovery", text)
+        return Finding(Severity.OK, "discovery", f"{text}: only testbeds on this machine")
+    return Finding(Severity.OK, "discovery", text)

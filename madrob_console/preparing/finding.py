@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 
-class Level(IntEnum):
+class Severity(IntEnum):
     """How bad a finding is."""
 
     OK = 0
@@ -19,11 +19,11 @@ class Finding:
     """One thing that was looked at.
 
     Attributes:
-        level: WARNING = the console runs, but look at it; ERROR = it does not run.
+        severity: WARNING = the console runs, but look at it; ERROR = it does not run.
         subject: what was looked at, one or two words.
         text: what was found and, unless all is well, the remedy; one line.
     """
 
-    level: Level
+    severity: Severity
     subject: str
     text: str

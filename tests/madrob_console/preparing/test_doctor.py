@@ -3,6 +3,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import re
 import struct
 import subprocess
 import sys
@@ -10,16 +11,21 @@ import termios
 import textwrap
 import threading
 import time
+import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from importlib import metadata
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
 
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.preparing import doctor as doctor_module
 from madrob_console.preparing.doctor import (
     doctor,
     line,
+    look_at_packages,
     look_at_python,
     look_at_results,
     look_at_terminal,
@@ -27,7 +33,7 @@ from madrob_console.preparing.doctor import (
     verdict,
 )
 from madrob_console.preparing.doctor_ros import look_at_installation
-from madrob_console.preparing.finding import Finding, Level
+from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
 from tests.madrob_console import said
@@ -50,19 +56,19 @@ def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path)
     )
     node.start()
     try:
-        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, listen=1.0))
+        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=1.0))
     finally:
         stop.set()
         node.join()
     for mapping in DEFAULT_MAPPINGS[:6]:
         finding = found[mapping.topic]
-        assert finding.level is Level.OK
+        assert finding.severity is Severity.OK
         assert finding.text.startswith(f"1 publisher, {mapping.type}, ")
         assert float(finding.text.split()[-2]) == pytest.approx(50, abs=10)
     assert found["/madrob/door/locked"] == Finding(
-        Level.OK, "/madrob/door/locked", "no publisher (optional)"
+        Severity.OK, "/madrob/door/locked", "no publisher (optional)"
     )
-    assert found["/madrob/door"].level is Level.OK
+    assert found["/madrob/door"].severity is Severity.OK
     assert found["ros domain"].text == str(ros_domain)
     assert found["middleware"].text.startswith("rmw_")
     assert "console" not in found
@@ -74,7 +80,7 @@ def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
     tmp_path: Path,
 ) -> None:
     began = time.monotonic()
-    findings = doctor(DEFAULT_MAPPINGS, tmp_path, listen=60.0)
+    findings = doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=60.0)
     assert next(findings).subject == "python"
     assert time.monotonic() - began < 2
     found = by_subject(findings)
@@ -98,7 +104,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     thread.start()
     with Taker(source()) as other:
         other.source.publish(said.state("idle"))
-        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, listen=0.5))
+        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=0.5))
     enough.set()
     thread.join()
     assert found[silent].text == (
@@ -111,7 +117,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     assert found[DEFAULT_MAPPINGS[3].topic].text.endswith(" Hz: stop all but one")
     assert found["console"].text.startswith("another one runs in domain ")
     assert found["/madrob/door"].text == "not there: the sides must be set by hand"
-    assert {found[s].level for s in (silent, wrong, "console")} == {Level.WARNING}
+    assert {found[s].severity for s in (silent, wrong, "console")} == {Severity.WARNING}
     assert usable(list(found.values()))
 
 
@@ -123,7 +129,7 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         sys.modules["rclpy"] = None  # as if it were not installed
         from madrob_console.preparing.doctor import doctor, line, verdict
         from madrob_console.messages.codec import DEFAULT_MAPPINGS
-        findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r})))
+        findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}), disk_space=1))
         print(*map(line, findings), verdict(findings), sep="\\n")
     """
     done = subprocess.run(
@@ -143,46 +149,48 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
 
 @pytest.mark.parametrize("domain", ["door", "-1", "233"])
 def test_a_domain_that_does_not_exist_is_an_error(tmp_path: Path, domain: str) -> None:
-    findings = list(doctor(DEFAULT_MAPPINGS, tmp_path, environment={"ROS_DOMAIN_ID": domain}))
-    assert by_subject(findings)["ros domain"].level is Level.ERROR
+    findings = list(
+        doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, environment={"ROS_DOMAIN_ID": domain})
+    )
+    assert by_subject(findings)["ros domain"].severity is Severity.ERROR
     assert not usable(findings)
 
 
 @pytest.mark.parametrize(
     ("environment", "subject", "level", "text"),
     [
-        ({}, "discovery", Level.OK, "SUBNET"),
-        ({"ROS_DOMAIN_ID": "7"}, "ros domain", Level.OK, "7"),
+        ({}, "discovery", Severity.OK, "SUBNET"),
+        ({"ROS_DOMAIN_ID": "7"}, "ros domain", Severity.OK, "7"),
         (
             {"ROS_DOMAIN_ID": "150"},
             "ros domain",
-            Level.WARNING,
+            Severity.WARNING,
             "150: its ports may be taken, use 0 to 101",
         ),
         (
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
             "discovery",
-            Level.OK,
+            Severity.OK,
             "LOCALHOST: only testbeds on this machine",
         ),
         (
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
             "discovery",
-            Level.WARNING,
+            Severity.WARNING,
             "OFF: nobody is found, unset it",
         ),
         (
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.2"},
             "discovery",
-            Level.OK,
+            Severity.OK,
             "OFF, peers 10.0.0.2",
         ),
     ],
 )
 def test_how_ros_is_set_up_is_shown(
-    tmp_path: Path, environment: Mapping[str, str], subject: str, level: Level, text: str
+    tmp_path: Path, environment: Mapping[str, str], subject: str, level: Severity, text: str
 ) -> None:
-    findings = doctor(DEFAULT_MAPPINGS, tmp_path, listen=0, environment=environment)
+    findings = doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=0, environment=environment)
     assert by_subject(findings)[subject] == Finding(level, subject, text)
 
 
@@ -192,58 +200,103 @@ def test_a_system_ros_beside_the_wheels_is_warned_of(tmp_path: Path) -> None:
         pytest.skip("ROS is not installed as wheels")
     (tmp_path / "jazzy/share").mkdir(parents=True)
     *_, warning = look_at_installation({}, tmp_path)
-    assert warning.level is Level.WARNING
+    assert warning.severity is Severity.WARNING
     assert warning.text.startswith(f"both {tmp_path}/jazzy and wheels are installed")
 
 
-def test_python_and_every_library_are_named() -> None:
-    found = by_subject(list(look_at_python()))
-    assert found["python"].text.startswith(".".join(map(str, sys.version_info[:3])))
-    assert "rosbags 0." in found["packages"].text
-    assert {f.level for f in found.values()} == {Level.OK}
+def test_python_is_named() -> None:
+    (found,) = look_at_python()
+    assert found.severity is Severity.OK
+    assert found.text.startswith(".".join(map(str, sys.version_info[:3])))
+
+
+def packages_of(findings: Iterable[Finding]) -> list[Finding]:
+    first = takewhile(lambda finding: finding.subject in ("python", "packages"), findings)
+    return [finding for finding in first if finding.subject == "packages"]
+
+
+def names_in(finding: Finding) -> list[str]:
+    return [package.split()[0] for package in finding.text.split(", ")]
+
+
+@pytest.mark.parametrize("installed", [True, False], ids=["installed", "a plain checkout"])
+def test_every_library_that_is_needed_is_named(
+    installed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not installed:
+        monkeypatch.setattr(metadata, "requires", no_distribution)
+    found = packages_of(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1))
+    assert [finding.severity for finding in found] == [Severity.OK]
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert {"lz4", "zstandard", "rich", "joblib"} <= set(names_in(found[0]))
+    if not installed:
+        assert names_in(found[0]) == [re.split("[<>=]", name)[0] for name in needed]
+
+
+def no_distribution(name: str) -> list[str]:
+    raise metadata.PackageNotFoundError(name)
+
+
+def test_where_nothing_says_what_is_needed_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metadata, "requires", no_distribution)
+    monkeypatch.setattr(doctor_module, "__file__", str(tmp_path / "app.zip/console/doctor.py"))
+    (found,) = packages_of(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1))
+    assert found.severity is Severity.WARNING
+    assert "install madrob-console" in found.text
+
+
+def test_a_library_that_is_missing_is_an_error_and_one_of_an_extra_is_not() -> None:
+    requirements = ["numpy>=1", "no-such-library>=2", "rclpy_x; extra == 'ros'"]
+    missing, rest = look_at_packages([*requirements, "pywin; sys_platform == 'win32'"])
+    assert missing.severity is Severity.ERROR
+    assert missing.text == "no-such-library is missing: install madrob-console again"
+    assert (rest.severity, names_in(rest)) == (Severity.OK, ["numpy"])
+    assert not usable([missing, rest])
 
 
 def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) -> None:
     (good,) = look_at_results(tmp_path / "new/runs", 1)
-    assert good.level is Level.OK
+    assert good.severity is Severity.OK
     assert good.text.startswith(f"{tmp_path}/new/runs: ")
     (tmp_path / "file").touch()
     (bad,) = look_at_results(tmp_path / "file/runs", 1)
     assert bad == Finding(
-        Level.ERROR,
+        Severity.ERROR,
         "results",
         f"{tmp_path}/file/runs cannot be written: set results.folder to another",
     )
     (full,) = look_at_results(tmp_path, 10**18)
-    assert full.level is Level.WARNING
+    assert full.severity is Severity.WARNING
     assert full.text.endswith("less than 1000000000.0 GB: make room")
 
 
 def test_output_that_goes_elsewhere_is_no_fault() -> None:
-    assert next(look_at_terminal({})).level is Level.OK
+    assert next(look_at_terminal({})).severity is Severity.OK
 
 
 @pytest.mark.machine
 @pytest.mark.parametrize(
     ("term", "size", "level", "text"),
     [
-        ("xterm-256color", (100, 30), Level.OK, "xterm-256color, 256 colours, 100x30"),
-        ("xterm", (80, 24), Level.OK, "xterm, 16 colours, 80x24"),
+        ("xterm-256color", (100, 30), Severity.OK, "xterm-256color, 256 colours, 100x30"),
+        ("xterm", (80, 24), Severity.OK, "xterm, 16 colours, 80x24"),
         (
             "xterm",
             (60, 20),
-            Level.WARNING,
+            Severity.WARNING,
             "xterm, 16 colours, 60x20: enlarge it to 80x24",
         ),
-        ("dumb", (80, 24), Level.WARNING, "TERM=dumb draws no screens: use TERM=xterm-256color"),
+        ("dumb", (80, 24), Severity.WARNING, "TERM=dumb draws no screens: use TERM=xterm-256color"),
     ],
 )
 def test_a_terminal_is_judged_by_kind_and_size(
-    term: str, size: tuple[int, int], level: Level, text: str
+    term: str, size: tuple[int, int], level: Severity, text: str
 ) -> None:
     said = in_terminal(term, *size)
     assert line(Finding(level, "terminal", text)) in said
-    assert line(Finding(Level.OK, "characters", "UTF-8")) in said
+    assert line(Finding(Severity.OK, "characters", "UTF-8")) in said
 
 
 def in_terminal(term: str, columns: int, lines: int) -> str:
@@ -275,16 +328,16 @@ def in_terminal(term: str, columns: int, lines: int) -> str:
 
 def test_a_check_that_breaks_is_a_finding_of_its_own(tmp_path: Path) -> None:
     before = time.monotonic()
-    findings = list(doctor(None, tmp_path, listen=0.1, environment={"TERM": "xterm"}))  # type: ignore[arg-type]
+    findings = list(doctor(None, tmp_path, disk_space=1, listen=0.1, environment={"TERM": "xterm"}))  # type: ignore[arg-type]
     assert time.monotonic() - before < 5
     assert all("\n" not in f.text for f in findings)
     assert by_subject(findings)["ros"].text
 
 
 def test_the_report_ends_with_a_verdict() -> None:
-    good = Finding(Level.OK, "python", "3.11")
-    warning = Finding(Level.WARNING, "ros", "not found")
-    error = Finding(Level.ERROR, "results", "cannot be written")
+    good = Finding(Severity.OK, "python", "3.11")
+    warning = Finding(Severity.WARNING, "ros", "not found")
+    error = Finding(Severity.ERROR, "results", "cannot be written")
     assert line(good) == "ok       python                     3.11"
     assert verdict([good]) == "usable"
     assert verdict([good, warning]) == "usable, 1 warning"
