@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from madrob_console.kinds import SourceKind
 from madrob_console.report.explanations import UNOFFICIAL, task_text
@@ -15,6 +15,9 @@ from madrob_console.standings.competition import (
 from madrob_console.standings.tally import Tally
 from madrob_console.standings.web_page import counts, which
 from scoring.indicator_table import IndicatorName
+
+_ACROSS = 8
+"""Indicators beside each other; more of them follow below."""
 
 
 def standings_lines(found: CompetitionStandings) -> Iterator[str]:
@@ -52,13 +55,19 @@ def _group_lines(group: RulesetStandings) -> Iterator[str]:
 
 
 def _team_lines(tallies: tuple[Tally, ...]) -> Iterator[str]:
-    yield _columns("", (name.spec.title for name in IndicatorName))
-    yield _columns("", (name.spec.unit for name in IndicatorName))
+    names = list(IndicatorName)
+    for first in range(0, len(names), _ACROSS):
+        yield from _lines_of(names[first : first + _ACROSS], tallies)
+
+
+def _lines_of(names: Sequence[IndicatorName], tallies: Iterable[Tally]) -> Iterator[str]:
+    yield _columns("", (name.spec.title for name in names))
+    yield _columns("", (name.spec.unit for name in names))
     for tally in tallies:
         yield f"{tally.subject} {tally.team}: {', '.join(counts(tally))}"
-        rows = {name: figures(tally.aggregates.get(name), name) for name in IndicatorName}
+        rows = {name: figures(tally.aggregates.get(name), name) for name in names}
         for word in ("mean", "median", "std", "min", "max"):
-            numbers = [rows[name].get(word) for name in IndicatorName]
+            numbers = [rows[name].get(word) for name in names]
             if any(number is not None for number in numbers):
                 yield _columns(word, ("-" if n is None else f"{n:.4g}" for n in numbers))
 

@@ -226,7 +226,7 @@ def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:
 def test_an_indicator_without_its_row_cannot_be_imported() -> None:
     source = Path(indicator_table.__file__).read_text(encoding="utf-8")
     end = "    @property\n    def words"
-    forgotten = source.replace(end, f'    PEAK_POWER = "peak_power"\n\n{end}')
+    forgotten = source.replace(end, f'    FORGOTTEN = "forgotten"\n\n{end}')
     assert forgotten != source
     with pytest.raises(TypeError, match="spec"):
         exec(

@@ -67,7 +67,7 @@ def test_a_run_of_the_engine_reads_as_its_result_says(tmp_path: Path) -> None:
     assert run.values == {
         name: i.value for name, i in result.indicators.items() if i.value is not None
     }
-    assert len(run.values) == 8
+    assert len(run.values) == len(IndicatorName)
     assert (run.outcome, run.valid) == (Outcome.COMPLETED, True)
     assert (run.source, run.official) == ("simulated", False)
     assert (run.final, run.team_word, run.closing) == (True, "protested", "protested")

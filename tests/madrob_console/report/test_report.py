@@ -314,9 +314,9 @@ def test_a_result_that_is_not_final_says_so(scored: Scored) -> None:
 
 
 def test_the_figures_are_pictures_with_words_for_those_who_cannot_see(page: Page) -> None:
-    assert page.tags.count("svg") == page.tags.count("figcaption") == 5
+    assert page.tags.count("svg") == page.tags.count("figcaption") == len(FigureName)
     spoken = [value for name, value in page.attributes if name == "aria-label"]
-    assert [words[:8] for words in spoken] == [f"Figure {n}" for n in (1, 2, 3, 4, 5)]
+    assert [words[:8] for words in spoken] == [f"Figure {name.number}" for name in FigureName]
 
 
 def test_data_quality_has_a_row_for_each_signal(page: Page, scored: Scored) -> None:
@@ -364,7 +364,7 @@ def test_an_aborted_run_is_invalid_on_top_and_has_no_figures(tmp_path: Path) -> 
     assert page.inside("body").startswith("INVALID: the referee aborted this run.")
     assert "robot on fire" in page.inside("header")
     assert page.section("Figures") == "None: the run was aborted and is invalid."
-    assert page.section("Indicators").count("none: run aborted: invalid") == 8
+    assert page.section("Indicators").count("none: run aborted: invalid") == len(IndicatorName)
 
 
 def test_a_run_that_was_cut_off_says_so_on_top_and_shows_what_there_is(tmp_path: Path) -> None:
@@ -504,7 +504,7 @@ def test_published_files_have_figures_but_no_report(
     assert report(published) == 2
     assert "--figures" in capsys.readouterr().err
     assert report(published, figures=PictureFormat.SVG) == 0
-    assert len(list(published.glob("subject_003_cond_001_run_001_figure_*.svg"))) == 5
+    assert len(list(published.glob("subject_003_cond_001_run_001_figure_*.svg"))) == len(FigureName)
 
 
 def test_two_runs_of_one_name_do_not_overwrite_each_other(

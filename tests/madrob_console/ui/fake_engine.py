@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
 from typing import Any, cast
 
 from madrob_console.archive.unfinished import Unfinished
@@ -272,14 +273,14 @@ class FakeEngine:
 
 
 def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:
-    """Eight indicators; without a crossing where `missing`."""
-    values = (17.432, 3.214, 4.5, 12.25, 1.875, 0.0625, 14.75, 6)
+    """All indicators; without a crossing where `missing`."""
+    values = chain((17.432, 3.214, 4.5, 12.25, 1.875, 0.0625, 14.75, 6), repeat(1.5))
     gone = (IndicatorName.DOOR_OCCUPATION_TIME, IndicatorName.PASSAGE_TIME)
     return {
         name: Indicator(None, name.spec.unit, "robot never reached the destination side")
         if missing and name in gone
         else Indicator(value, name.spec.unit, None)
-        for name, value in zip(IndicatorName, values, strict=True)
+        for name, value in zip(IndicatorName, values, strict=False)
     }
 
 

@@ -55,19 +55,19 @@ def test_a_figure_fills_the_rows_that_there_are(
     [
         (
             0,
-            "figure 1 of 3: position and low-passed acceleration",
+            "figure 1 of {all}: position and low-passed acceleration",
             "protocol: unsafety of door operation 1.8750 rad/s^2 = the maximum",
             "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s",
         ),
         (
             1,
-            "figure 2 of 3: position and jerk clipped at 2 rad/s^3",
+            "figure 2 of {all}: position and jerk clipped at 2 rad/s^3",
             "protocol: smoothness of door actuation 0.0625 s^3/rad = 10/mean abs jerk",
             "abs jerk, rad/s^3 (clipped at 2)   max 12.5000 at 3.75 s",
         ),
         (
             2,
-            "figure 3 of 3: handle force",
+            "figure 3 of {all}: handle force",
             "protocol: roughness of door actuation 14.7500 N = the maximum",
             "force, N (as recorded)   max abs 18.1000 at 3.75 s",
         ),
@@ -77,7 +77,7 @@ def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
     number: int, title: str, finding: str, heading: str
 ) -> None:
     rows = drawn(number)
-    assert rows[0].startswith(title)
+    assert rows[0].startswith(title.format(all=len(FIGURES)))
     assert rows[0].endswith("0.00 to 15.00 s, all")
     run = "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW"
     assert rows[1] == run

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from scoring.figure_table import LARGEST_JERK, EventMark, FigureName
+from scoring.figure_table import LARGEST_JERK, EventMark, FigureName, Quantity
 from scoring.figures.drawing import MOST_POINTS
 from scoring.figures.event_labels import EventLabel, labels_of, rows_of
 from scoring.figures.plots import figures_of, missing_figures, png, svg
@@ -216,11 +216,20 @@ def test_an_interrupted_run_has_the_figures_of_what_was_recorded() -> None:
     assert figures[FigureName.FORCE].axes[0].get_xlim()[1] == pytest.approx(11.98)
 
 
+OF_THE_DOOR = [name.number for name in FigureName if Quantity.POSITION in name.spec.panels]
+
+
+def test_the_figures_of_the_protocol_document_keep_their_numbers() -> None:
+    assert [name.number for name in FigureName][:5] == [1, 2, 3, 4, 5]
+    assert {1, 2, 3, 4} <= set(OF_THE_DOOR)
+    assert 5 not in OF_THE_DOOR
+
+
 @pytest.mark.parametrize(
     ("angle", "force", "missing"),
     [
-        (None, None, dict.fromkeys((1, 2, 3, 4), "no door angle") | {5: "no handle force"}),
-        (None, pull, dict.fromkeys((1, 2, 3, 4), "no door angle")),
+        (None, None, dict.fromkeys(OF_THE_DOOR, "no door angle") | {5: "no handle force"}),
+        (None, pull, dict.fromkeys(OF_THE_DOOR, "no door angle")),
         (swing, None, {5: "no handle force"}),
         (lambda _: 0.0, pull, {3: "never opened", 4: "never closed"}),
         (lambda t: swing(min(t, 6)), pull, {4: "never closed"}),
