@@ -15,7 +15,7 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 
 from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import Command, ExportTeam, OpenRun, Perform, TakeOver
+from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Perform, TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Act, SetUp, Waive
@@ -159,31 +159,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             return self._console.pane in key.where and self.has_key(key)
         return super().check_action(action, parameters)
 
-    async def _request(self, command: Command) -> str | None:
-        """Have something done; the screens go on while the engine's disk makes it wait."""
-        return await asyncio.to_thread(self._link.do, command)
-
-    async def control(self, command: PlaybackCommand) -> None:
-        """Move a replay; its bar shows what became of it."""
-        refused = await self._request(command)
-        self._console.poll()
-        if refused is None:
-            self._console.say("")
-        else:
-            self._refuse(command.name, refused)
-
-    async def act(self, act: Act) -> bool:
-        """Hand in an act and say what became of it; returns whether it took effect."""
-        refused = await self._request(Perform.of(act))
-        self._console.poll()  # first: a change of phase wipes the message
-        if refused is None:
-            self._console.say(done_text(act), Tone.GOOD)
-            if act.signature:
-                self._console.panes.setup.remember_referee(act.signature)
-        else:
-            self._refuse(act.name, refused)
-        return refused is None
-
     async def action_press(self, name: str, pressed: str) -> None:
         """A key of the console was pressed."""
         key = KEYS[name]
@@ -210,9 +185,10 @@ class MadrobApp(App[None], inherit_bindings=False):
         elif key.name == "next":
             await self._next_run()
         elif key.name == "take" and self.key_refusal(key) is None:
-            await self._take_over()
+            await self._do(TakeOver(), key.name, key.act)
         elif key.name == "export" and self.key_refusal(key) is None:
-            await self._export(key)
+            team = self._console.team
+            await self._do(ExportTeam(team) if isinstance(team, int) else team, key.name, key.act)
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse(key.act, refused)
         elif key.ask is not None and (snapshot := self._link.snapshot()) is not None:
@@ -229,25 +205,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         if self._console.pane in ("history", "standings") and key in LETTER_KEYS:
             return "Enter opens the marked run first, F4 shows the one that is open"
         return None
-
-    async def _take_over(self) -> None:
-        refused = await self._request(TakeOver())
-        if refused is not None:
-            self._refuse(KEYS["take"].act, refused)
-            return
-        self._console.poll()
-        self._console.say("This console has the right to act now.", Tone.GOOD)
-
-    async def _export(self, key: Key) -> None:
-        """Ask for the team's zip; the console says when it is there."""
-        team = self._console.team
-        if isinstance(team, int):
-            refused = await self._request(ExportTeam(team))
-            self._console.poll()
-        else:
-            refused = team
-        if refused is not None:
-            self._refuse(key.act, refused)
 
     def _over_dialogs(self, key: Key) -> bool:
         """Whether a key may come before the question that is open."""
@@ -268,15 +225,43 @@ class MadrobApp(App[None], inherit_bindings=False):
         match wish:
             case Leave():
                 self.exit()
+            case str():
+                self._refuse(what, wish)
             case OpenRun():
                 await self._open_run(wish)
             case PlaybackCommand():
-                await self.control(wish)
-            case str():
-                self._refuse(what, wish)
-            case _:
-                if await self.act(wish) and name == "next":
-                    self._console.show_pane("setup")
+                await self._request(wish, "")  # its bar shows what became of it
+            case TakeOver():
+                await self._request(wish, "This console has the right to act now.")
+            case ExportTeam():
+                await self._request(wish)  # the snapshot says when the zip is there
+            case Act():
+                await self._act(wish, name)
+
+    async def _act(self, act: Act, name: str) -> None:
+        if not await self._request(Perform.of(act), done_text(act)):
+            return
+        if act.signature:
+            self._console.panes.setup.remember_referee(act.signature)
+        if name == "next":
+            self._console.show_pane("setup")
+
+    async def _request(
+        self,
+        command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam,
+        done: str | None = None,
+    ) -> bool:
+        """Have something done, say what became of it, and return whether it took effect.
+
+        The screens go on while the engine's disk makes it wait.
+        """
+        refused = await asyncio.to_thread(self._link.do, command)
+        self._console.poll()  # first: a change of phase wipes the message
+        if refused is not None:
+            self._refuse(command.name, refused)
+        elif done is not None:
+            self._console.say(done, Tone.GOOD)
+        return refused is None
 
     async def _next_run(self) -> None:
         key = KEYS["next"]
@@ -323,13 +308,11 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
-        refused = await self._request(run)
-        if refused is not None:
-            self._refuse(run.name, refused)
-            return
-        self._console.poll()
-        self._console.show_pane("results")
-        self._console.say("An earlier run: 1-6 f u n go on with it, h goes back, x the next run.")
+        if await self._request(run):
+            self._console.show_pane("results")
+            self._console.say(
+                "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
+            )
 
     def on_standings_pane_opened(self, event: StandingsPane.Opened) -> None:
         """Show the runs behind a standing."""

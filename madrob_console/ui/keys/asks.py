@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand
-from madrob_console.engine.shown.requests import OpenRun
+from madrob_console.engine.shown.requests import ExportTeam, OpenRun, TakeOver
 from madrob_console.referee.acts import Act
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write
 from madrob_console.referee.run import Phase
@@ -23,7 +23,7 @@ class Leave:
     """Leave the console."""
 
 
-Wish = Act | PlaybackCommand | OpenRun | Leave | str
+Wish = Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | Leave | str
 """What a key or the answers to a dialog bring about; a text says why nothing."""
 
 
