@@ -18,17 +18,15 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import joint_state
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import (
-    PASSAGE_SENSORS,
     Condition,
     Event,
     EventName,
     LockDetection,
     Outcome,
     Signal,
-    Strip,
     Thresholds,
 )
-from scoring.quality import Quality, QualityCounter, missing_readings
+from scoring.quality import Quality, QualityCounter
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
@@ -37,8 +35,6 @@ from scoring.samples import DoorSample, HandleSample, Sample
 _MOST_PROBLEMS = 20
 """Different problems that are told one by one; random bytes make a new one each time."""
 _OTHER_PROBLEMS = "other problems with the recording"
-
-_USED = {strip: tuple(s.element for s in PASSAGE_SENSORS if s.strip is strip) for strip in Strip}
 
 
 def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
@@ -103,15 +99,13 @@ class Assessment:
         """Take the next sample, in the order of the recording."""
         self._began = sample.log_time if self._began is None else self._began
         self._ended = sample.log_time
-        counter = self._counters.get(sample.signal)
+        signal = sample.signal
+        counter = self._counters.get(signal)
         if counter is None:
-            counter = QualityCounter(sample.signal, self._thresholds)
-            self._counters[sample.signal] = counter
+            counter = self._counters[signal] = QualityCounter(signal, self._thresholds)
         admitted = counter.admit(sample)
         if admitted is None:
             return
-        strip = getattr(admitted, "strip", None)
-        counter.no_reading += missing_readings(admitted, _USED[strip] if strip else ())
         self._newest = max(self._newest or admitted.time, admitted.time)
         self._keep(admitted)
         self._live.feed(admitted)
@@ -145,6 +139,14 @@ class Assessment:
             settle_time=self._thresholds.settle_time,
             rulings=rulings,
         )
+
+    @property
+    def changes(self) -> int:
+        """See `EventDetector.changes`: where it stands still, events and steps do, too.
+
+        But for a settle time that ends: `Procedure.settling`.
+        """
+        return self._live.changes
 
     def events(self) -> tuple[Event, ...]:
         """The events so far, by the rules of the protocol."""

@@ -8,6 +8,7 @@ that order.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scoring.protocol import (
@@ -51,13 +52,20 @@ class Level:
         self.edges: list[Edge] = []
         self.begun = False
 
-    def update(self, time: float, value: bool, start: float) -> None:
-        """The signal is `value` at `time`; `start` is the start of the run."""
+    def update(self, time: float, value: bool, start: float) -> bool:
+        """The signal is `value` at `time`; `start` is the start of the run.
+
+        Returns:
+            Whether that is anything new.
+        """
+        if value is self.state and (self.begun or time < start):
+            return False
         if time >= start:
             self.begin(start)
             if value is not self.state and not (self.state is None and not value):
                 self.edges.append(Edge(time, value))
         self.state = value
+        return True
 
     def begin(self, start: float) -> None:
         """The run has started: a signal that was up rises now. Later calls do nothing."""
@@ -111,6 +119,10 @@ class EventDetector:
         thresholds: the testbed's numbers.
         ruleset: whose rules for the passage sensors.
         handle_zero: handle force at rest, N.
+
+    Attributes:
+        changes: grows with every sample that says anything new; where it stands still, events stand
+            still, and of the evidence all but the time of the newest door sample.
     """
 
     def __init__(
@@ -126,7 +138,10 @@ class EventDetector:
         self._thresholds = thresholds
         self._ruleset = ruleset
         self._zero = handle_zero
+        self.changes = 0
         self._present_height = ruleset.present_height or thresholds.present_height
+        masks = thresholds.mask_to_cw + thresholds.mask_to_ccw
+        self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
         self._angle: float | None = None
         self._door_seen: float | None = None
         self._door = Level()
@@ -170,7 +185,7 @@ class EventDetector:
             case HandleSample():
                 if math.isfinite(sample.force):
                     touched = abs(sample.force - self._zero) > self._thresholds.touch_force
-                    self._touch.update(sample.time, touched, self._start)
+                    self.changes += self._touch.update(sample.time, touched, self._start)
             case PassageSample():
                 self._feed_passage(sample)
             case LatchSample():
@@ -182,36 +197,32 @@ class EventDetector:
         self._angle = sample.angle
         self._door_seen = sample.time
         is_open = abs(sample.angle) >= self._thresholds.closed_angle
-        self._door.update(sample.time, is_open, self._start)
+        self.changes += self._door.update(sample.time, is_open, self._start)
 
     def _feed_passage(self, sample: PassageSample) -> None:
+        angle, (nearest, farthest) = self._angle or 0.0, self._masked_angles
+        passing = nearest < abs(angle) < farthest
         for sensor, level in self._of_strip[sample.strip]:
-            masked = self._angle is not None and self._thresholds.masked(
-                sensor.side, sensor.index, self._angle
-            )
-            if masked and not self._ruleset.masked_is_absent:
-                continue
-            if masked:
+            if passing and self._thresholds.masked(sensor.side, sensor.index, angle):
+                if not self._ruleset.masked_is_absent:
+                    continue
                 present = False
             elif is_reading(sample, sensor.element):
                 height = self._thresholds.lintel_height - sample.ranges[sensor.element]
                 present = height > self._present_height
             else:
                 continue
-            if present is not level.state or not level.begun:
-                self._update_sensor(sensor, level, sample.time, present)
+            known, before = len(level.edges), level.state
+            if level.update(sample.time, present, self._start):
+                self.changes += 1
+                if present is not before or len(level.edges) > known:
+                    self._follow_sensor(sensor, level.edges[known:], sample.time)
 
-    def _update_sensor(
-        self, sensor: PassageSensor, level: Level, time: float, present: bool
-    ) -> None:
-        known = len(level.edges)
-        unchanged = level.state is present
-        level.update(time, present, self._start)
-        for edge in level.edges[known:]:
+    def _follow_sensor(self, sensor: PassageSensor, edges: Sequence[Edge], time: float) -> None:
+        for edge in edges:
             if not edge.value:
                 self._falls.append((edge.time, sensor.side))
-        if not unchanged or len(level.edges) > known:
-            self._follow_crossing(max(time, self._start))
+        self._follow_crossing(max(time, self._start))
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
@@ -233,10 +244,12 @@ class EventDetector:
         previous = self.latch_engaged
         if sample.time < self._start:
             self._latch_before_start = True
+            self.changes += 1
             self._latch = [Edge(self._start, sample.engaged)]
             return
         if previous is sample.engaged:
             return
+        self.changes += 1
         self._latch.append(Edge(sample.time, sample.engaged))
         if previous is not None:
             name = EventName.DOOR_IS_LOCKED if sample.engaged else EventName.DOOR_IS_UNLOCKED

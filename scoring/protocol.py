@@ -185,6 +185,8 @@ class Strip(StrEnum):
     CCW_LEFT = "ccw_left"
     CCW_RIGHT = "ccw_right"
 
+    __hash__ = str.__hash__  # Enum's own is many times as slow, and each sample looks one up
+
     @property
     def side(self) -> Side:
         """The side over which the strip hangs."""
@@ -201,6 +203,8 @@ class Signal(Enum):
     CCW_LEFT = "passage ccw left"
     CCW_RIGHT = "passage ccw right"
     LATCH = "latch"
+
+    __hash__ = object.__hash__  # as for `Strip`
 
     @classmethod
     def of_strip(cls, strip: Strip) -> Signal:

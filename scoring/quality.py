@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from scoring.protocol import Signal, Thresholds
+from scoring.protocol import PASSAGE_SENSORS, Signal, Thresholds
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.stamps import KEPT_STEPS, StampGuard
 
@@ -110,6 +110,7 @@ class QualityCounter:
         self.no_reading = 0
         self._signal = signal
         self._limit = thresholds.largest_gap
+        self._used = tuple(s.element for s in PASSAGE_SENSORS if Signal.of_strip(s.strip) is signal)
         self._samples = 0
         self._newest = 0.0
         self._first_log = 0.0
@@ -134,6 +135,7 @@ class QualityCounter:
         self._last_log = admitted.log_time
         self._samples += 1
         self._skew = max(self._skew, abs(admitted.time - admitted.log_time))
+        self.no_reading += missing_readings(admitted, self._used)
         return admitted
 
     def _interval(self, interval: float) -> None:
@@ -203,4 +205,4 @@ def is_reading(sample: PassageSample, element: int) -> bool:
     if element >= len(sample.ranges):
         return False
     distance = sample.ranges[element]
-    return math.isinf(distance) or sample.range_min <= distance <= sample.range_max
+    return sample.range_min <= distance <= sample.range_max or math.isinf(distance)

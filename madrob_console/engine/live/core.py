@@ -174,8 +174,7 @@ class Engine:
     def step(self, timeout: float) -> None:
         """Take what the testbed sends within `timeout` s of clock time, and decide."""
         self._looked = self.now()
-        for message in self.source.take(timeout):
-            self._receive(message)
+        self._receive(self.source.take(timeout))
         if self._replay is not None:
             self._repeat_decisions(self._replay)
         self._advance()
@@ -250,11 +249,12 @@ class Engine:
 
     # ------------------------------------------------------------------ messages
 
-    def _receive(self, message: RawMessage) -> None:
-        if self._recording is not None:
-            self._recording.put(message)
+    def _receive(self, messages: Sequence[RawMessage]) -> None:
         recorded = self._recording is not None or self._replay is not None
-        self._observation.receive(message, recorded=recorded)
+        for message in messages:
+            if self._recording is not None:
+                self._recording.put(message)
+            self._observation.receive(message, recorded=recorded)
 
     # ------------------------------------------------------------------ acts
 
@@ -452,8 +452,7 @@ class Engine:
     def _finish(self) -> None:
         """The post-roll is over: close the bag, score, write."""
         assert self._recording is not None
-        for message in self.source.take(0.0):  # what is still on its way
-            self._receive(message)
+        self._receive(self.source.take(0.0))  # what is still on its way
         recording, self._recording = self._recording, None
         self._chronicle.detach()
         recording.close()

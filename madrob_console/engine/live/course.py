@@ -79,6 +79,7 @@ class Course:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
         self._known: set[Event] = set()
+        self._judged = -1
         self._counting_down = True
         self._watch: EventDetector | None = None
         if self._before is None:
@@ -135,8 +136,11 @@ class Course:
     def _follow(self, run: Run, now: float, happened: list[Happening]) -> Run:
         assert run.setup is not None
         assert run.start is not None
-        self._note_events(happened, now)
-        self.procedure = self.assessment.procedure(run.rulings)
+        changes = self.assessment.changes
+        if changes != self._judged or self.procedure.settling or run.rulings:
+            self._judged = changes
+            self._note_events(happened, now)
+            self.procedure = self.assessment.procedure(run.rulings)
         limit = run.start + run.setup.timeout
         if run.timeout_at is None and now >= limit:
             run = time_out(run, limit, f"{run.setup.timeout:g} s elapsed")

@@ -27,10 +27,9 @@ from scoring.protocol import (
     PassageSensor,
     Side,
     Signal,
-    Strip,
     Thresholds,
 )
-from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import HandleSample, PassageSample, Sample
 
 _ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
@@ -55,7 +54,6 @@ class Sensors:
         self._force: float | None = None
         self._forces: deque[tuple[float, float]] = deque()
         self._newest: dict[Signal, Sample] = {}
-        self._heights: dict[tuple[Strip, int], float | None] = {}
         # A start that never comes: this detector only keeps states.
         self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
 
@@ -71,17 +69,9 @@ class Sensors:
         if sample is None:
             return
         self._states.feed(sample)
-        self._newest[sample.signal] = sample
-        match sample:
-            case HandleSample() if math.isfinite(sample.force):
-                self._keep_force(now, sample.force)
-            case PassageSample():
-                for element, distance in enumerate(sample.ranges):
-                    height = self._thresholds.lintel_height - distance
-                    usable = sample.range_min <= distance <= sample.range_max
-                    self._heights[sample.strip, element] = height if usable else None
-            case DoorSample() | LatchSample() | HandleSample():
-                pass
+        self._newest[watch.signal] = sample
+        if isinstance(sample, HandleSample) and math.isfinite(sample.force):
+            self._keep_force(now, sample.force)
 
     def _keep_force(self, now: float, force: float) -> None:
         self._force = force
@@ -223,8 +213,17 @@ class Sensors:
                     index=sensor.index,
                     occupied=states[sensor] if known else None,
                     masked=masked,
-                    height=self._heights.get((sensor.strip, sensor.element)) if known else None,
+                    height=self._height(sensor) if known else None,
                     freshness=freshness,
                 )
             )
         return tuple(views)
+
+    def _height(self, sensor: PassageSensor) -> float | None:
+        """What is under a sensor, m above the ground; None where it measured no distance."""
+        sample = self._newest.get(Signal.of_strip(sensor.strip))
+        if not isinstance(sample, PassageSample) or sensor.element >= len(sample.ranges):
+            return None
+        distance = sample.ranges[sensor.element]
+        usable = sample.range_min <= distance <= sample.range_max
+        return self._thresholds.lintel_height - distance if usable else None

@@ -8,7 +8,7 @@ from enum import StrEnum
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
-from madrob_console.referee.health import Freshness, Health
+from madrob_console.referee.health import Freshness, Health, Presence
 from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Signal, Thresholds
 from scoring.quality import is_reading
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
@@ -39,26 +39,6 @@ class Trouble(StrEnum):
     SKEW = "stamps off the time of reception"
 
 
-class Recent:
-    """Counts what happened within the last 2 s, by steady times."""
-
-    def __init__(self) -> None:
-        self._times: deque[float] = deque()
-
-    def add(self, now: float) -> None:
-        """It happened at `now`."""
-        if self._times and now < self._times[-1]:
-            self._times.clear()  # the clock was stepped back
-        self._times.append(now)
-        self.count(now)
-
-    def count(self, now: float) -> int:
-        """How often it happened in the last 2 s."""
-        while self._times and self._times[0] < now - WINDOW:
-            self._times.popleft()
-        return len(self._times)
-
-
 class TopicWatch:
     """Follows the messages of one topic.
 
@@ -71,21 +51,20 @@ class TopicWatch:
     def __init__(self, signal: Signal, limits: SensorLimits, thresholds: Thresholds) -> None:
         self.signal = signal
         self.messages = Health(limits.fresh, limits.lost, WINDOW)
-        self.readings = Health(limits.fresh, limits.lost, WINDOW)
+        self.readings = Presence(limits.fresh, limits.lost)
         self.sensors = {
-            sensor: Health(limits.fresh, limits.lost, WINDOW)
+            sensor: Presence(limits.fresh, limits.lost)
             for sensor in PASSAGE_SENSORS
             if Signal.of_strip(sensor.strip) is signal
         }
         self.received = 0
         self._limits = limits
         self._thresholds = thresholds
-        self._all = Recent()
-        self._unreadable = Recent()
+        self._unreadable = Health(window=WINDOW)
         self._complaint = ""
-        self._empty = Recent()
+        self._empty = Health(window=WINDOW)
         self._missing = ""
-        self._disordered = Recent()
+        self._disordered = Health(window=WINDOW)
         self._stamp: float | None = None
         self._skews: deque[tuple[float, float]] = deque()
 
@@ -102,18 +81,17 @@ class TopicWatch:
         """
         self.received += 1
         self.messages.seen(now)
-        self._all.add(now)
         if error is not None:
-            self._unreadable.add(now)
+            self._unreadable.seen(now)
             self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")
         if sample is None:
             return
         self._follow_stamp(now, sample)
         missing = self._missing_in(now, sample, angle)
         if missing is None:
-            self.readings.seen(now)
+            self.readings.newest = now
         else:
-            self._empty.add(now)
+            self._empty.seen(now)
             self._missing = missing
 
     def _follow_stamp(self, now: float, sample: Sample) -> None:
@@ -122,7 +100,7 @@ class TopicWatch:
             self._stamp = None
         previous, self._stamp = self._stamp, sample.time
         if sample.time == 0 or (previous is not None and sample.time <= previous):
-            self._disordered.add(now)
+            self._disordered.seen(now)
         self._skews.append((now, sample.time - sample.log_time))
         while self._skews[0][0] < now - self._limits.averaging:
             self._skews.popleft()
@@ -130,20 +108,20 @@ class TopicWatch:
     def _missing_in(self, now: float, sample: Sample, angle: float) -> str | None:
         """What of a sample is no reading, in words; None when all of it is one."""
         match sample:
+            case PassageSample():
+                return self._missing_range(now, sample, angle)
             case DoorSample():
                 return _not_a_number("angle", sample.angle)
             case HandleSample():
                 return _not_a_number("force", sample.force)
-            case PassageSample():
-                return self._missing_range(now, sample, angle)
             case _:
                 return None
 
     def _missing_range(self, now: float, sample: PassageSample, angle: float) -> str | None:
         missing = None
-        for sensor, health in self.sensors.items():
+        for sensor, presence in self.sensors.items():
             if is_reading(sample, sensor.element):
-                health.seen(now)
+                presence.newest = now
             elif not self._thresholds.masked(sensor.side, sensor.index, angle):
                 missing = missing or _range_in_words(sample, sensor)
         return missing
@@ -190,7 +168,7 @@ class TopicWatch:
             found[Trouble.FLOOD] = f"{rate:.0f} Hz, far above {usual:.0f} Hz"
 
     def _find_content_trouble(self, found: dict[Trouble, str], now: float) -> None:
-        total = self._all.count(now)
+        total = self.messages.count(now)
         if unreadable := self._unreadable.count(now):
             of = f"{unreadable} of {total} messages"
             found[Trouble.UNREADABLE] = f"{of}: {self._complaint}"
