@@ -10,12 +10,11 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.rescore import rescore
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.result_reader import LARGEST_RESULT, UnusableResultError, read_result
+from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.scored import score_recording
 from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import read_bounded
 
 _OF_THE_PROGRAM = {"format", "software", "remark", "files_left_out"}
 """Keys that tell of the program that wrote the result, not of the run."""
@@ -59,29 +58,19 @@ def check_run(run: RunPath) -> tuple[Difference, ...]:
     folder = run.path
     if run.prefix:
         raise MadrobError(f"{run.name}: holds no recording: put the bag back beside the results")
-    stored = _stored(folder)
-    (scored,) = rescore(folder)
-    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder))
-    return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
-
-
-def _stored(folder: Path) -> dict[str, Any]:
-    nothing = MadrobError(
-        f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
-    )
-    if not folder.is_dir():
-        raise nothing
     try:
-        read_result(str(folder))  # refuses what is no result, or one of a newer version
-        data, _ = read_bounded(str(folder / RESULT_FILE), LARGEST_RESULT)
-        document: dict[str, Any] = msgspec.json.decode(data)
+        stored = read_whole_result(str(folder)) if folder.is_dir() else None
     except FileNotFoundError:
-        raise nothing from None
+        stored = None
     except UnusableResultError as error:
         raise MadrobError(f"{folder}: {error}") from None
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise MadrobError(f"{folder}: {RESULT_FILE} is damaged ({error})") from None
-    return document
+    if stored is None:
+        raise MadrobError(
+            f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
+        )
+    (scored,) = score_recording(folder)
+    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder))
+    return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
 
 
 def _compare(

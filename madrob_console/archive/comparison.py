@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.archive.result_reader import ResultPart, UnusableResultError, read_result
+from madrob_console.archive.result_reader import ListedResult, UnusableResultError, read_result
 from madrob_console.names import terminal_safe
 from scoring.indicator_table import IndicatorName
 from scoring.result import Result
@@ -26,7 +26,7 @@ class Stored:
         problem: why there is nothing to compare with, in words; empty where there is.
     """
 
-    result: ResultPart | None
+    result: ListedResult | None
     problem: str = ""
 
     @classmethod
@@ -51,7 +51,7 @@ def compared(stored: Stored, result: Result) -> str:
     return f"differs from the stored result: {'; '.join(found)}" if found else EQUAL
 
 
-def _differences(stored: ResultPart, result: Result) -> Iterator[str]:
+def _differences(stored: ListedResult, result: Result) -> Iterator[str]:
     if stored.ruleset != result.ruleset:
         yield f"ruleset {result.ruleset}, stored {terminal_safe(stored.ruleset)}"
     if stored.outcome is not result.outcome:

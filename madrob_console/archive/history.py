@@ -25,8 +25,8 @@ from madrob_console.archive.folders import (
     run_folder_names,
 )
 from madrob_console.archive.result_reader import (
+    ListedResult,
     Name,
-    ResultPart,
     Start,
     UnusableResultError,
     read_result,
@@ -266,7 +266,7 @@ def _has(run: RunSummary, word: str) -> bool:
     return word in run.words
 
 
-def _of_result(unread: RunSummary, result: ResultPart) -> RunSummary:
+def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
     values = {name: found.value for name, found in result.indicators.items()}
     closure = result.closure
     return replace(
@@ -285,7 +285,7 @@ def _of_result(unread: RunSummary, result: ResultPart) -> RunSummary:
     )
 
 
-def _misplaced(result: ResultPart, folder: RunId) -> str | None:
+def _misplaced(result: ListedResult, folder: RunId) -> str | None:
     """A result in the folder of another run would count twice, or for another team."""
     run = RunId(result.subject, result.condition_number, result.run_number)
     if run == folder:

@@ -1,8 +1,12 @@
-"""Reads the parts of `result.json` that lists of runs need: bounded, typed, without numpy."""
+"""Reads of `result.json` what is asked for: bounded, without numpy, and hostile content named.
+
+What the file holds is declared in `result_document`; here stand only the keys that lists of runs
+need, with the bounds within which they are believed.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -24,6 +28,7 @@ Name = Annotated[str, Meta(max_length=200)]
 Start = Annotated[float, Meta(ge=0, le=1e11)]
 """s since the epoch, within what calendars reach."""
 
+Item = TypeVar("Item")
 
 _AGAIN = "make it again with `madrob score`"
 _FIRST_LINE = 65_536
@@ -42,8 +47,8 @@ class ClosurePart(msgspec.Struct, frozen=True):
     team_word: Name
 
 
-class ResultPart(msgspec.Struct, frozen=True):
-    """What is read of `result.json`; names and meaning are those of the file."""
+class ListedResult(msgspec.Struct, frozen=True):
+    """What lists of runs read of a `ResultDocument`; words of later versions pass as they are."""
 
     subject: Number
     condition_number: ConditionNumber
@@ -72,6 +77,14 @@ class _Format(msgspec.Struct):
     format: int
 
 
+class _Remarks(msgspec.Struct):
+    remarks: list[str]
+
+
+class _OfQuality(msgspec.Struct):
+    quality: _Remarks
+
+
 class _Details(msgspec.Struct):
     setup: SetupPart
 
@@ -81,7 +94,9 @@ class _FirstEntry(msgspec.Struct):
 
 
 _formats = msgspec.json.Decoder(_Format)
-_results = msgspec.json.Decoder(ResultPart)
+_anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
+_results = msgspec.json.Decoder(ListedResult)
+_quality = msgspec.json.Decoder(_OfQuality)
 _first_entries = msgspec.json.Decoder(_FirstEntry)
 
 
@@ -89,13 +104,41 @@ class UnusableResultError(MadrobError):
     """A `result.json` that says nothing about a run."""
 
 
-def read_result(folder: str) -> tuple[ResultPart, Stamp]:
+def read_result(folder: str) -> tuple[ListedResult, Stamp]:
     """What the `result.json` of a run folder says.
 
     Raises:
         FileNotFoundError: there is none.
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
+    data, stamp = _read(folder)
+    return _decoded(_results, data), stamp
+
+
+def read_whole_result(folder: str) -> dict[str, Any]:
+    """All of the `result.json` of a run folder, as JSON values.
+
+    Raises:
+        FileNotFoundError: there is none.
+        UnusableResultError: it cannot be used; the message says why and what to do.
+    """
+    data, _ = _read(folder)
+    _decoded(_results, data)  # refuses what is no result
+    whole: dict[str, Any] = _decoded(_anything, data)
+    return whole
+
+
+def read_remarks(folder: str) -> list[str]:
+    """What a stored result says of the data quality; nothing where it is missing or damaged."""
+    try:
+        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
+        return _quality.decode(data).quality.remarks
+    except (OSError, *_DAMAGED):
+        return []
+
+
+def _read(folder: str) -> tuple[bytes, Stamp]:
+    """A `result.json` of a format that is known."""
     try:
         data, stamp = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
     except FileNotFoundError:
@@ -107,14 +150,18 @@ def read_result(folder: str) -> tuple[ResultPart, Stamp]:
     if stamp[1] > LARGEST_RESULT:
         size = f"{stamp[1] / 1e6:.0f} MB"
         raise UnusableResultError(f"{RESULT_FILE} has {size}, too much for a result: {_AGAIN}")
+    version = _decoded(_formats, data).format
+    if version > RESULT_FORMAT:
+        raise UnusableResultError(
+            f"{RESULT_FILE} has format {version}, this program knows {RESULT_FORMAT}: use a "
+            "newer madrob-console"
+        )
+    return data, stamp
+
+
+def _decoded(decoder: msgspec.json.Decoder[Item], data: bytes) -> Item:
     try:
-        version = _formats.decode(data).format
-        if version > RESULT_FORMAT:
-            raise UnusableResultError(
-                f"{RESULT_FILE} has format {version}, this program knows {RESULT_FORMAT}: use a "
-                "newer madrob-console"
-            )
-        return _results.decode(data), stamp
+        return decoder.decode(data)
     except _DAMAGED as error:
         why = str(error)[:120]
         raise UnusableResultError(f"{RESULT_FILE} is damaged ({why}): {_AGAIN}") from None

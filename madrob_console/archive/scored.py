@@ -1,15 +1,65 @@
-"""A run that is over, and its result: live, replayed, opened again or scored from disk."""
+"""Scores runs: one that is over, and what lies on disk (bags, run folders, EUROBENCH folders).
+
+A bag gives the result that the console showed: same decoder, same assessment, same order.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
-from madrob_console.archive.run_record import RunRecord
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.result_reader import read_remarks
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.run_record import RECORD_NAME, RunRecord
+from madrob_console.archive.unfinished import is_held
+from madrob_console.errors import MadrobError
+from madrob_console.messages.bag_types import standard_types, types_of
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
+from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
+from recorder.errors import RecorderError
+from recorder.reader import Bag, read_bag
+from scoring.errors import ScoringError
+from scoring.eurobench.published import evaluate_published
+from scoring.eurobench.run_files import read_run
 from scoring.evaluate import Assessment
-from scoring.protocol import Outcome
+from scoring.kinematics import load_filters
+from scoring.protocol import Condition, Outcome
 from scoring.result import Ending, Result
 from scoring.rows import Rows
+from scoring.rulesets import PROTOCOL, RulesetName, ruleset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedRun:
+    """What a bag and its journal say of a run, before scoring.
+
+    Attributes:
+        bag: the recording.
+        record: what was set.
+        entries: the journal.
+        run: the state after all of it.
+        remarks: what could not be read, in words.
+    """
+
+    bag: Bag
+    record: RunRecord
+    entries: tuple[Entry, ...]
+    run: Run
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedRun:
+    """A run of the results folder, read back: where it stands, and its data."""
+
+    folder: Path
+    recorded: RecordedRun
+    assessment: Assessment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +90,23 @@ class Scored:
         return cls(record, run, *assessment.result(ending_of(run), run.rulings, run.remarks()))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredPath:
+    """The result of one run on disk, and the data behind it.
+
+    Attributes:
+        path: the bag or folder; of a published run, the folder and how its files begin.
+        result: by the ruleset that was asked for.
+        rows: cut to the run.
+        condition: of the run.
+    """
+
+    path: Path
+    result: Result
+    rows: Rows
+    condition: Condition
+
+
 def ending_of(run: Run) -> Ending:
     """How a run ended, for its result.
 
@@ -50,3 +117,173 @@ def ending_of(run: Run) -> Ending:
         return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
     interrupted = run.outcome is Outcome.INTERRUPTED
     return Ending(run.outcome, run.outcome_reason, None if interrupted else run.stop)
+
+
+def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:
+    """Score one run by each of some rulesets; it is read only once.
+
+    Args:
+        run: what to score.
+        rules: the rulesets; None = that of the run, `protocol` for EUROBENCH files.
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    with _naming(run.path):
+        if run.prefix:
+            published = read_run(run.path, run.prefix)
+            chosen = [ruleset(name) if name else PROTOCOL for name in rules]
+            pairs = [evaluate_published(published, one) for one in chosen]
+            condition = published.condition
+        else:
+            scored = score_recording(run.path, rules)
+            pairs = [(one.result, one.rows) for one in scored]
+            condition = scored[0].record.setup.condition
+    return tuple(ScoredPath(Path(run.name), result, rows, condition) for result, rows in pairs)
+
+
+def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:
+    """Score a bag or a run folder by each of some rulesets (None = the run's).
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    with _naming(path):
+        recorded = read_recorded_run(path)
+        return [
+            Scored.of(recorded.record, recorded.run, assessment)
+            for assessment in _assess(recorded, rules)
+        ]
+
+
+def score_opened(path: Path) -> Scored:
+    """Score a run folder or bag again, with what its stored result says of the data.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    opened = open_run(path)
+    return Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Turn what reading a run raises into a `MadrobError` that names its path."""
+    try:
+        yield
+    except (MadrobError, RecorderError, ScoringError) as error:
+        words = str(error)
+        raise MadrobError(words if str(path) in words else f"{path}: {words}") from None
+    except OSError as error:
+        raise MadrobError(
+            f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+        ) from None
+
+
+def read_recorded_run(path: Path) -> RecordedRun:
+    """Read what a bag or a run folder says of its run.
+
+    The journal file of a run folder comes first, it also tells what the referee said after the
+    recording; without it the journal in the bag is used.
+
+    Raises:
+        MadrobError: no run is recorded there, it is damaged, or it goes on.
+        RecorderError: there is no bag.
+    """
+    _refuse_unfinished(path)
+    bag = read_bag(path)
+    metadata = bag.records.get(RECORD_NAME)
+    if metadata is None:
+        raise MadrobError(f"{path}: a bag without a MADROB run; only madrob's bags can be scored")
+    try:
+        record = RunRecord.from_metadata(dict(metadata))
+    except MadrobError as error:
+        raise MadrobError(f"{path}: {error}: use the madrob-console that recorded it") from None
+    entries, remarks = _journal_file(path)
+    if not entries:
+        entries = tuple(_journal_in(bag))
+    run = rebuild(entries, record.handle_zero)
+    if run.start is None:
+        raise MadrobError(f"{path}: the run was never started, there is nothing to score")
+    return RecordedRun(bag, record, entries, run, remarks)
+
+
+def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
+    journal = path / JOURNAL_FILE
+    try:
+        return read_journal(journal)
+    except (FileNotFoundError, NotADirectoryError):
+        return (), ()
+    except OSError as error:
+        return (), (f"{journal.name} cannot be read ({error.strerror}): the bag's journal is used",)
+
+
+def _journal_in(bag: Bag) -> Iterable[Entry]:
+    types = standard_types()
+    for message in bag.messages():
+        if message.topic == REFEREE_EVENT_TOPIC:
+            yield Entry.from_json(decode_text(types, message.data))
+
+
+def _refuse_unfinished(path: Path) -> None:
+    """Refuse a run that an engine records: it would be taken for one that was cut off."""
+    with suppress(OSError):  # reading the bag says what is wrong
+        folder = path if path.is_dir() else path.parent
+        if not (folder / RESULT_FILE).exists() and is_held(folder / JOURNAL_FILE):
+            raise MadrobError(
+                f"{path}: the run goes on, another console works on this run: wait for its result"
+            )
+
+
+def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[Assessment]:
+    """Follow a recorded run once more, to the end of its bag, by each of some rulesets.
+
+    Raises:
+        RecorderError: the bag cannot be read.
+    """
+    load_filters()
+    run, record, bag = recorded.run, recorded.record, recorded.bag
+    assert run.start is not None
+    assessments = [record.assessment(run.start, name) for name in rules]
+    decoder = Decoder(record.mappings, types_of(bag))
+    for message in bag.messages():
+        try:
+            sample = decoder.decode(message)
+        except MessageError as error:
+            for assessment in assessments:
+                assessment.report_problem(str(error))
+            continue
+        if sample is not None:
+            for assessment in assessments:
+                assessment.feed(sample)
+    for assessment in assessments:
+        report_bag(assessment, recorded)
+    return assessments
+
+
+def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
+    """What is wrong with a recording, once it was read to its end, stands in the result."""
+    problem = recorded.bag.problem
+    for remark in (*recorded.remarks, *([problem] if problem else [])):
+        assessment.report_problem(remark)
+
+
+def open_run(folder: Path) -> OpenedRun:
+    """Read a run of the results folder, to look at it and to go on with it.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    with _naming(folder):
+        recorded = read_recorded_run(folder)
+        (assessment,) = _assess(recorded, (None,))
+    keep_stored_remarks(assessment, recorded.run, folder)
+    return OpenedRun(folder, recorded, assessment)
+
+
+def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
+    """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
+    known = {*assessment.quality().remarks, *run.remarks()}
+    for remark in read_remarks(str(folder)):
+        if remark not in known:
+            assessment.report_problem(remark)

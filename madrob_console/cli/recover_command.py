@@ -98,7 +98,7 @@ def _line(path: Path, recovered: Recovered) -> str:
 def _scoring(path: Path) -> str:
     import shlex
 
-    from madrob_console.archive.rescore import read_recorded_run
+    from madrob_console.archive.scored import read_recorded_run
 
     try:
         read_recorded_run(path)

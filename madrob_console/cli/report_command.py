@@ -85,7 +85,7 @@ def _make(
 def _page(path: Path, output: Path | None) -> Iterator[NamedFile]:
     with imports_kept():
         from madrob_console.archive.folders import REPORT_FILE
-        from madrob_console.archive.rescore import scored_run
+        from madrob_console.archive.scored import score_opened
         from madrob_console.report.page import report_html
         from madrob_console.version import software_version
 
@@ -93,7 +93,7 @@ def _page(path: Path, output: Path | None) -> Iterator[NamedFile]:
         raise MadrobError(
             f"{path}: published files tell nothing of the referee: use `--figures svg` for them"
         )
-    page = report_html(scored_run(path), software_version())
+    page = report_html(score_opened(path), software_version())
     yield _target(path, output, REPORT_FILE), page.encode()
 
 
@@ -112,13 +112,14 @@ def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Itera
 def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition]]:
     """What the figures of a path show, and how the files of each run begin."""
     with imports_kept():
-        from madrob_console.archive.rescore import score_path, scored_run
+        from madrob_console.archive import score
+        from madrob_console.archive.scored import score_opened
 
     if _published(path):
-        for one in score_path(path):
+        for one in score(path):
             yield f"{one.path.name}_", one.result, one.rows, one.condition
     else:
-        scored = scored_run(path)
+        scored = score_opened(path)
         yield "", scored.result, scored.rows, scored.record.setup.condition
 
 

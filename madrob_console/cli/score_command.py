@@ -20,8 +20,8 @@ from madrob_console.names import terminal_safe
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from madrob_console.archive.rescore import ScoredPath
     from madrob_console.archive.run_paths import RunPath
+    from madrob_console.archive.scored import ScoredPath
     from scoring.result import Result
 
 DIFFERENCES = 1
@@ -191,7 +191,7 @@ def describe_run(
 
 def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: bool) -> RunText:
     # they load numpy and SciPy, which a program that only hands out work does without
-    from madrob_console.archive.rescore import score_run
+    from madrob_console.archive.scored import score_run
     from madrob_console.cli.score_table import comparison_lines, result_lines
 
     scored = score_run(run, rules)

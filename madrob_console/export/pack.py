@@ -17,7 +17,7 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import (
-    ResultPart,
+    ListedResult,
     UnusableResultError,
     read_result,
     read_setup,
@@ -140,7 +140,7 @@ class _Known:
         return cls(result.team, _outcome(result))
 
 
-def _outcome(result: ResultPart) -> str:
+def _outcome(result: ListedResult) -> str:
     """How a run ended, for people."""
     final = "provisional" if result.closure is None else f"final, {result.closure.team_word}"
     practice = [_PRACTICE[kind] for kind in _PRACTICE if result.source == kind]

@@ -10,8 +10,8 @@ from itertools import count
 from pathlib import Path
 
 from madrob_console.archive.folders import RunId
-from madrob_console.archive.rescore import read_recorded_run
 from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.archive.scored import read_recorded_run
 from madrob_console.clock import NS, nanoseconds
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, MessageTypes, encode_text
 from madrob_console.referee.journal import Entry, Origin

@@ -6,7 +6,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from madrob_console.archive.rescore import scored_run
+from madrob_console.archive.scored import score_opened
 from madrob_console.cli import aside
 from madrob_console.engine.process.reporting import Papers
 from tests.benchmarks.bags import copies, simulated_run
@@ -42,7 +42,7 @@ def reports(repeats: int) -> list[Figure]:
 
 def _by_itself(run: Path) -> float:
     """From the result to the page; the process is of low priority, the engine does not wait."""
-    scored = scored_run(run)
+    scored = score_opened(run)
     papers = Papers(aside.COMMAND, lambda: False)
     began = time.perf_counter()
     papers.report(run, scored)

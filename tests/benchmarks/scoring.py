@@ -93,12 +93,12 @@ def one_bag(repeats: int) -> list[Figure]:
 _SCORE_ONE = """
 import resource, sys, time
 from pathlib import Path
-from madrob_console.archive.rescore import rescore
+from madrob_console.archive.scored import score_recording
 from scoring.kinematics import load_filters
 load_filters()
-rescore(Path(sys.argv[1]))
+score_recording(Path(sys.argv[1]))
 began = time.perf_counter()
-rescore(Path(sys.argv[2]))
+score_recording(Path(sys.argv[2]))
 took = time.perf_counter() - began
 print(took, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
 """

@@ -12,9 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from madrob_console.archive.folders import next_run_number
-from madrob_console.archive.rescore import OpenedRun
 from madrob_console.archive.run_record import RunRecord
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.archive.unfinished import Unfinished, find_unfinished
 from madrob_console.clock import Clock, seconds
 from madrob_console.engine.live.chronicle import Chronicle

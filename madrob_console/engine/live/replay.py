@@ -11,9 +11,13 @@ from itertools import accumulate
 from pathlib import Path
 
 from madrob_console.archive.comparison import Stored, compared
-from madrob_console.archive.rescore import keep_stored_remarks, read_recorded_run, report_bag
 from madrob_console.archive.run_record import RECORD_NAME
-from madrob_console.archive.scored import ending_of
+from madrob_console.archive.scored import (
+    ending_of,
+    keep_stored_remarks,
+    read_recorded_run,
+    report_bag,
+)
 from madrob_console.clock import NS, nanoseconds, seconds
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.shown.playback import (

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, cast
 
 from madrob_console.archive.folders import parse_folder_name
-from madrob_console.archive.rescore import open_run
+from madrob_console.archive.scored import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.process.reporting import Papers
 from madrob_console.engine.shown.curves import Curves, curves_of

@@ -226,3 +226,15 @@ def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config)
         drive.whole_run(setup)
         drive.engine.close()
     assert check(tmp_path) == 0
+
+
+def test_a_result_that_hides_damage_where_lists_do_not_look_is_named(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = run / "result.json"
+    deep = b"[" * 100_000 + b"]" * 100_000
+    path.write_bytes(path.read_bytes().rstrip()[:-1] + b', "more": ' + deep + b"}")
+    assert check(run) == 2
+    said = capsys.readouterr().err
+    assert "result.json is damaged" in said
+    assert said.count("\n") == 1

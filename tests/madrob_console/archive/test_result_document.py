@@ -17,12 +17,18 @@ import pytest
 from madrob_console.archive.digests import digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.archive.result_document import ResultDocument, result_schema
-from madrob_console.archive.result_reader import read_result
+from madrob_console.archive.result_reader import (
+    ClosurePart,
+    IndicatorPart,
+    ListedResult,
+    read_result,
+)
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
-from madrob_console.referee.run import IncidentKind, TeamWord
+from madrob_console.referee.run import Closure, IncidentKind, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import LockDetection, Step
+from scoring.result import Indicator
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 STORED = Path(__file__).parent / "result_schema_1.json"
@@ -98,6 +104,13 @@ def test_a_result_read_back_is_written_to_the_same_bytes(folders: dict[str, Path
     again = msgspec.json.encode(msgspec.json.decode(data, type=ResultDocument))
     assert msgspec.json.format(again, indent=2) + b"\n" == data
     assert read_result(str(folders["completed"]))[0].team == "Delft"
+
+
+def test_what_lists_of_runs_read_are_keys_of_the_document() -> None:
+    keys = {each.name for each in fields(ResultDocument)}
+    assert set(ListedResult.__struct_fields__) <= keys
+    assert set(IndicatorPart.__struct_fields__) <= {each.name for each in fields(Indicator)}
+    assert set(ClosurePart.__struct_fields__) <= {each.name for each in fields(Closure)}
 
 
 @pytest.mark.parametrize(

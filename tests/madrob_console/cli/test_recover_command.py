@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.archive import score
 from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.archive.rescore import score_path
 from madrob_console.cli.main import main as madrob
 from madrob_console.cli.recover_command import main
 from madrob_console.referee.journal import Journal
@@ -112,9 +112,9 @@ def test_the_result_after_the_repair_is_the_result_before_it(
     tear(folder, share)
     if not journal:
         (folder / JOURNAL_FILE).unlink()
-    (before,) = score_path(folder)
+    (before,) = score(folder)
     assert recover(folder) == 0
-    (after,) = score_path(folder)
+    (after,) = score(folder)
     assert after.result == before.result
     assert any("is torn at byte" in remark for remark in after.result.quality.remarks)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from msgspec import structs
 
-from madrob_console.archive.rescore import score_path
+from madrob_console.archive import score
 from madrob_console.clock import Clock
 from madrob_console.engine.live.core import Engine
 from madrob_console.kinds import SourceKind
@@ -157,7 +157,7 @@ class FaultyDrive(Drive):
     def rescored(self) -> Result:
         """What `madrob score` says of the run."""
         assert self.engine.folder is not None
-        return score_path(self.engine.folder)[0].result
+        return score(self.engine.folder)[0].result
 
     def recorded(self, topic: str) -> list[bytes]:
         """What the bag holds of a topic."""

@@ -67,7 +67,7 @@ def some_rows(time: Array, value: Array) -> Rows:
     return Rows(joint, value, at, value, at, value, None, Thresholds())
 
 
-def scored_run(results: Path, scenario: Scenario) -> Scored:
+def score_opened(results: Path, scenario: Scenario) -> Scored:
     drive = Drive(results, scenario, seed=3)
     drive.whole_run(make_setup())
     assert drive.engine.scored is not None
@@ -82,7 +82,7 @@ def values(stretches: tuple[Curve, ...]) -> list[float]:
 def test_the_extremes_of_a_runs_curves_are_its_indicators(
     tmp_path: Path, scenario: Scenario
 ) -> None:
-    scored = scored_run(tmp_path, scenario)
+    scored = score_opened(tmp_path, scenario)
     curves = curves_of(scored.result, scored.rows)
     result = scored.result
     unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value
@@ -96,7 +96,7 @@ def test_the_extremes_of_a_runs_curves_are_its_indicators(
 
 
 def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> None:
-    scored = scored_run(tmp_path, Scenario.NOMINAL)
+    scored = score_opened(tmp_path, Scenario.NOMINAL)
     curves = curves_of(scored.result, scored.rows)
     assert curves.duration == scored.result.indicators[IndicatorName.EXECUTION_TIME].value
     assert curves.events[0] == (0.0, "benchmark_start")
@@ -146,7 +146,7 @@ def test_gaps_and_undefined_values_end_a_stretch() -> None:
 
 
 def test_curves_cross_a_socket_unchanged(tmp_path: Path) -> None:
-    scored = scored_run(tmp_path, Scenario.NOMINAL)
+    scored = score_opened(tmp_path, Scenario.NOMINAL)
     curves = curves_of(scored.result, scored.rows)
     for encode, decode in (
         (msgspec.json.encode, msgspec.json.decode),

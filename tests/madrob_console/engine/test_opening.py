@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from madrob_console.archive.rescore import open_run
+from madrob_console.archive.scored import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp

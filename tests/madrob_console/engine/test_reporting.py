@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.rescore import open_run, scored_run
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import Scored, open_run, score_opened
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.engine.process.reporting import Papers
@@ -90,7 +89,7 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
     papers.close()
     assert drive.engine.folder is not None
     page = drive.engine.folder / "report.html"
-    assert page.read_text() == report_html(scored_run(drive.engine.folder), software_version())
+    assert page.read_text() == report_html(score_opened(drive.engine.folder), software_version())
 
 
 @pytest.mark.machine

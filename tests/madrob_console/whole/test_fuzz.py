@@ -15,9 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from madrob_console.archive import score
 from madrob_console.archive.folders import RunId, reserve_run_folder
 from madrob_console.archive.history import History
-from madrob_console.archive.rescore import open_run, score_path
+from madrob_console.archive.scored import open_run
 from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.config.example import example_toml
 from madrob_console.config.settings import load_settings
@@ -141,7 +142,7 @@ def _csv(place: Place, examples: int) -> None:
             folder = place.copied("*.csv", "*.yaml")
             (folder / "metadata.yaml").unlink()
             (folder / name).write_bytes(content)
-            only_words(lambda: score_path(folder))
+            only_words(lambda: score(folder))
 
         in_each(place, examples // 3 + 1, file.read_bytes(), check)
 
@@ -154,7 +155,7 @@ def _yaml(place: Place, examples: int) -> None:
         def check(content: bytes, name: str = file.name, rest: tuple[str, ...] = rest) -> None:
             folder = place.copied("run_info*.yaml", "condition*.yaml", *rest)
             (folder / name).write_bytes(content)
-            only_words(lambda: score_path(folder))
+            only_words(lambda: score(folder))
 
         in_each(place, examples // 3 + 1, file.read_bytes(), check)
 

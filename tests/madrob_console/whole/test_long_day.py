@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.rescore import OpenedRun, open_run
-from madrob_console.archive.scored import Scored
+from madrob_console.archive.scored import OpenedRun, Scored, open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.course import Course
 from madrob_console.engine.live.recording import Recording

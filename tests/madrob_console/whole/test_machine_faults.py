@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.rescore import score_path
+from madrob_console.archive import score
 from madrob_console.engine.live.result_keeper import RETRY_PERIOD
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
@@ -110,7 +110,7 @@ def check_scored_again(machine: Machine) -> None:
     """`madrob score` reads what is left: a bag that ends early, or the result's tables alone."""
     scored = machine.drive.engine.scored
     assert scored is not None
-    live, again = scored.result, score_path(machine.folder)[0].result
+    live, again = scored.result, score(machine.folder)[0].result
     if machine.fault in DELETED:
         assert again.events == live.events
     else:

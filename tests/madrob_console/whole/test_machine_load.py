@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from madrob_console.archive.rescore import score_path
+from madrob_console.archive import score
 from madrob_console.referee.acts import SetUp, ZeroHandle
 from madrob_console.referee.journal import read_journal
 from recorder.reader import read_bag
@@ -58,7 +58,7 @@ def run_through(
     assert (shown.recorder.dropped, shown.faults) == (0, ())
     assert (document["outcome"], document["quality"]["remarks"]) == ("completed", [])
     assert read_bag(folder).complete
-    assert msgspec.to_builtins(score_path(folder)[0].result)["events"] == document["events"]
+    assert msgspec.to_builtins(score(folder)[0].result)["events"] == document["events"]
     return document
 
 

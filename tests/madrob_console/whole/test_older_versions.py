@@ -18,11 +18,12 @@ import jsonschema
 import msgspec
 import pytest
 
+from madrob_console.archive import score
 from madrob_console.archive.check import check_run
 from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.rescore import open_run, score_path
 from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.scored import open_run
 from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.cli.main import main
 from madrob_console.config import load_settings
@@ -90,7 +91,7 @@ def test_a_recording_still_gives_the_stored_result(older: Path, name: str) -> No
 
 
 def test_a_run_that_was_cut_off_is_still_scored_and_found(older: Path) -> None:
-    (scored,) = score_path(older / "results" / CUT_OFF)
+    (scored,) = score(older / "results" / CUT_OFF)
     assert scored.result.outcome == "interrupted"
     assert any(signal.samples for signal in scored.result.quality.signals)
     (found,) = find_unfinished(older / "results")

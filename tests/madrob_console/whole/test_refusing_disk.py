@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import pytest
 
-from madrob_console.archive.rescore import score_path
+from madrob_console.archive import score
 from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.engine.live.result_keeper import RETRY_PERIOD
 from madrob_console.errors import MadrobError
@@ -144,7 +144,7 @@ def test_a_run_folder_that_may_not_be_entered_keeps_no_engine_from_starting() ->
             with as_nobody():
                 found = find_unfinished(results)
                 with pytest.raises(MadrobError, match="Permission denied"):
-                    score_path(folder)
+                    score(folder)
             folder.chmod(0o700)
         assert [run.folder[-15:] for run in found] == ["20231114_000000"]
 
