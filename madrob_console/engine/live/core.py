@@ -295,52 +295,33 @@ class Engine:
         return None
 
     def _take_effect(self, act: Act, situation: Situation, at: float) -> None:
-        if Consequence.NEW_RUN in act.consequences:
-            if self._opened is not None:  # its handle zero is of its day
-                situation = replace(situation, run=replace(self._run, handle_zero=self._kept_zero))
+        brings = act.consequences
+        if Consequence.NEW_RUN in brings:
+            zero = self._run.handle_zero if self._opened is None else self._kept_zero
             self._keeper.leave(self._unwritten())
             self._chronicle.begin()
             self._clear()
-        run = act.apply(situation, at)
+            self._run = Run(handle_zero=zero)  # that of an opened run is of its day
+            situation = replace(situation, run=self._run)
+        before, run = self._run, act.apply(situation, at)
         try:
-            if Consequence.RECORDING in act.consequences:
+            if Consequence.RECORDING in brings:
                 self._open_recording(run)
             self._write_act(act, run, at)
         except MadrobError:
-            if Consequence.RECORDING in act.consequences:
+            if Consequence.RECORDING in brings:
                 self._discard_recording()
             raise
-        before, self._run = self._run, run
-        self._follow_up(act, before)
-        self._advance()
-
-    def _follow_up(self, act: Act, before: Run) -> None:
-        """What an act brings with it, once it has taken effect."""
-        run, brings = self._run, act.consequences
         if Consequence.HANDLE_ZERO in brings:
             self._kept_zero = run.handle_zero
         if Consequence.NEW_RUN in brings:
             assert run.setup is not None
             self.source.configure(run.setup.condition)
             self._chronicle.announce_start_pose(run.setup.start_pose)
-        if Consequence.COUNTDOWN in brings:
-            self._count_down(run)
-        if run.phase is Phase.STOPPED and before.active:
-            self._decided = self.now()
-        if run.phase is not before.phase or brings & (Consequence.NEW_RUN | Consequence.COUNTDOWN):
-            self._chronicle.announce_state(run)
+        self._go_on(run)
         if self._scored is not None and Phase.STOPPED in (before.phase, run.phase):
             self._score()  # but what was final stays as it was signed
-
-    def _count_down(self, run: Run) -> None:
-        """The countdown begins, for the first time or anew."""
-        if self._observation.course is not None:
-            self._observation.course.restart(run)
-            return
-        assert self._record is not None
-        before = self._sensors.newest() if self._replay is None else None
-        silence = self.config.limits.lost
-        self._observation.course = Course(self._record, run, silence, before)
+        self._advance()
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
         referee = run.setup.referee if run.setup else ""
@@ -428,16 +409,30 @@ class Engine:
             return None
         return Unwritten(self._folder, self._scored, self._chronicle.entries, problem)
 
-    def _go_on(self, run: Run, happened: Sequence[Happening]) -> None:
+    def _go_on(self, run: Run, happened: Sequence[Happening] = ()) -> None:
+        """The run is another: by an act, the sensors or the clock."""
         before, self._run = self._run, run
         for one in happened:
             if self._replay is None or one.change in DECIDED_ANEW:
                 self._note(one)
+        counts_anew = run.phase is Phase.COUNTDOWN and run.countdown_began != before.countdown_began
+        if counts_anew:
+            self._count_down(run)
         if before.active and run.phase is Phase.STOPPED:
             self._decided = self.now()
             self._observation.judge(run)
-        if run.phase is not before.phase:
+        if counts_anew or run.phase is not before.phase:
             self._chronicle.announce_state(run)
+
+    def _count_down(self, run: Run) -> None:
+        """The countdown begins, for the first time or anew."""
+        if self._observation.course is not None:
+            self._observation.course.restart(run)
+            return
+        assert self._record is not None
+        before = self._sensors.newest() if self._replay is None else None
+        silence = self.config.limits.lost
+        self._observation.course = Course(self._record, run, silence, before)
 
     def _interrupt(
         self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
@@ -529,13 +524,10 @@ class Engine:
             assert self._record is not None
             run = after(self._run, entry, self._record.handle_zero)
             self._chronicle.write(entry, self._run.start, must_take_effect=True)
-            begins = run.phase is Phase.COUNTDOWN and run.start != self._run.start
-            self._go_on(run, ())
-            if begins:
-                self._count_down(run)
+            self._go_on(run)
         if replay.ended and self._scored is None:
             self._advance()
-            self._go_on(replay.ending(self._run), ())
+            self._go_on(replay.ending(self._run))
             assert self._observation.assessment is not None
             replay.report(self._observation.assessment, self._run)
             self._score(write=False)

@@ -69,8 +69,6 @@ class Consequence(Flag):
     """The run before is put away; testbed and robot hear of the set-up."""
     RECORDING = auto()
     """The recording opens; where it cannot, the act is refused."""
-    COUNTDOWN = auto()
-    """The countdown begins, and the watch for false starts."""
     HANDLE_ZERO = auto()
     """The handle zero is kept for the runs to come."""
 

@@ -16,7 +16,7 @@ class Start(Act):
 
     name = "start"
     phases = (Phase.READY,)
-    consequences = Consequence.RECORDING | Consequence.COUNTDOWN
+    consequences = Consequence.RECORDING
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:

@@ -331,6 +331,27 @@ def test_every_act_and_change_is_in_the_journal_and_in_the_bag(tmp_path: Path) -
     assert {"/madrob/referee/state", "/madrob/referee/start_pose"} <= topics
 
 
+def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup(timeout=5.0))
+    again = SetUp(make_setup(run_number=2, timeout=5.0))
+    drive.act(again)
+    assert drive.engine.log.lines[0].relative is None  # not a time of the run before
+    drive.act(again)
+    drive.wait(1.5)
+    drive.act(ZeroHandle(), ConfirmPose(), Start())
+    drive.wait(1.0)
+    drive.act(RestartCountdown())
+    drive.finish()
+    said = [m for m in read_bag(folder_of(drive)).messages() if "/referee/" in m.topic]
+    assert [m.topic.rpartition("/")[2] for m in said[:3]] == ["event", "start_pose", "state"]
+    states = [m.data for m in said if m.topic == "/madrob/referee/state"]
+    phases = [str(json.loads(data[8:].rstrip(b"\0"))["phase"]) for data in states]
+    assert phases == ["ready", "countdown", "countdown", "running", "stopped"]
+    starts = [json.loads(data[8:].rstrip(b"\0"))["start_time"] for data in states]
+    assert starts[2] == pytest.approx(starts[1] + 1.0, abs=0.05)
+
+
 def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) -> None:
     drive = FaultyDrive(tmp_path)
     drive.whole_run(make_setup())
