@@ -34,7 +34,7 @@ class Edge:
     value: bool
 
 
-class Level:
+class BinarySignal:
     """A two-valued signal whose edges count from the start of the run.
 
     Before the start only its state is kept. If it is up at the start it rises at the start.
@@ -144,9 +144,9 @@ class EventDetector:
         self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
         self._angle: float | None = None
         self._door_seen: float | None = None
-        self._door = Level()
-        self._touch = Level()
-        self._sensors = {sensor: Level() for sensor in PASSAGE_SENSORS}
+        self._door = BinarySignal()
+        self._touch = BinarySignal()
+        self._sensors = {sensor: BinarySignal() for sensor in PASSAGE_SENSORS}
         self._of_strip = {
             strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
             for strip in Strip

@@ -12,7 +12,7 @@ from madrob_console.config.example import toml_value
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, TopicMapping
 from recorder.reader import Bag, read_bag
-from scoring.calibration.handle_scale import HandleProposal, Level
+from scoring.calibration.handle_scale import HandleProposal, SteadyForce
 from scoring.calibration.masks import MaskProposal, propose_masks
 from scoring.calibration.panel_view import sensor_name
 from scoring.calibration.sweep import Sweep, SweepLog
@@ -124,7 +124,7 @@ def handle_recording(path: Path, mapping: TopicMapping) -> Recording:
     return Recording(path, [replace(mapping, scale=1.0, offset=0.0)])
 
 
-def level_of(recording: Recording) -> Level:
+def level_of(recording: Recording) -> SteadyForce:
     """The steady force in a recording.
 
     Raises:
@@ -136,7 +136,7 @@ def level_of(recording: Recording) -> Level:
         for each in recording.samples()
         if isinstance(sample := guard.admit(each), HandleSample)
     ]
-    return Level.of(str(recording.path), [s.time for s in found], [s.force for s in found])
+    return SteadyForce.of(str(recording.path), [s.time for s in found], [s.force for s in found])
 
 
 def masks_toml(found: MaskProposal) -> str:

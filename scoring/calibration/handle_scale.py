@@ -22,7 +22,7 @@ _LARGEST_NOISE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class SteadyForce:
     """A force that stood still for a while, in the unit that the testbed publishes.
 
     Attributes:
@@ -42,7 +42,7 @@ class Level:
     drift: float
 
     @classmethod
-    def of(cls, name: str, times: Sequence[float], values: Sequence[float]) -> Level:
+    def of(cls, name: str, times: Sequence[float], values: Sequence[float]) -> SteadyForce:
         """The level of a recording.
 
         Args:
@@ -83,8 +83,8 @@ class HandleProposal:
 
     scale: float
     zero: float
-    rest: Level
-    weight: Level
+    rest: SteadyForce
+    weight: SteadyForce
 
     @property
     def offset(self) -> float:
@@ -92,7 +92,9 @@ class HandleProposal:
         return -self.zero * self.scale
 
 
-def propose_handle(rest: Level, weight: Level, mass: float, towards: Side) -> HandleProposal:
+def propose_handle(
+    rest: SteadyForce, weight: SteadyForce, mass: float, towards: Side
+) -> HandleProposal:
     """Zero and scale.
 
     Args:
@@ -117,7 +119,7 @@ def propose_handle(rest: Level, weight: Level, mass: float, towards: Side) -> Ha
     return HandleProposal(scale, rest.median, rest, weight)
 
 
-def _check_steady(level: Level, difference: float) -> None:
+def _check_steady(level: SteadyForce, difference: float) -> None:
     if level.noise > _LARGEST_NOISE * difference:
         raise ScoringError(
             f"{level.name}: a noise of {level.noise:.3g} is too much for a difference of "

@@ -15,7 +15,7 @@ from scoring.errors import ScoringError
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class CsvTable:
     """The columns asked for.
 
     Attributes:
@@ -67,7 +67,7 @@ class Table:
         return ScoringError(f"{self.name}, line {self.lines[row]}, column {column}: {words}")
 
 
-def parse_table(name: str, text: str, columns: Sequence[str]) -> Table:
+def parse_table(name: str, text: str, columns: Sequence[str]) -> CsvTable:
     """The given columns of a table with a header line, comma or semicolon between the cells.
 
     Blanks around cells, empty lines, other columns and any order of columns are fine.
@@ -99,7 +99,7 @@ def parse_table(name: str, text: str, columns: Sequence[str]) -> Table:
     places = _places(f"{name}, line {header_line}", header, columns)
     for line, cells in body:
         _check_width(f"{name}, line {line}", cells, header)
-    return Table(
+    return CsvTable(
         name,
         tuple(line for line, _ in body),
         {column: tuple(cells[place] for _, cells in body) for column, place in places.items()},

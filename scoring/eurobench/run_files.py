@@ -19,7 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
-from scoring.eurobench.csv_tables import Table, parse_table
+from scoring.eurobench.csv_tables import CsvTable, parse_table
 from scoring.eurobench.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
 from scoring.eurobench.run_names import numbers_of
 from scoring.indicator_table import IndicatorName
@@ -188,7 +188,7 @@ def write_run_files(
     _sync(folder)
 
 
-def _table(path: Path, *columns: str) -> Table:
+def _table(path: Path, *columns: str) -> CsvTable:
     return parse_table(str(path), _read_text(path, LARGEST_TABLE), columns)
 
 

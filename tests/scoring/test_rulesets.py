@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import MISSING, fields
 
 import pytest
 
 from scoring.braking import braking_table, door_controller_mode
 from scoring.errors import ScoringError
 from scoring.protocol import BenchmarkType, Side
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName, ruleset
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
 
 
 def test_every_name_finds_its_ruleset() -> None:
@@ -22,11 +23,13 @@ def test_an_unknown_name_is_refused_with_the_allowed_ones() -> None:
         ruleset("eurobench")
 
 
-def test_rulesets_differ_in_every_choice_but_share_filter_orders_and_frequencies() -> None:
+def test_the_two_differ_in_every_choice_but_share_filter_orders_and_frequencies() -> None:
     shared = {"window_time", "savgol_order", "low_pass_order", "low_pass_frequency"}
-    for field in PROTOCOL.__dataclass_fields__:
-        same = getattr(PROTOCOL, field) == getattr(EUROBENCH_2020, field)
-        assert same == (field in shared), field
+    for field in fields(Ruleset):
+        same = getattr(PROTOCOL, field.name) == getattr(EUROBENCH_2020, field.name)
+        has_default = field.default is not MISSING  # what further rulesets choose between
+        assert same == (field.name in shared) or has_default, field.name
+    assert PROTOCOL.savgol_window != EUROBENCH_2020.savgol_window
 
 
 @pytest.mark.parametrize("benchmark_type", BenchmarkType)

@@ -11,9 +11,9 @@ from textual.containers import Container, VerticalScroll
 from madrob_console.archive.history import earlier_runs
 from madrob_console.errors import MadrobError
 from madrob_console.ui.cells.lines import View
-from madrob_console.ui.panes.indicator_table import IndicatorTable
 from madrob_console.ui.panes.quality_table import QualityTable
 from madrob_console.ui.panes.result_head import ResultHead
+from madrob_console.ui.panes.result_indicators import IndicatorTable
 from madrob_console.ui.panes.run_marks import RunMarks
 from madrob_console.ui.panes.step_table import StepTable
 

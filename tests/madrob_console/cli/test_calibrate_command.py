@@ -25,7 +25,7 @@ from madrob_console.preparing.testbed_calibration import (
 )
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, SensorSettings
-from scoring.calibration.handle_scale import GRAVITY, HandleProposal, Level
+from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce
 from scoring.calibration.masks import MaskProposal
 from scoring.calibration.panel_view import PanelView
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal
@@ -272,7 +272,7 @@ def test_every_proposal_reads_back_to_the_same_masks(
 
 @given(st.floats(1e-6, 1e6), st.floats(-1e3, 1e3), st.sampled_from([-1, 1]))
 def test_every_handle_reads_back_to_the_same_force(scale: float, zero: float, sign: int) -> None:
-    level = Level("recording", 200, 4.0, zero, 0.1, 0.0)
+    level = SteadyForce("recording", 200, 4.0, zero, 0.1, 0.0)
     found = HandleProposal(sign * scale, zero, level, level)
     mapping = next(m for m in DEFAULT_MAPPINGS if m.signal is Signal.HANDLE)
     (topic,) = parse_settings(handle_toml(found, mapping)).topics

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scoring.calibration.handle_scale import GRAVITY, HandleProposal, Level, propose_handle
+from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce, propose_handle
 from scoring.errors import ScoringError
 from scoring.protocol import Side
 
 
-def level(value: float, *, noise: float = 0.0, drift: float = 0.0, seed: int = 0) -> Level:
+def level(value: float, *, noise: float = 0.0, drift: float = 0.0, seed: int = 0) -> SteadyForce:
     """4 s at 50 Hz around a value."""
     times = np.arange(200) / 50
     wobble = np.random.default_rng(seed).normal(0, noise, 200) if noise else np.zeros(200)
     values = value + drift * (times / times[-1] - 0.5) + wobble
-    return Level.of("recording", times.tolist(), values.tolist())
+    return SteadyForce.of("recording", times.tolist(), values.tolist())
 
 
-def propose(rest: Level, weight: Level, mass: float = 2.0) -> HandleProposal:
+def propose(rest: SteadyForce, weight: SteadyForce, mass: float = 2.0) -> HandleProposal:
     return propose_handle(rest, weight, mass, Side.CCW)
 
 
@@ -67,7 +67,7 @@ def test_whatever_the_load_cell_its_scale_and_zero_are_found(
     ],
 )
 def test_an_unsteady_force_or_a_weight_that_hardly_shows_is_refused(
-    rest: Level, weight: Level, words: str
+    rest: SteadyForce, weight: SteadyForce, words: str
 ) -> None:
     with pytest.raises(ScoringError, match=words):
         propose(rest, weight)
@@ -81,10 +81,10 @@ def test_a_mass_that_is_none_is_refused(mass: float) -> None:
 
 def test_too_few_samples_or_too_many_without_a_number_are_refused() -> None:
     with pytest.raises(ScoringError, match=r"^a: 3 forces in 0.0 s are too few"):
-        Level.of("a", [1.0, 1.01, 1.02], [5.0, 5.0, 5.0])
+        SteadyForce.of("a", [1.0, 1.01, 1.02], [5.0, 5.0, 5.0])
     with pytest.raises(ScoringError, match="0 forces"):
-        Level.of("a", [], [])
+        SteadyForce.of("a", [], [])
     times = [number / 50 for number in range(100)]
     with pytest.raises(ScoringError, match="20 of 100 forces are no numbers"):
-        Level.of("a", times, [5.0] * 80 + [math.nan] * 20)
-    assert Level.of("a", times, [5.0] * 95 + [math.inf] * 5).samples == 95
+        SteadyForce.of("a", times, [5.0] * 80 + [math.nan] * 20)
+    assert SteadyForce.of("a", times, [5.0] * 95 + [math.inf] * 5).samples == 95
