@@ -22,7 +22,7 @@ from madrob_console.ui.frame.tiny_clock import TinyClock
 from madrob_console.ui.frame.top_line import TopLine
 from madrob_console.ui.keys.asks import ask_unfinished
 from madrob_console.ui.look.words import export_text
-from madrob_console.ui.panes.run_summary import who_text
+from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot

@@ -14,7 +14,7 @@ from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.playback_bar import state_span
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped
 from madrob_console.ui.panes.banner import banner
-from madrob_console.ui.panes.run_summary import phase_span
+from madrob_console.ui.panes.run_status import phase_span
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot

@@ -11,7 +11,7 @@ from madrob_console.ui.cells.axes import LARGEST, Window
 from madrob_console.ui.cells.lines import Line, Span, Tone, line
 from madrob_console.ui.cells.plot import BRAILLE, Frame, Ink, Mark, Plot
 from madrob_console.ui.look.words import fitted
-from madrob_console.ui.panes.run_summary import what_text
+from madrob_console.ui.panes.run_status import what_text
 from scoring.figure_table import (
     EventMark,
     FigureName,

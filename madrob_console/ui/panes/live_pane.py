@@ -15,7 +15,7 @@ from madrob_console.ui.panes.log_view import LogView
 from madrob_console.ui.panes.passage import Passage
 from madrob_console.ui.panes.provisional import Provisional
 from madrob_console.ui.panes.run_clock import RunClock, RunTenths
-from madrob_console.ui.panes.run_summary import RunSummary
+from madrob_console.ui.panes.run_status import RunStatus
 from madrob_console.ui.panes.step_table import StepTable
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class LivePane(Vertical):
         self._quick: tuple[View, ...] = (
             RunClock(),
             RunTenths(),
-            RunSummary(),
+            RunStatus(),
             Banner(),
             StepTable(),
             Passage(),

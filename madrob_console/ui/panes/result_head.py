@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import OUTCOMES, wrapped
-from madrob_console.ui.panes.run_summary import TONES, what_text
+from madrob_console.ui.panes.run_status import TONES, what_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot

@@ -21,7 +21,7 @@ TONES = {
 }
 
 
-class RunSummary(View):
+class RunStatus(View):
     """Phase or outcome with the time left, who, and in which condition."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
