@@ -82,10 +82,11 @@ def main(arguments: argparse.Namespace) -> int:
 def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = None) -> int:
     """Show the screens for a referee or for a spectator; a replay begins at a time of its run."""
     with imports_kept():
+        from msgspec.structs import replace
+
         from madrob_console.cli.attaching import attach
         from madrob_console.config import load_settings
         from madrob_console.engine.shown.requests import Role
-        from madrob_console.ui.defaults import Look
         from madrob_console.ui.terminal import check_terminal, run_console
 
     check_terminal(os.environ)
@@ -98,7 +99,8 @@ def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = Non
             _move(client, arguments.speed, begin_at)
         return client
 
-    look = Look(
+    look = replace(
+        settings.console,
         theme=arguments.theme or settings.console.theme,
         ascii=arguments.ascii or settings.console.ascii,
         bell=settings.console.bell and not arguments.no_bell,
@@ -129,10 +131,9 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     import socket
 
     from madrob_console.config.tables import DEFAULT_START_POSES
-    from madrob_console.ui.defaults import ConsoleDefaults, PosePreset
+    from madrob_console.ui.defaults import ConsoleDefaults
 
-    run, competition = settings.run, settings.competition
-    poses = settings.start_poses or DEFAULT_START_POSES
+    competition = settings.competition
     teams = _teams(arguments.teams, settings)
     first_time = not _any_run(results)
     kind = None if arguments.testbed is None else arguments.testbed[0]
@@ -150,11 +151,8 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
         problems=teams.problems,
         referee=competition.referee,
         teams=teams.names,
-        poses=tuple(PosePreset(p.name, p.pose) for p in poses),
-        timeout=run.timeout,
-        countdown=run.countdown,
-        ruleset=run.ruleset,
-        lock_detection=run.lock_detection,
+        poses=settings.start_poses or DEFAULT_START_POSES,
+        run=settings.run,
     )
 
 

@@ -19,26 +19,27 @@ from madrob_console.config.tables import (
     Competition,
     ConsoleSettings,
     EngineSettings,
-    Freshness,
+    FreshnessSettings,
     Results,
     RunDefaults,
+    SettingsTable,
     SourceSetting,
     StartPoseSetting,
-    Table,
     TeamSetting,
     ThresholdSettings,
     TopicSetting,
+    start_pose_on,
 )
+from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
 from scoring.protocol import Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
-    from madrob_console.engine.live.limits import SensorLimits
     from madrob_console.messages.codec import TopicMapping
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
 
-class Settings(Table, frozen=True):
+class Settings(SettingsTable, frozen=True):
     """All settings; each has a default."""
 
     competition: Competition = Competition()
@@ -48,7 +49,7 @@ class Settings(Table, frozen=True):
     testbed: SourceSetting = SourceSetting()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
-    freshness: Freshness = Freshness()
+    freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
     console: ConsoleSettings = ConsoleSettings()
@@ -66,8 +67,7 @@ class Settings(Table, frozen=True):
 
     def start_pose(self, side: Side) -> StartPose:
         """The first start pose on `side`."""
-        poses = (setting.pose for setting in (*self.start_poses, *DEFAULT_START_POSES))
-        return next(pose for pose in poses if pose.side is side)
+        return start_pose_on(side, self.start_poses)
 
     def scoring_thresholds(self) -> Thresholds:
         """The thresholds as `scoring` takes them."""
@@ -79,8 +79,6 @@ class Settings(Table, frozen=True):
 
     def sensor_limits(self) -> SensorLimits:
         """The limits of a healthy testbed as the engine takes them."""
-        from madrob_console.engine.live.limits import SensorLimits
-
         c = self.checks
         return SensorLimits(
             fresh=self.freshness.fresh,
@@ -88,7 +86,6 @@ class Settings(Table, frozen=True):
             rate=c.rate,
             least_rate=c.least_rate,
             most_rate=c.most_rate,
-            skew=c.largest_skew,
         )
 
     def mappings(self) -> tuple[TopicMapping, ...]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 from msgspec.structs import asdict
 
-from madrob_console.config.tables import Table, within
+from madrob_console.config.tables import SettingsTable, within
 
 if TYPE_CHECKING:
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from scoring.protocol import Thresholds
 
 
-class SimulatedDoor(Table, frozen=True):
+class SimulatedDoor(SettingsTable, frozen=True):
     """[simulated.door]: doorway, panel and sensor places. Lengths in m.
 
     The lintel's height is `lintel_height` of [thresholds].
@@ -41,7 +41,7 @@ class SimulatedDoor(Table, frozen=True):
         )
 
 
-class SimulatedSensors(Table, frozen=True):
+class SimulatedSensors(SettingsTable, frozen=True):
     """[simulated.sensors]: how the sensors behave."""
 
     rate: Annotated[float, within(1, 1000, "Hz, each topic")] = 50.0
@@ -58,7 +58,7 @@ class SimulatedSensors(Table, frozen=True):
         return SensorSettings(**asdict(self))
 
 
-class SimulatedRobot(Table, frozen=True):
+class SimulatedRobot(SettingsTable, frozen=True):
     """[simulated.robot]: a box that moves along the doorway's axis."""
 
     length: Annotated[float, within(0.05, 5, "m along the axis")] = 0.5
@@ -79,7 +79,7 @@ class SimulatedRobot(Table, frozen=True):
         return RobotSettings(body, self.reaction, self.start_distance)
 
 
-class Simulated(Table, frozen=True):
+class Simulated(SettingsTable, frozen=True):
     """[simulated]: the simulated testbed."""
 
     door: SimulatedDoor = SimulatedDoor()

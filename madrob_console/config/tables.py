@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,12 +10,14 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import force_setattr
 
+from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.names import clean_name
-from scoring.protocol import LockDetection, Signal, StartPose, Thresholds
+from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
 _T = Thresholds()
+_L = SensorLimits()
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
 _Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
@@ -25,11 +28,11 @@ def within(low: float, high: float, description: str) -> Meta:
     return Meta(ge=low, le=high, description=description)
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SettingsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file; an unknown key in it is an error."""
 
 
-class Competition(Table, frozen=True):
+class Competition(SettingsTable, frozen=True):
     """[competition]: what stands over every run. Names are cleaned."""
 
     name: Annotated[str, Meta(description="stands on screens and in reports")] = ""
@@ -51,7 +54,7 @@ class Competition(Table, frozen=True):
         return Path(self.teams_file).expanduser() if self.teams_file else None
 
 
-class RunDefaults(Table, frozen=True):
+class RunDefaults(SettingsTable, frozen=True):
     """[run]: what the set-up of a run proposes (protocol sections 2, 7 and 9)."""
 
     timeout: Annotated[float, within(1, 86400, "s from the start")] = 300.0
@@ -65,7 +68,7 @@ class RunDefaults(Table, frozen=True):
     ] = RulesetName.PROTOCOL
 
 
-class TeamSetting(Table, frozen=True):
+class TeamSetting(SettingsTable, frozen=True):
     """One [[teams]]: which team a subject number belongs to. The name is cleaned."""
 
     subject: Annotated[int, Meta(ge=1, le=999)]
@@ -75,7 +78,7 @@ class TeamSetting(Table, frozen=True):
         force_setattr(self, "name", clean_name(self.name, "team"))
 
 
-class StartPoseSetting(Table, frozen=True):
+class StartPoseSetting(SettingsTable, frozen=True):
     """One [[start_poses]]: a pose to choose from, in the frame `madrob_door` (section 1)."""
 
     name: str
@@ -101,7 +104,13 @@ DEFAULT_START_POSES = (
 """One pose a side, in front of the door and facing it."""
 
 
-class SourceSetting(Table, frozen=True):
+def start_pose_on(side: Side, poses: Iterable[StartPoseSetting]) -> StartPose:
+    """The first of some start poses on `side`; where there is none, that of the defaults."""
+    choices = (setting.pose for setting in (*poses, *DEFAULT_START_POSES))
+    return next(pose for pose in choices if pose.side is side)
+
+
+class SourceSetting(SettingsTable, frozen=True):
     """[testbed]: where the messages come from."""
 
     kind: (
@@ -117,7 +126,7 @@ class SourceSetting(Table, frozen=True):
             raise ValueError("kind: a replay needs its bag, use `--testbed replay PATH`")
 
 
-class TopicSetting(Table, frozen=True):
+class TopicSetting(SettingsTable, frozen=True):
     """One [[topics]]: how this testbed publishes a signal; what is left out stays as it is."""
 
     signal: Signal
@@ -134,7 +143,7 @@ class TopicSetting(Table, frozen=True):
             raise ValueError(f"field: name the field of {self.type} that holds the value")
 
 
-class ThresholdSettings(Table, frozen=True):
+class ThresholdSettings(SettingsTable, frozen=True):
     """[thresholds]: the numbers that turn signals into events (protocol sections 4 and 7)."""
 
     touch_force: Annotated[float, within(0.01, 1000, "N; more is a touch")] = _T.touch_force
@@ -158,23 +167,25 @@ class ThresholdSettings(Table, frozen=True):
             raise ValueError("present_height: must be below lintel_height")
 
 
-class Freshness(Table, frozen=True):
+class FreshnessSettings(SettingsTable, frozen=True):
     """[freshness]: how old the newest message of a topic may be."""
 
-    fresh: Annotated[float, within(0.01, 60, "s; up to this age a topic is fresh")] = 0.5
-    lost: Annotated[float, within(0.01, 600, "s; above this age it is lost")] = 2.0
+    fresh: Annotated[float, within(0.01, 60, "s; up to this age a topic is fresh")] = _L.fresh
+    lost: Annotated[float, within(0.01, 600, "s; above this age it is lost")] = _L.lost
 
     def __post_init__(self) -> None:
         if self.lost < self.fresh:
             raise ValueError("lost: must not be below fresh")
 
 
-class Checks(Table, frozen=True):
+class Checks(SettingsTable, frozen=True):
     """[checks]: limits of the checks before a start."""
 
-    rate: Annotated[float, within(0.1, 10000, "Hz; what the testbed's topics should have")] = 50.0
-    least_rate: Annotated[float, within(0, 1, "healthy from this part of it")] = 0.8
-    most_rate: Annotated[float, within(1, 1000, "healthy up to this part of it")] = 3.0
+    rate: Annotated[float, within(0.1, 10000, "Hz; what the testbed's topics should have")] = (
+        _L.rate
+    )
+    least_rate: Annotated[float, within(0, 1, "healthy from this part of it")] = _L.least_rate
+    most_rate: Annotated[float, within(1, 1000, "healthy up to this part of it")] = _L.most_rate
     largest_skew: Annotated[float, within(0.001, 3600, "s between stamp and reception")] = (
         _T.largest_skew
     )
@@ -183,7 +194,7 @@ class Checks(Table, frozen=True):
     )
 
 
-class Results(Table, frozen=True):
+class Results(SettingsTable, frozen=True):
     """[results]: where runs are kept."""
 
     folder: Annotated[str, Meta(min_length=1, description="one folder a run in it")] = (
@@ -200,7 +211,7 @@ class Results(Table, frozen=True):
         return Path(self.folder).expanduser()
 
 
-class EngineSettings(Table, frozen=True):
+class EngineSettings(SettingsTable, frozen=True):
     """[engine]: the process behind the screens."""
 
     idle_time: Annotated[
@@ -208,7 +219,7 @@ class EngineSettings(Table, frozen=True):
     ] = 600.0
 
 
-class ConsoleSettings(Table, frozen=True):
+class ConsoleSettings(SettingsTable, frozen=True):
     """[console]: the referee's screens."""
 
     theme: Annotated[ThemeName, Meta(description="dark, light or high-contrast")] = ThemeName.DARK

@@ -74,11 +74,11 @@ class RunSetup:
     run_number: int
     condition: Condition
     start_pose: StartPose
-    referee: str = ""
-    timeout: float = 300.0
-    countdown: float = 5.0
-    ruleset: RulesetName = RulesetName.PROTOCOL
-    lock_detection: LockDetection = LockDetection.AUTO
+    referee: str
+    timeout: float
+    countdown: float
+    ruleset: RulesetName
+    lock_detection: LockDetection
 
     def problem(self) -> str | None:
         """Why a run cannot be set up like this, naming the field; None when it can."""

@@ -14,6 +14,7 @@ from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
 
+from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Perform, TakeOver
 from madrob_console.errors import MadrobError
@@ -21,7 +22,7 @@ from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Act, SetUp, Waive
 from madrob_console.referee.questions import Ask
 from madrob_console.ui.cells.lines import Tone
-from madrob_console.ui.defaults import ConsoleDefaults, Look
+from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.asks import Leave, Wish
 from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key, bindings
@@ -79,13 +80,13 @@ class MadrobApp(App[None], inherit_bindings=False):
         self,
         open_client: Callable[[], EngineClient],
         defaults: ConsoleDefaults,
-        look: Look | None = None,
+        look: ConsoleSettings | None = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
         super().__init__()
-        self._look = look or Look()
+        self._look = look or ConsoleSettings()
         self._environ = environ
         for theme in THEMES:
             self.register_theme(theme)

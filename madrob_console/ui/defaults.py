@@ -6,44 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from madrob_console.kinds import ThemeName
-from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
-from scoring.rulesets import RulesetName
-
-
-@dataclass(frozen=True, slots=True)
-class PosePreset:
-    """A start pose with a name."""
-
-    name: str
-    pose: StartPose
-
-
-POSE_PRESETS = (
-    PosePreset("CCW, 1.5 m", StartPose(1.5, 0.0, 180.0)),
-    PosePreset("CW, 1.5 m", StartPose(-1.5, 0.0, 0.0)),
+from madrob_console.config.tables import (
+    DEFAULT_START_POSES,
+    RunDefaults,
+    StartPoseSetting,
+    start_pose_on,
 )
-"""One pose a side, in front of the door and facing it."""
+from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 """Condition 1."""
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How the screens present themselves.
-
-    Attributes:
-        theme: of the colours.
-        ascii: draw with ASCII characters only; None = find out from the environment.
-        bell: ring the terminal's bell on start, stop and fault.
-        mouse: let the terminal report the mouse.
-    """
-
-    theme: ThemeName = ThemeName.DARK
-    ascii: bool | None = None
-    bell: bool = True
-    mouse: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +32,9 @@ class ConsoleDefaults:
         subject, team, referee: who.
         teams: subject -> team's name, as far as known.
         condition: benchmark type, opening side and starting side.
-        start_pose: None = the first preset of the starting side.
+        start_pose: None = the first of the starting side.
         poses: start poses to choose from.
-        timeout, countdown: s.
-        ruleset: which rules make the indicators.
-        lock_detection: what decides step 6.
+        run: timeout, countdown, ruleset and what decides step 6.
     """
 
     competition: str = ""
@@ -79,15 +49,9 @@ class ConsoleDefaults:
     teams: Mapping[int, str] = field(default_factory=dict)
     condition: Condition = FIRST_CONDITION
     start_pose: StartPose | None = None
-    poses: tuple[PosePreset, ...] = POSE_PRESETS
-    timeout: float = 300.0
-    countdown: float = 5.0
-    ruleset: RulesetName = RulesetName.PROTOCOL
-    lock_detection: LockDetection = LockDetection.AUTO
+    poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
+    run: RunDefaults = field(default_factory=RunDefaults)
 
     def preset(self, side: Side) -> StartPose:
-        """The first preset pose on `side`; the usual one if there is none."""
-        for preset in (*self.poses, *POSE_PRESETS):
-            if preset.pose.side is side:
-                return preset.pose
-        raise AssertionError("POSE_PRESETS has one for each side")
+        """The first start pose to choose from on `side`; the usual one if there is none."""
+        return start_pose_on(side, self.poses)

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from madrob_console.config.tables import ConsoleSettings
 from madrob_console.errors import MadrobError
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import ConsoleDefaults, Look
+from madrob_console.ui.defaults import ConsoleDefaults
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.requests import EngineClient
@@ -25,7 +26,9 @@ _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
 def run_console(
-    open_client: Callable[[], EngineClient], defaults: ConsoleDefaults, look: Look | None = None
+    open_client: Callable[[], EngineClient],
+    defaults: ConsoleDefaults,
+    look: ConsoleSettings | None = None,
 ) -> int:
     """Show the screens until the referee leaves; returns the exit code.
 
@@ -41,10 +44,10 @@ def run_console(
 
     def connected() -> EngineClient:
         client = open_client()
-        gc.freeze()  # the screens stay: to search them for rubbish would hold up a key for 0.03 s
+        gc.freeze()  # or a garbage collection among the screens holds up a key for 0.03 s
         return client
 
-    look = look or Look()
+    look = look or ConsoleSettings()
     app = MadrobApp(connected, defaults, look)
     try:
         with leaving_on_signals(app):

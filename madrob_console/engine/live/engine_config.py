@@ -18,19 +18,19 @@ class EngineConfig:
     Attributes:
         results: the results folder.
         mappings: which topic carries which signal.
+        disk_needed: bytes that must be free before a start.
         thresholds: the testbed's numbers.
         limits: what counts as a healthy testbed.
         competition: its name.
         version: of the software.
-        disk_needed: bytes that must be free before a start.
         lossless: wait for the disk instead of dropping messages (virtual time).
     """
 
     results: Path
     mappings: tuple[TopicMapping, ...]
+    disk_needed: int
     thresholds: Thresholds = field(default_factory=Thresholds)
     limits: SensorLimits = field(default_factory=SensorLimits)
     competition: str = ""
     version: str = field(default_factory=software_version)
-    disk_needed: int = 500_000_000
     lossless: bool = False

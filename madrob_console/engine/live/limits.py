@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scoring.protocol import Thresholds
-
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
@@ -16,7 +14,6 @@ class SensorLimits:
         lost: above this age it is lost, s.
         rate: the testbed's rate, Hz.
         least_rate, most_rate: healthy fractions of it.
-        skew: largest abs(stamp - log time), s.
         averaging: the handle zero is the mean over this long, s.
     """
 
@@ -25,5 +22,4 @@ class SensorLimits:
     rate: float = 50.0
     least_rate: float = 0.8
     most_rate: float = 3.0
-    skew: float = Thresholds().largest_skew
     averaging: float = 1.0

@@ -40,7 +40,7 @@ class PreStart:
             rest_force=config.thresholds.touch_force / 2,
             occupied=sensors.occupied(now),
             skew=sensors.skew(now),
-            largest_skew=config.limits.skew,
+            largest_skew=config.thresholds.largest_skew,
             disk_free=self.free_disk(now),
             disk_needed=config.disk_needed,
             recorder_problem=None,

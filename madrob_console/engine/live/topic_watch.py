@@ -181,7 +181,7 @@ class TopicWatch:
             what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
             found[Trouble.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
         skew = self.skew(now)
-        if skew is not None and abs(skew) >= self._limits.skew and self._stamp != 0:
+        if skew is not None and abs(skew) >= self._thresholds.largest_skew and self._stamp != 0:
             where = "ahead of" if skew > 0 else "behind"
             found[Trouble.SKEW] = f"stamps {abs(skew):.3f} s {where} their reception"
 

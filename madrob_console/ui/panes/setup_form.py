@@ -47,8 +47,8 @@ class SetupForm(Horizontal):
         )
         self.timeout = NumberField(id="timeout")
         self.countdown = NumberField(id="countdown")
-        self.ruleset = _choice(RulesetName, defaults.ruleset, "ruleset")
-        self.lock_detection = _choice(LockDetection, defaults.lock_detection, "lock")
+        self.ruleset = _choice(RulesetName, defaults.run.ruleset, "ruleset")
+        self.lock_detection = _choice(LockDetection, defaults.run.lock_detection, "lock")
         self.top_view = TopView()
 
     def compose(self) -> ComposeResult:

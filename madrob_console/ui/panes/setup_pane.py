@@ -215,10 +215,10 @@ class SetupPane(Vertical):
             condition=condition,
             start_pose=known.start_pose or known.preset(condition.starting_side),
             referee=known.referee,
-            timeout=known.timeout,
-            countdown=known.countdown,
-            ruleset=known.ruleset,
-            lock_detection=known.lock_detection,
+            timeout=known.run.timeout,
+            countdown=known.run.countdown,
+            ruleset=known.run.ruleset,
+            lock_detection=known.run.lock_detection,
         )
 
     def _propose(self, *, again: bool = False) -> None:

@@ -18,16 +18,13 @@ from madrob_console.config import (
 )
 from madrob_console.config.example import example_toml
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.referee.run import RunSetup
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.scenarios import RobotSettings
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
-from madrob_console.ui.defaults import POSE_PRESETS, PosePreset
 from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
@@ -54,12 +51,14 @@ def test_without_a_file_everything_is_as_the_protocol_has_it(home: Path) -> None
     assert settings.door_geometry() == DoorGeometry()
     assert settings.simulated.sensors.settings() == SensorSettings()
     assert settings.simulated.robot.settings() == RobotSettings()
-    assert tuple(PosePreset(p.name, p.pose) for p in settings.start_poses) == POSE_PRESETS
-    engine = {field.name: field.default for field in dataclasses.fields(EngineConfig)}
-    assert settings.checks.disk_space == engine["disk_needed"]
-    set_up = {field.name: field.default for field in dataclasses.fields(RunSetup)}
-    for name in ("timeout", "countdown", "lock_detection", "ruleset"):
-        assert getattr(settings.run, name) == set_up[name]
+    run = settings.run
+    assert (run.timeout, run.countdown) == (300.0, 5.0)
+    assert (run.lock_detection, run.ruleset) == (LockDetection.AUTO, RulesetName.PROTOCOL)
+    assert [(pose.name, pose.pose) for pose in settings.start_poses] == [
+        ("CCW, 1.5 m", StartPose(1.5, 0.0, 180.0)),
+        ("CW, 1.5 m", StartPose(-1.5, 0.0, 0.0)),
+    ]
+    assert settings.checks.disk_space == 500_000_000
     assert settings.results.root == home / "madrob_runs"
     assert settings.competition.teams_path is None
 
@@ -138,7 +137,7 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     assert settings.scoring_thresholds() == Thresholds(
         touch_force=3.0, mask_from=(0, 0, 0, 0, 0), largest_skew=0.2
     )
-    assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0, skew=0.2)
+    assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0)
     assert settings.results.root == Path("/data/runs")
     assert settings.console == ConsoleSettings(
         theme=ThemeName.HIGH_CONTRAST, bell=False, mouse=False, ascii=True

@@ -404,7 +404,7 @@ def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
 
 
 def replayed(folder: Path) -> Result:
-    config = EngineConfig(folder.parent, DEFAULT_MAPPINGS)
+    config = EngineConfig(folder.parent, DEFAULT_MAPPINGS, disk_needed=0)
     types = MessageTypes()
     engine = Engine.of_recording(Replay(folder, types, speed=0), config, types)
     engine.open()

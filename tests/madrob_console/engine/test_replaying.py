@@ -76,7 +76,7 @@ class Deck:
 
     def __init__(self, path: Path, speed: float = 1.0, work: float = 0.0) -> None:
         self.world = RealTime(work=work)
-        config = EngineConfig(path.parent / "never made", DEFAULT_MAPPINGS)
+        config = EngineConfig(path.parent / "never made", DEFAULT_MAPPINGS, disk_needed=0)
         types = MessageTypes()
         replay = Replay(path, types, speed, self.world.monotonic, self.world.wait)
         self.engine = Engine.of_recording(replay, config, types)

@@ -121,7 +121,7 @@ def replayed(tmp_path: Path) -> Iterator[Served]:
     drive.finish()
     drive.engine.close()
     assert drive.engine.folder is not None
-    config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS)
+    config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS, disk_needed=0)
     types = MessageTypes()
     engine = Engine.of_recording(Replay(drive.engine.folder, types), config, types)
     served = Served(tmp_path, engine=engine)

@@ -48,7 +48,17 @@ from madrob_console.referee.run import (
 )
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
-from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, StartPose, Step
+from scoring.protocol import (
+    BenchmarkType,
+    Condition,
+    EventName,
+    LockDetection,
+    Outcome,
+    Side,
+    StartPose,
+    Step,
+)
+from scoring.rulesets import RulesetName
 
 SETUP = RunSetup(
     subject=3,
@@ -57,6 +67,10 @@ SETUP = RunSetup(
     condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
     start_pose=StartPose(1.5, 0.0, 180.0),
     referee="R. Eferee",
+    timeout=300.0,
+    countdown=5.0,
+    ruleset=RulesetName.PROTOCOL,
+    lock_detection=LockDetection.AUTO,
 )
 READY = Run(Phase.READY, SETUP)
 COUNTDOWN = begin_countdown(READY, 100.0)

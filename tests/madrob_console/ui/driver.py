@@ -9,8 +9,9 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
+from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import ConsoleDefaults, Look
+from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
@@ -83,7 +84,7 @@ async def driving(
     size: tuple[int, int] = SMALL,
     defaults: ConsoleDefaults = DEFAULTS,
     monotonic: Callable[[], float] = lambda: 0.0,
-    look: Look | None = None,
+    look: ConsoleSettings | None = None,
 ) -> AsyncIterator[Driver]:
     """The console on `engine`, in a terminal of `size`; time stands still for the screens."""
     app = MadrobApp(lambda: engine, defaults, look, monotonic)

@@ -10,6 +10,7 @@ import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
+from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import EngineClient, TakeOver
 from madrob_console.errors import MadrobError
@@ -17,7 +18,6 @@ from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout
 from madrob_console.referee.run import Phase
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import Look
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.panes.history_pane import HistoryPane
 from scoring.protocol import Outcome
@@ -129,7 +129,7 @@ def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
     rung: list[str] = []
     monkeypatch.setattr(MadrobApp, "bell", lambda _app: rung.append("bell"))
 
-    async def drive(look: Look) -> list[int]:
+    async def drive(look: ConsoleSettings) -> list[int]:
         rung.clear()
         counts = []
         async with driving(FakeEngine(), look=look) as driver:
@@ -147,8 +147,8 @@ def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
             counts.append(len(rung))
         return counts
 
-    assert asyncio.run(drive(Look())) == [0, 1, 2, 3]
-    assert asyncio.run(drive(Look(bell=False))) == [0, 0, 0, 0]
+    assert asyncio.run(drive(ConsoleSettings())) == [0, 1, 2, 3]
+    assert asyncio.run(drive(ConsoleSettings(bell=False))) == [0, 0, 0, 0]
 
 
 def test_the_palette_finds_every_command_and_says_why_one_is_not_possible(

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 import madrob_console.ui
+from madrob_console.config.tables import ConsoleSettings
 from madrob_console.names import terminal_safe
-from madrob_console.ui.defaults import Look
 from madrob_console.ui.look.glyphs import LIKENESS, to_ascii, uses_ascii
 from madrob_console.ui.panes.run_clock import large_digits
 from tests.madrob_console.ui.driver import DEFAULTS, driving
@@ -110,7 +110,7 @@ def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
     names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
 
     async def drive() -> None:
-        async with driving(engine, defaults=names, look=Look(ascii=True)) as console:
+        async with driving(engine, defaults=names, look=ConsoleSettings(ascii=True)) as console:
             await console.press("f2", "enter", "tab")
             screens = [console.text]
             assert "Zurich ??" in console.text
