@@ -34,14 +34,12 @@ from madrob_console.archive.result_reader import (
 )
 from madrob_console.archive.stamped_index import StampedIndex
 from madrob_console.files.bounded import stamp_of
+from madrob_console.kinds import SourceKind
 from scoring.errors import ScoringError
 from scoring.protocol import Condition, Outcome
 
 INDEX_FILE = ".history.json"
 """In the results folder."""
-
-OFFICIAL = "ros"
-"""The source whose runs count; the others are practice."""
 
 _INDEX_VERSION = (2, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
@@ -117,7 +115,12 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     @property
     def official(self) -> bool:
         """Whether the messages came from a real testbed."""
-        return self.source == OFFICIAL
+        return self.source == SourceKind.ROS
+
+    @property
+    def practice(self) -> bool:
+        """Whether they came from a simulated one."""
+        return self.source == SourceKind.SIMULATED
 
     @property
     def outcome_word(self) -> str:

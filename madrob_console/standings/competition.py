@@ -10,7 +10,6 @@ from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.standings.tally import (
-    PRACTICE,
     Aggregate,
     Overall,
     Standing,
@@ -206,7 +205,7 @@ def _told(run: RunSummary) -> bool:
 
 
 def _of_kind(run: RunSummary, *, official: bool) -> bool:
-    return run.official if official else run.source == PRACTICE
+    return run.official if official else run.practice
 
 
 def _why(run: RunSummary) -> str:

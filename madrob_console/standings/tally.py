@@ -16,9 +16,6 @@ from madrob_console.archive.history import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
-PRACTICE = "simulated"
-"""The source of practice runs."""
-
 
 @dataclass(frozen=True, slots=True)
 class Aggregate:
@@ -162,7 +159,7 @@ def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
             continue
         if run.outcome is None:
             unfinished.append(run)
-        elif run.official if official else run.source == PRACTICE:
+        elif run.official if official else run.practice:
             groups[_key(run)].append(run)
     for run in unfinished:
         if _key(run) in groups:

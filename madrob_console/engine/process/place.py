@@ -15,6 +15,7 @@ from pathlib import Path
 from platformdirs import user_runtime_path
 
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,7 @@ def place_of(kind: str, *what: object) -> Place:
     Raises:
         MadrobError: there is no folder for it.
     """
-    if kind == "ros":
+    if kind == SourceKind.ROS:
         name = f"ros_domain_{what[0]}"
     else:
         digest = hashlib.blake2s("\n".join(map(str, what)).encode(), digest_size=4).hexdigest()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
+from madrob_console.kinds import SourceKind
 from madrob_console.referee.health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import fitted, size_text, time_of_day
@@ -57,7 +58,7 @@ class TopLine(View):
 def source_badge(snapshot: Snapshot, room: int) -> Span:
     """The source's label in at most `room` cells: LIVE and others differ in word and mark."""
     label = snapshot.source_label
-    if snapshot.source_kind == "ros":
+    if snapshot.source_kind is SourceKind.ROS:
         return Span(f" {_cut(label, room - 2)} ", Tone.LIVE)
     return Span(f" ~~ {_cut(label, room - 8)} ~~ ", Tone.NOTICE)
 

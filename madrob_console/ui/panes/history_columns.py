@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.kinds import SourceKind
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.panes.indicator_columns import MISSING, indicator_column
@@ -18,10 +19,10 @@ _OUTCOME_TONES = {
     Outcome.INTERRUPTED: Tone.BAD,
     None: Tone.WARN,
 }
-_SOURCES = {
-    "ros": Span("ros"),
-    "simulated": Span("SIM", Tone.NOTICE),
-    "replay": Span("rep", Tone.WARN),
+_SOURCES: Mapping[str, Span] = {
+    SourceKind.ROS: Span("ros"),
+    SourceKind.SIMULATED: Span("SIM", Tone.NOTICE),
+    SourceKind.REPLAY: Span("rep", Tone.WARN),
 }
 _CLOSING_TONES = {"open": Tone.DIM, "final": Tone.PLAIN, "protested": Tone.WARN}
 

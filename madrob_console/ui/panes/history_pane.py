@@ -177,7 +177,7 @@ def summary(runs: Sequence[RunSummary]) -> str:
         return "no runs in the results folder"
     words = Counter("valid" if run.valid else run.outcome_word for run in runs)
     parts = [f"{count} {word}" for word, count in words.most_common()]
-    simulated = sum(run.source == "simulated" for run in runs)
+    simulated = sum(run.practice for run in runs)
     among = f" ({simulated} SIMULATED)" if simulated else ""
     plural = "s" if len(runs) > 1 else ""
     return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"

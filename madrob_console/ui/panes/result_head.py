@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from madrob_console.kinds import SourceKind
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import OUTCOMES, wrapped
@@ -38,7 +39,7 @@ class ResultHead(View):
 def _marked(lines: list[Line], snapshot: Snapshot, width: int) -> list[Line]:
     """With a notice where the result is no official one: beside the outcome, else below it."""
     source = snapshot.result_source
-    if source is None or source == "ros":
+    if source is None or source is SourceKind.ROS:
         return lines
     notice = line(Span(f" {source.upper()}: not an official result ", Tone.NOTICE))
     if width_of(lines[-1]) + 2 + width_of(notice) > width:
