@@ -1,7 +1,7 @@
 """The simulated testbed: a model, not random numbers.
 
-`SimulatedTestbed` is the door to it; `Truth` is what a run's events and steps truly are. Bodies
-do not collide: where a robot's way and the panel's swing meet, neither gives way.
+`SimulatedTestbed` is the door to it. Bodies do not collide: where a robot's way and the panel's
+swing meet, neither gives way.
 """
 
 from madrob_console.kinds import Scenario
@@ -10,7 +10,6 @@ from madrob_console.testbeds.simulated.plan import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
-from madrob_console.testbeds.simulated.truth import Truth, truth_of
 
 __all__ = [
     "DoorGeometry",
@@ -20,7 +19,5 @@ __all__ = [
     "Scenario",
     "SensorSettings",
     "SimulatedTestbed",
-    "Truth",
     "plan_run",
-    "truth_of",
 ]

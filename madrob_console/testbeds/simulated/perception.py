@@ -45,12 +45,6 @@ class Switch:
             value = state
         return value
 
-    def first(self, value: bool, since: float) -> float | None:
-        """The first instant at or after `since` at which it has `value`; None = never."""
-        if self.at(since) is value:
-            return since
-        return next((t for t, state in self.changes if t > since and state is value), None)
-
     @property
     def instants(self) -> tuple[float, ...]:
         """When it changes, s."""
@@ -63,7 +57,7 @@ class Switch:
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class Perception:
     """One plan, seen by flawless sensors.
 
     Attributes:
@@ -82,48 +76,30 @@ class Observation:
     masked: dict[PassageSensor, Switch]
     occupied: dict[PassageSensor, Switch]
 
-    def side_occupied(self, side: Side) -> Switch:
-        """Whether any used sensor of a side is occupied."""
-        switches = [switch for sensor, switch in self.occupied.items() if sensor.side is side]
-        instants = {time for switch in switches for time in switch.instants}
-        return switch_of(lambda time: any(s.at(time) for s in switches), instants, exact=True)
 
-    def edges(self, *, rising: bool) -> list[tuple[float, Side]]:
-        """Every rise or every fall of a used sensor with its side, in order."""
-        return sorted(
-            (time, sensor.side)
-            for sensor, switch in self.occupied.items()
-            for time, value in switch.changes
-            if value is rising
-        )
-
-
-def switch_of(
-    value: Callable[[float], bool], instants: Iterable[float], *, exact: bool = False
-) -> Switch:
+def switch_of(value: Callable[[float], bool], instants: Iterable[float]) -> Switch:
     """The switch of a function that is constant between `instants`.
 
     Args:
-        value: the function; False at first.
+        value: the function; False at first. It is asked between two instants.
         instants: where it may change.
-        exact: it may be asked at an instant of change itself, else between two.
     """
     times = sorted(set(instants))
     state, changes = False, []
     for time, after in pairwise([*times, *(t + 1.0 for t in times[-1:])]):
-        new = value(time if exact else (time + after) / 2)
+        new = value((time + after) / 2)
         if new is not state:
             state = new
             changes.append((time, state))
     return Switch(False, tuple(changes))
 
 
-def observe(plan: MotionPlan, geometry: DoorGeometry) -> Observation:
+def observe(plan: MotionPlan, geometry: DoorGeometry) -> Perception:
     """What flawless sensors would say of `plan`."""
     present = {sensor: _present(plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
     opening = Levels(plan.opening, plan.opening_knots)
     masked = {sensor: _masked(opening, plan, geometry, sensor) for sensor in PASSAGE_SENSORS}
-    return Observation(
+    return Perception(
         touched=_touched(plan, geometry.thresholds.touch_force),
         door_open=_door_open(opening, plan, geometry),
         latched=None if plan.latch is None else Switch(True, plan.latch),
@@ -179,7 +155,7 @@ def _apart(one: Iterable[float], other: Iterable[float]) -> bool:
     return all(abs(a - b) > _MARGIN for a in one for b in others)
 
 
-def _unmasked_long_enough(seen: Observation, sensor: PassageSensor) -> bool:
+def _unmasked_long_enough(seen: Perception, sensor: PassageSensor) -> bool:
     """Whether a change that shows when a mask ends shows for longer than a sample."""
     shown = set(seen.occupied[sensor].instants)
     spans = seen.masked[sensor].spans

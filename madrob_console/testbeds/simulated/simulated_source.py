@@ -21,7 +21,6 @@ from madrob_console.messages.codec import (
 from madrob_console.testbeds.simulated.encoding import Encoder
 from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
-from madrob_console.testbeds.simulated.truth import Truth
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
@@ -84,14 +83,6 @@ class SimulatedSource:
     def label(self) -> str:
         """For people: `SIMULATED nominal`."""
         return f"SIMULATED {self.testbed.scenario}"
-
-    def truth(self, timeout: float = 300.0) -> Truth | None:
-        """What truly happens in the run that has been started, in s since the epoch.
-
-        Args:
-            timeout: s after the start at which the run ends.
-        """
-        return self.testbed.truth(timeout)
 
     def open(self) -> None:
         """Switch the sensors on."""

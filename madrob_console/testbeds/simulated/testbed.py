@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from random import Random
 
-from madrob_console.clock import NS, seconds
+from madrob_console.clock import NS
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import Scenario
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
@@ -21,7 +21,6 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorModel,
     SensorSettings,
 )
-from madrob_console.testbeds.simulated.truth import Truth, truth_of
 from scoring.protocol import Condition, Signal
 
 _NOBODY = Scene()
@@ -73,6 +72,11 @@ class SimulatedTestbed:
         return self._plan
 
     @property
+    def start_ns(self) -> int:
+        """When it starts, ns since the epoch."""
+        return self._start_ns
+
+    @property
     def signals(self) -> tuple[Signal, ...]:
         """What its sensors deliver."""
         return tuple(s for s in Signal if self.sensors.latch or s is not Signal.LATCH)
@@ -107,18 +111,6 @@ class SimulatedTestbed:
         if self._plan is not None:
             self._repetition += 1
         self._plan = None
-
-    def truth(self, timeout: float = 300.0, *, latch_decides: bool | None = None) -> Truth | None:
-        """The truth of the started run in s since the epoch; None before a start.
-
-        Args:
-            timeout: s after the start at which the run ends.
-            latch_decides: as for `truth_of`.
-        """
-        if self._plan is None:
-            return None
-        truth = truth_of(self._plan, self.geometry, timeout, latch_decides=latch_decides)
-        return truth.since(seconds(self._start_ns))
 
     def scene(self, time_ns: int) -> Scene:
         """What is in the doorway at an instant, ns since the epoch."""

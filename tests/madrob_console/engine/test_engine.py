@@ -42,6 +42,7 @@ from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.testbeds.truth import truth_of_testbed
 from tests.slowly import slow_but_for
 
 
@@ -279,7 +280,7 @@ def test_the_referee_can_stop_a_run_that_only_he_can_judge(tmp_path: Path) -> No
 def test_the_latch_sensor_decides_where_there_is_one(tmp_path: Path) -> None:
     drive = Drive(tmp_path, latch=True)
     drive.whole_run(make_setup())
-    scored, truth = drive.engine.scored, drive.source.truth(60.0)
+    scored, truth = drive.engine.scored, truth_of_testbed(drive.source.testbed, 60.0)
     assert scored is not None
     assert truth is not None
     assert scored.result.lock_detection is LockDetection.SENSOR

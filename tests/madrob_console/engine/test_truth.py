@@ -15,12 +15,12 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageType
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.testbeds.simulated.perception import observe
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
-from madrob_console.testbeds.simulated.truth import Truth
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Signal
 from scoring.result import EventRecord, Result
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.testbeds.truth import Truth, truth_of_testbed
 from tests.slowly import slow_but_for
 
 TIMEOUT = 60.0
@@ -72,7 +72,7 @@ class Comparison:
 def play(results: Path, scenario: Scenario, seed: int, condition: Condition) -> Played:
     drive = Drive(results, scenario, seed)
     drive.whole_run(make_setup(condition, timeout=TIMEOUT))
-    truth = drive.source.truth(TIMEOUT)
+    truth = truth_of_testbed(drive.source.testbed, TIMEOUT)
     scored, folder = drive.engine.scored, drive.engine.folder
     assert scored is not None
     assert truth is not None

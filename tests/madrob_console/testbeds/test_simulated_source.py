@@ -29,6 +29,7 @@ from scoring.procedure import follow_procedure
 from scoring.protocol import Condition, Event, LockDetection, Outcome, Signal, StartPose, Thresholds
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
 from tests.madrob_console import said
+from tests.madrob_console.testbeds.truth import truth_of_testbed
 
 TYPES = MessageTypes()
 START_NS = 1_700_000_000_000_000_000
@@ -153,7 +154,7 @@ def _feed(detector: EventDetector, decoder: Decoder, messages: list[RawMessage])
 
 def check_detection(source: SimulatedSource, clock: Clock, timeout: float) -> None:
     events, outcome, level = run(source, clock, timeout)
-    truth = source.truth(timeout)
+    truth = truth_of_testbed(source.testbed, timeout)
     assert truth is not None
     assert outcome is truth.outcome
     assert level == truth.capability_level
@@ -193,7 +194,7 @@ def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> No
         samples = [decoder.decode(message) for message in source.take(duration)]
         return [s.angle for s in samples if isinstance(s, DoorSample)]
 
-    assert source.truth() is None
+    assert truth_of_testbed(source.testbed) is None
     source.publish(state("ready"))
     assert set(angles(3.0)) == {0.0}
     start = seconds(clock.now_ns()) + 5.0
@@ -201,15 +202,15 @@ def test_the_robot_sets_out_when_the_run_starts_and_returns_for_the_next() -> No
     assert set(angles(5.0)) == {0.0}
     source.publish(state("running", start))
     assert max(angles(7.0)) > 1.0
-    first = source.truth()
+    first = truth_of_testbed(source.testbed)
     assert first is not None
     source.publish(state("stopped", start))
     source.publish(state("final", start))
     source.publish(state("ready"))
-    assert source.truth() is None
+    assert truth_of_testbed(source.testbed) is None
     assert set(angles(1.0)) == {0.0}
     source.publish(state("countdown", start + 60.0))
-    second = source.truth()
+    second = truth_of_testbed(source.testbed)
     assert second is not None
     assert second.stop - first.stop != pytest.approx(60.0, abs=1e-6), "another repetition"
 
@@ -218,9 +219,9 @@ def test_a_restarted_countdown_moves_the_robot_s_start() -> None:
     source = simulated()
     start = seconds(START_NS) + 5.0
     source.publish(state("countdown", start))
-    first = source.truth()
+    first = truth_of_testbed(source.testbed)
     source.publish(state("countdown", start + 30.0))
-    moved = source.truth()
+    moved = truth_of_testbed(source.testbed)
     assert first is not None
     assert moved is not None
     assert moved.stop - first.stop == pytest.approx(30.0, abs=1e-6)

@@ -35,6 +35,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
+from tests.madrob_console.testbeds.truth import truth_of_testbed
 
 GEOMETRY = DoorGeometry()
 START_NS = 1_700_000_000_000_000_000
@@ -288,7 +289,7 @@ def test_a_testbed_at_rest_is_closed_empty_and_locked() -> None:
     assert testbed.read(Signal.DOOR, START_NS) == 0.0
     assert testbed.read(Signal.HANDLE, START_NS) == 5.9
     assert testbed.read(Signal.LATCH, START_NS) is True
-    assert testbed.truth() is None
+    assert truth_of_testbed(testbed) is None
     assert testbed.signals == tuple(Signal)
     assert Signal.LATCH not in SimulatedTestbed().signals
 
@@ -296,9 +297,9 @@ def test_a_testbed_at_rest_is_closed_empty_and_locked() -> None:
 def test_a_run_moved_to_another_start_is_the_same_run() -> None:
     testbed = SimulatedTestbed(seed=3)
     testbed.start(START_NS)
-    first, plan = testbed.truth(), testbed.plan
+    first, plan = truth_of_testbed(testbed), testbed.plan
     testbed.start(START_NS + 5 * 10**9)
-    later = testbed.truth()
+    later = truth_of_testbed(testbed)
     assert testbed.plan is plan
     assert first is not None
     assert later is not None

@@ -4,10 +4,11 @@ from random import Random
 
 import pytest
 
-from madrob_console.testbeds.simulated import DoorGeometry, MotionPlan, Scenario, plan_run, truth_of
+from madrob_console.testbeds.simulated import DoorGeometry, MotionPlan, Scenario, plan_run
 from madrob_console.testbeds.simulated.perception import is_clear_cut
 from scoring.protocol import Condition, EventName, Outcome, Step
 from tests.madrob_console.testbeds.brute_force import STEP, BruteForce
+from tests.madrob_console.testbeds.truth import truth_of
 
 GEOMETRY = DoorGeometry()
 PULL, PUSH = Condition.from_number(1), Condition.from_number(6)

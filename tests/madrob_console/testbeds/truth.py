@@ -1,16 +1,19 @@
 """What truly happens in a simulated run, by the protocol's words (sections 4 and 7).
 
-Derived from the plan by way of `Observation`; the detector has no part in it.
+Derived from the plan by way of `Perception`; the detector has no part in it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
+from madrob_console.clock import seconds
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.perception import POST_ROLL, Observation, observe, switch_of
+from madrob_console.testbeds.simulated.perception import POST_ROLL, Perception, Switch, observe
 from madrob_console.testbeds.simulated.plan import MotionPlan
+from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 from scoring.protocol import Condition, Event, EventName, Outcome, Side, Step
 
 
@@ -66,13 +69,61 @@ def truth_of(
     return _Truth(plan.condition, observe(plan, geometry), geometry, timeout, sensor).derive()
 
 
+def truth_of_testbed(testbed: SimulatedTestbed, timeout: float = 300.0) -> Truth | None:
+    """The truth of the run that a testbed was started with, in s since the epoch; None before.
+
+    Args:
+        testbed: where the robot plays.
+        timeout: s after the start at which the run ends.
+    """
+    if testbed.plan is None:
+        return None
+    truth = truth_of(testbed.plan, testbed.geometry, timeout)
+    return truth.since(seconds(testbed.start_ns))
+
+
+def _first(switch: Switch, value: bool, since: float) -> float | None:
+    """The first instant at or after `since` at which a switch has `value`; None = never."""
+    if switch.at(since) is value:
+        return since
+    return next((t for t, state in switch.changes if t > since and state is value), None)
+
+
+def _exactly(value: Callable[[float], bool], instants: Iterable[float]) -> Switch:
+    """The switch of a function that changes at some of `instants`, and is asked there."""
+    state, changes = False, []
+    for time in sorted(set(instants)):
+        new = value(time)
+        if new is not state:
+            state = new
+            changes.append((time, state))
+    return Switch(False, tuple(changes))
+
+
+def _side_occupied(seen: Perception, side: Side) -> Switch:
+    """Whether any used sensor of a side is occupied."""
+    switches = [switch for sensor, switch in seen.occupied.items() if sensor.side is side]
+    instants = {time for switch in switches for time in switch.instants}
+    return _exactly(lambda time: any(s.at(time) for s in switches), instants)
+
+
+def _edges(seen: Perception, *, rising: bool) -> list[tuple[float, Side]]:
+    """Every rise or every fall of a used sensor with its side, in order."""
+    return sorted(
+        (time, sensor.side)
+        for sensor, switch in seen.occupied.items()
+        for time, value in switch.changes
+        if value is rising
+    )
+
+
 class _Truth:
     """One derivation; its methods are the protocol's sentences."""
 
     def __init__(
         self,
         condition: Condition,
-        seen: Observation,
+        seen: Perception,
         geometry: DoorGeometry,
         timeout: float,
         latch_decides: bool,
@@ -82,9 +133,9 @@ class _Truth:
         self.settle = geometry.thresholds.settle_time
         self.timeout = timeout
         self.latch = seen.latched if latch_decides else None
-        self.sides = {side: seen.side_occupied(side) for side in Side}
-        self.rises = seen.edges(rising=True)
-        self.falls = seen.edges(rising=False)
+        self.sides = {side: _side_occupied(seen, side) for side in Side}
+        self.rises = _edges(seen, rising=True)
+        self.falls = _edges(seen, rising=False)
 
     def derive(self) -> Truth:
         stop = self.completed_at()
@@ -105,10 +156,10 @@ class _Truth:
         touched = self.seen.touched
         if touched is None:
             return None
-        unlocked = self.latch.first(False, touched) if self.latch else touched
+        unlocked = _first(self.latch, False, touched) if self.latch else touched
         if unlocked is None:
             return None
-        opened = self.seen.door_open.first(True, unlocked)
+        opened = _first(self.seen.door_open, True, unlocked)
         if opened is None:
             return None
         return touched, unlocked if self.latch else opened, opened
@@ -127,12 +178,10 @@ class _Truth:
         if first is None:
             return None
         instants = [*self.seen.door_open.instants, *(t for t, _ in self.rises + self.falls)]
-        done_5 = switch_of(
-            self._closed_and_through, [t for t in instants if t >= first[-1]], exact=True
-        )
+        done_5 = _exactly(self._closed_and_through, [t for t in instants if t >= first[-1]])
         for start, is_done in done_5.changes:
             if is_done and start <= self.timeout:
-                done = self._locked_between(start, done_5.first(False, start) or math.inf)
+                done = self._locked_between(start, _first(done_5, False, start) or math.inf)
                 if done is not None:
                     return done
         return None
@@ -144,15 +193,15 @@ class _Truth:
         """When step 6 is done in a stretch in which step 5 stays done."""
         if self.latch is None:
             return start if end - start >= self.settle else None
-        locked = self.latch.first(True, start)
+        locked = _first(self.latch, True, start)
         return locked if locked is not None and locked <= min(end, self.timeout) else None
 
     def moves(self, stop: float) -> Event | None:
         """The last fall, with what is still occupied at the stop (section 7, last part)."""
         start, goal = self.condition.starting_side, self.condition.destination_side
         if self.sides[start].at(stop) and self.sides[goal].at(stop):
-            left = self.sides[start].first(False, stop)
-            kept = self.sides[goal].first(False, stop)
+            left = _first(self.sides[start], False, stop)
+            kept = _first(self.sides[goal], False, stop)
             reached = (
                 left is not None and left <= stop + POST_ROLL and (kept is None or left < kept)
             )
@@ -197,7 +246,7 @@ class _Truth:
         touched = self.seen.touched
         unlocked = opened = None
         if touched is not None and self.latch is not None:
-            unlocked = self.latch.first(False, touched)
+            unlocked = _first(self.latch, False, touched)
         first = self.opened_at()
         if first is not None:
             touched, unlocked, opened = first
@@ -208,6 +257,6 @@ class _Truth:
         door = [change for change in self.seen.door_open.changes if change[0] <= stop]
         if crossed is not None and door and not door[-1][1]:
             closed = max(door[-1][0], crossed)
-            reopened = self.seen.door_open.first(True, closed)
+            reopened = _first(self.seen.door_open, True, closed)
             locked = self._locked_between(closed, reopened or math.inf)
         return [touched, unlocked, opened, crossed, closed, locked]
