@@ -242,6 +242,11 @@ class Run:
         return next((mark for mark in reversed(self.incidents) if mark.withdrawn is None), None)
 
     @property
+    def referee(self) -> str:
+        """The referee's name; empty where none was set."""
+        return self.setup.referee if self.setup else ""
+
+    @property
     def active(self) -> bool:
         """Whether leaving now would leave a countdown or a run behind."""
         return self.phase in (Phase.COUNTDOWN, Phase.RUNNING)

@@ -324,8 +324,8 @@ class Engine:
         self._advance()
 
     def _write_act(self, act: Act, run: Run, at: float) -> None:
-        referee = run.setup.referee if run.setup else ""
-        entry = Entry(at, Origin.REFEREE, act.name, referee, act.reason_given, act_details(act))
+        reason, details = act.reason_given, act_details(act)
+        entry = Entry(at, Origin.REFEREE, act.name, run.referee, reason, details)
         self._chronicle.write(entry, self._run.start, must_take_effect=act.at_once)
 
     def _clear(self) -> None:

@@ -43,8 +43,7 @@ class Finalise(Act):
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
         """The team's word, a note, and the referee's name where it is missing."""
-        setup = view.run.setup
-        referee = "" if setup is None else setup.referee
+        referee = view.run.referee
         name = () if referee else (Write("Referee's name:", missing=_NAMELESS),)
         questions: tuple[Question, ...] = (_TEAM, _NOTE, *name)
         return Ask(

@@ -56,8 +56,7 @@ class Rule(Act):
     def apply(self, situation: Situation, at: float) -> Run:
         """One more ruling."""
         run = situation.run
-        referee = run.setup.referee if run.setup else ""
-        ruling = Ruling(self.step, self.confirmed, at, self.reason, referee)
+        ruling = Ruling(self.step, self.confirmed, at, self.reason, run.referee)
         return replace(run, rulings=(*run.rulings, ruling))
 
     @property

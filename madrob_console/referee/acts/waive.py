@@ -56,8 +56,7 @@ class Waive(Act):
     def apply(self, situation: Situation, at: float) -> Run:
         """One more waiver."""
         run = situation.run
-        referee = run.setup.referee if run.setup else ""
-        waiver = Waiver(self.check, self.reason, referee, at)
+        waiver = Waiver(self.check, self.reason, run.referee, at)
         return replace(run, waivers=(*run.waivers, waiver))
 
     @property
