@@ -21,7 +21,8 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.shown.requests import EngineClient, Role
+    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.requests import Role
     from madrob_console.standings.teams import TeamList
     from madrob_console.ui.defaults import ConsoleDefaults
 

@@ -34,7 +34,7 @@ from madrob_console.ui.look.words import done_text
 if TYPE_CHECKING:
     from textual.command import Provider
 
-    from madrob_console.engine.shown.requests import EngineClient
+    from madrob_console.engine.shown.client import EngineClient
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList

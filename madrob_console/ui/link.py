@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from madrob_console.errors import MadrobError
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.requests import Command, EngineClient, Request, T
+    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.requests import Command, Request, T
     from madrob_console.engine.shown.snapshot import Snapshot
 
 LONGEST_SILENCE = 2.0
-"""An engine whose time stands still for longer is called silent, s."""
+"""An engine of which nothing is heard for longer is called silent, s."""
 
 NOT_YET = "the engine is starting"
 
@@ -71,7 +72,7 @@ class EngineLink:
             self._failure = str(error)
             return self._latest
         self._failure = None
-        if self._latest is None or snapshot.time != self._latest.time or _stands(snapshot):
+        if snapshot is not self._latest:
             self._moved = self._monotonic()
         self._latest = snapshot
         return snapshot
@@ -97,9 +98,3 @@ class EngineLink:
         """Let the engine go."""
         if self._client is not None:
             self._client.close()
-
-
-def _stands(snapshot: Snapshot) -> bool:
-    """Whether its time is meant to stand still."""
-    playback = snapshot.playback
-    return playback is not None and (playback.paused or playback.ended)

@@ -17,7 +17,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import ConsoleDefaults
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.requests import EngineClient
+    from madrob_console.engine.shown.client import EngineClient
 
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""

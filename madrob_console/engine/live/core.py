@@ -26,8 +26,9 @@ from madrob_console.engine.live.pre_start import PreStart
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.replay import DECIDED_ANEW, NO_ACTS, OWN_RUN, Replay
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.live.view import NO_STEPS, elapsed, faults, question, remaining
 from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
-from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
+from madrob_console.engine.shown.snapshot import ExportView, RecorderView, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ACTS, Act, Consequence, Situation, act_details, refusals
@@ -534,47 +535,62 @@ class Engine:
 
     # ------------------------------------------------------------------ what it shows
 
-    def snapshot(self) -> Snapshot:
-        """Everything that a screen shows, now."""
-        recording, replay = self._recording, self._replay
-        view = self._observation.view(
-            self.source,
-            self._run,
-            self.now(),
-            self._sensors_now,
-            recorder=recording.view() if recording else self._recorder_view,
-            dropped=recording.dropped() if recording else {},
-            problems=(
-                self._chronicle.problem,
-                self._keeper.problem,
-                *self._keeper.problems,
-                *(replay.problems if replay else ()),
-            ),
+    def snapshot(self, export: ExportView | None = None, problem: str | None = None) -> Snapshot:
+        """Everything that a screen shows, now.
+
+        Args:
+            export: the last export of a team's runs.
+            problem: why there is no report of the last result, in words.
+        """
+        now, seen, run = self.now(), self._sensors_now, self._run
+        sensors, recording, replay = self._sensors, self._recording, self._replay
+        procedure, assessment = self._observation.procedure, self._observation.assessment
+        recorder = recording.view() if recording else self._recorder_view
+        topics = sensors.topics(
+            self.source.status(), recording.dropped() if recording else {}, seen
         )
-        result = self._scored.result if self._scored else None
-        view = replace(
-            view,
+        door, latch = sensors.door_view(seen), sensors.latch_view(seen)
+        scored, situation = self._scored, None if replay else self.situation()
+        result = scored.result if scored else None
+        source = scored.record.source if scored and not replay else self.source.kind
+        problems = (
+            self._chronicle.problem,
+            self._keeper.problem,
+            *self._keeper.problems,
+            *(replay.problems if replay else ()),
+        )
+        return Snapshot(
+            time=now,
+            source_kind=self.source.kind,
+            source_label=self.source.label,
             sides_problem=self.source.sides_problem,
+            run=run,
+            elapsed=elapsed(run, now),
+            remaining=remaining(run, now),
+            settling=procedure is not None and procedure.settling and run.active,
+            checks=situation.checks if situation else (),
+            refusals=refusals(situation) if situation else {act.name: NO_ACTS for act in ACTS},
+            steps=procedure.steps if procedure else NO_STEPS,
+            ask_referee=question(run, procedure, latch),
+            door=door,
+            handle=sensors.handle_view(
+                seen, run.handle_zero, assessment.largest_force if assessment else None
+            ),
+            latch=latch,
+            passage=sensors.passage_view(seen),
+            topics=topics,
+            recorder=recorder,
+            disk_free=None if replay else self._pre_start.free_disk(seen),
+            faults=(*faults(topics, recorder, door, run, problems), *filter(None, [problem])),
+            provisional=assessment.provisional(procedure) if assessment and procedure else {},
             log=self.log.lines,
             result=result,
+            result_source=source if scored else None,
             unfinished=self._unfinished,
             opened=self._opened is not None,
             folder=str(self._folder) if self._folder else None,
-        )
-        if replay is not None:
-            return replace(
-                view,
-                refusals={act.name: NO_ACTS for act in ACTS},
-                result_source=self.source.kind if self._scored else None,
-                playback=replay.view(result),
-            )
-        situation = self.situation()
-        return replace(
-            view,
-            checks=situation.checks,
-            refusals=refusals(situation),
-            disk_free=self._pre_start.free_disk(self._sensors_now),
-            result_source=self._scored.record.source if self._scored else None,
+            playback=replay.view(result) if replay else None,
+            export=export,
         )
 
 

@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored
 from madrob_console.engine.live.course import Course, Happening
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.engine.live.sensors import Sensors
-from madrob_console.engine.live.view import NO_STEPS, elapsed, faults, question, remaining
-from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
-from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, TopicMapping
 from madrob_console.referee.run import Run
-from madrob_console.testbeds.source import TopicStatus
 from recorder.message import RawMessage
 from scoring.evaluate import Assessment
 from scoring.procedure import Procedure
 from scoring.protocol import Thresholds
-
-
-class MessageOrigin(Protocol):
-    """Where messages come from, as screens name it."""
-
-    @property
-    def kind(self) -> SourceKind:
-        """What it is."""
-
-    @property
-    def label(self) -> str:
-        """For people."""
-
-    def status(self) -> Sequence[TopicStatus]:
-        """The state of every topic."""
 
 
 class Observation:
@@ -108,53 +88,3 @@ class Observation:
         assert assessment is not None
         self.judge(run)
         return Scored.of(record, run, assessment)
-
-    def view(
-        self,
-        origin: MessageOrigin,
-        run: Run,
-        now: float,
-        seen: float,
-        *,
-        recorder: RecorderView,
-        dropped: Mapping[str, int],
-        problems: Sequence[str | None],
-    ) -> Snapshot:
-        """What screens show of it: everything but what only the engine knows.
-
-        Args:
-            origin: where the messages come from.
-            run: the state of the run.
-            now: s since the epoch.
-            seen: up to when messages were surely taken, s since the epoch.
-            recorder: the recorder as screens show it.
-            dropped: messages that are not in the recording, by topic.
-            problems: what is wrong beside sensors and recorder, in words.
-        """
-        sensors, procedure, assessment = self.sensors, self.procedure, self.assessment
-        topics = sensors.topics(origin.status(), dropped, seen)
-        door, latch = sensors.door_view(seen), sensors.latch_view(seen)
-        largest_force = assessment.largest_force if assessment else None
-        return Snapshot(
-            time=now,
-            source_kind=origin.kind,
-            source_label=origin.label,
-            sides_problem=None,
-            run=run,
-            elapsed=elapsed(run, now),
-            remaining=remaining(run, now),
-            settling=procedure is not None and procedure.settling and run.active,
-            checks=(),
-            refusals={},
-            steps=procedure.steps if procedure else NO_STEPS,
-            ask_referee=question(run, procedure, latch),
-            door=door,
-            handle=sensors.handle_view(seen, run.handle_zero, largest_force),
-            latch=latch,
-            passage=sensors.passage_view(seen),
-            topics=topics,
-            recorder=recorder,
-            disk_free=None,
-            faults=faults(topics, recorder, door, run, problems),
-            provisional=assessment.provisional(procedure) if assessment and procedure else {},
-        )

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, cast
@@ -69,7 +68,7 @@ class LocalEngine:
         self._ended = False
         self._failure: BaseException | None = None
         engine.open()
-        self._snapshot = engine.snapshot()
+        self._look()
         self._thread = threading.Thread(target=self._work, name="engine")
         self._thread.start()
         threading.Thread(target=load_filters, name="filters", daemon=True).start()
@@ -81,7 +80,7 @@ class LocalEngine:
                 self._engine.step(TAKE_TIMEOUT)
                 self._answer_calls()
                 if time.monotonic() - shown >= SNAPSHOT_PERIOD:
-                    self._snapshot = self._engine.snapshot()
+                    self._look()
                     shown = time.monotonic()
         except BaseException as error:
             self._failure = error
@@ -111,7 +110,7 @@ class LocalEngine:
             except MadrobError as error:
                 answer.set_exception(error)
                 return
-            self._snapshot = self._engine.snapshot()  # before the answer: it shows what was done
+            self._look()  # before the answer: it shows what was done
             answer.set_result(result)
 
         if self._stop.is_set():
@@ -133,11 +132,16 @@ class LocalEngine:
         """
         if self._failure is not None:
             raise MadrobError(f"the engine has failed: {self._failure}")
-        snapshot, papers = self._snapshot, self._papers
-        if papers is None or (papers.problem, papers.exported) == (None, None):
-            return snapshot
-        problems = [] if papers.problem is None else [papers.problem]
-        return replace(snapshot, faults=(*snapshot.faults, *problems), export=papers.exported)
+        return self._snapshot
+
+    def _look(self) -> None:
+        """Make a new snapshot, in the engine's thread."""
+        papers = self._papers
+        self._snapshot = (
+            self._engine.snapshot()
+            if papers is None
+            else self._engine.snapshot(papers.exported, papers.problem)
+        )
 
     def ask(self, request: Request[T], deadline: float = math.inf) -> T:
         """Carry a request out.
@@ -164,7 +168,7 @@ class LocalEngine:
             case OpenRun(folder, invalid):
                 return self._open_run(folder, deadline, invalid=invalid)
             case ExportTeam(subject):
-                return self._export(subject)
+                return self._export(subject, deadline)
             case GiveCurves():
                 return self._curves()
             case PlaybackCommand():
@@ -186,11 +190,11 @@ class LocalEngine:
         opened = open_run(self._engine.config.results / folder)
         return self._call(lambda: self._engine.open_run(opened, invalid=invalid), deadline)
 
-    def _export(self, subject: int) -> str | None:
-        if self._papers is None:
+    def _export(self, subject: int, deadline: float) -> str | None:
+        papers = self._papers
+        if papers is None:
             return "nobody packs runs here: use `madrob export`"
-        self._papers.export(subject)
-        return None
+        return self._call(lambda: papers.export(subject), deadline)
 
     def _curves(self) -> Curves | None:
         scored = self._engine.scored  # immutable: may be read from any thread

@@ -20,31 +20,47 @@ import msgspec
 
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.parts import OWN, Outgoing
 from madrob_console.engine.shown.requests import Command, Request, Role, TakeOver
+from madrob_console.engine.shown.snapshot import RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
 SNAPSHOT_PERIOD = 0.1
 """Between two looks at the engine, s."""
 
-_HIGH_WATER = 256_000
 _CREDENTIALS = struct.Struct("3i")
 _GREETING_TIME = 5.0
 
 
 @dataclass(eq=False)
 class _Screen:
-    """A screen that is attached."""
+    """A screen that is attached.
+
+    Attributes:
+        role: what for.
+        who: for people.
+        writer: to it.
+        right: what it knows of its right to act; None = nothing yet.
+        version: of the state that it was sent last.
+        tasks: its requests that are being carried out.
+    """
 
     role: Role
     who: str
     writer: asyncio.StreamWriter
+    right: RightToAct | None = None
+    version: int = 0
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def send(self, message: msgspec.Struct) -> None:
         """Hand a message to the socket; never waits."""
+        self.write(wire.frame(message))
+
+    def write(self, frame: bytes) -> None:
+        """The same with one that is encoded."""
         if not self.writer.is_closing():
-            self.writer.write(wire.frame(message))
+            self.writer.write(frame)
 
 
 class EngineServer:
@@ -70,6 +86,7 @@ class EngineServer:
         self._monotonic = monotonic
         self._screens: set[_Screen] = set()
         self._referee: _Screen | None = None
+        self._outgoing = Outgoing()
         self._attending: set[asyncio.Task[None]] = set()
         self._over = asyncio.Event()
 
@@ -82,9 +99,13 @@ class EngineServer:
         server = await asyncio.start_unix_server(self._attend, sock=_listening(path))
         try:
             async with server:
-                watch = asyncio.create_task(self._end_when_idle())
+                tasks = [
+                    asyncio.create_task(self._end_when_idle()),
+                    asyncio.create_task(self._show_all()),
+                ]
                 await self._over.wait()
-                watch.cancel()
+                for task in tasks:
+                    task.cancel()
                 for screen in self._screens:
                     screen.writer.close()
                 if self._attending:
@@ -115,14 +136,14 @@ class EngineServer:
             self._attending.discard(task)
 
     async def _entertain(self, screen: _Screen, reader: asyncio.StreamReader) -> None:
-        screen.writer.transport.set_write_buffer_limits(high=_HIGH_WATER)
         if screen.role is Role.REFEREE and self._referee is None:
             self._referee = screen
         self._screens.add(screen)
         results = str(self._engine.results)
         screen.send(wire.Welcome(wire.VERSION, os.getpid(), self._label, results))
-        show = asyncio.create_task(self._show(screen))
         try:
+            self._look()
+            self._show(screen)
             while True:
                 call, request = wire.call_of(await _read(reader))
                 task = asyncio.create_task(self._reply(screen, call, request))
@@ -133,33 +154,44 @@ class EngineServer:
         except (OSError, asyncio.IncompleteReadError):
             pass  # it has gone
         finally:
-            show.cancel()
             self._screens.discard(screen)
             if self._referee is screen:
                 self._referee = None
             screen.writer.close()
 
-    async def _show(self, screen: _Screen) -> None:
-        """Send the latest snapshot, again and again, as fast as the screen takes it."""
-        with suppress(OSError):
-            while True:
+    async def _show_all(self) -> None:
+        """Send every screen what is new, again and again, as fast as it takes it."""
+        while True:
+            if self._screens:
                 try:
-                    screen.send(self._state(screen))
+                    self._look()
                 except MadrobError as error:
-                    screen.send(wire.Rejected(str(error)))
+                    for screen in self._screens:
+                        screen.send(wire.Rejected(str(error)))
                     self.stop()
-                    return
-                await screen.writer.drain()  # a screen that stalls waits here, alone
-                await asyncio.sleep(SNAPSHOT_PERIOD)
+            for screen in self._screens:
+                if screen.writer.transport.get_write_buffer_size() == 0:  # else it stalls, alone
+                    self._show(screen)
+            await asyncio.sleep(SNAPSHOT_PERIOD)
 
-    def _state(self, screen: _Screen) -> wire.State:
-        """What a screen is to show.
+    def _look(self) -> None:
+        """Take the engine's latest snapshot.
 
         Raises:
             MadrobError: the engine has failed.
         """
-        may_act = screen is self._referee
-        return wire.State(self._engine.snapshot(), may_act, self._referee_name())
+        self._outgoing.show(self._engine.snapshot(), self._monotonic())
+
+    def _show(self, screen: _Screen) -> None:
+        """Send a screen what is new to it."""
+        alone = self._referee in (None, screen)
+        right = RightToAct(screen.role, "" if alone else self._referee_name())
+        if right != screen.right:
+            screen.right = right
+            screen.send(wire.State({OWN: wire.raw(right)}))
+        if screen.version != self._outgoing.version:
+            screen.write(self._outgoing.since(screen.version))
+            screen.version = self._outgoing.version
 
     def _referee_name(self) -> str:
         return "" if self._referee is None else self._referee.who
@@ -171,7 +203,8 @@ class EngineServer:
             answer = self._no_right(screen, request) or await asyncio.to_thread(
                 self._engine.ask, request, call.deadline
             )
-            screen.send(self._state(screen))  # before the answer: it shows what was done
+            self._look()
+            self._show(screen)  # before the answer: it shows what was done
             reply = wire.Reply(call.number, wire.raw(answer))
         except MadrobError as error:
             reply = wire.Reply(call.number, failed=str(error))

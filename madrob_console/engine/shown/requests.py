@@ -8,7 +8,7 @@ moves a replay stands in `playback.py`.
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar
 
 import msgspec
 
@@ -16,16 +16,12 @@ from madrob_console.engine.shown.curves import Curves
 from madrob_console.referee.acts import act_details
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.acts import Act
 
 T = TypeVar("T")
 """Of an answer."""
 
 NO_ANSWER = "the engine does not answer: look at the disk"
-
-ALONE = "this console has the right to act"
-"""Why there is nothing to take over."""
 
 
 class Role(StrEnum):
@@ -107,27 +103,3 @@ class StopEngine(Command, frozen=True):
     """End the engine; `force` also while a run goes on, which is cut off and kept."""
 
     force: bool = False
-
-
-class EngineClient(Protocol):
-    """A connection to an engine: in this process or in another one."""
-
-    def snapshot(self) -> Snapshot:
-        """The latest snapshot.
-
-        Raises:
-            MadrobError: the engine has failed or the connection is lost.
-        """
-        ...
-
-    def ask(self, request: Request[T]) -> T:
-        """Have a request carried out; waits no longer than its timeout.
-
-        Raises:
-            MadrobError: it failed, or the engine has ended or does not answer.
-        """
-        ...
-
-    def close(self) -> None:
-        """End the connection; an engine in this process ends with it."""
-        ...

@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.shown.playback import PlaybackView
+from madrob_console.engine.shown.requests import Role, TakeOver
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
@@ -155,6 +156,27 @@ class ExportView:
 
 
 @dataclass(frozen=True, slots=True)
+class RightToAct:
+    """Whether one screen may act.
+
+    Attributes:
+        role: what the screen is there for.
+        holder: the screen that has the right to act instead; empty = this one has it, or would
+            get it with its next command.
+    """
+
+    role: Role = Role.REFEREE
+    holder: str = ""
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this screen may not act, in words; None when it may."""
+        if self.role is Role.WATCH:
+            return "this screen only watches: `madrob console` can act"
+        return f"{self.holder} has the right to act: t takes it over" if self.holder else None
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """Everything a screen shows, at one instant.
 
@@ -185,6 +207,7 @@ class Snapshot:
         folder: the run folder as text, once it exists.
         playback: where a replay stands; None for anything else.
         export: the last export of a team's runs; None before the first.
+        right: of the screen that is shown this; all else is the same for all screens.
     """
 
     time: float
@@ -216,3 +239,21 @@ class Snapshot:
     folder: str | None = None
     playback: PlaybackView | None = None
     export: ExportView | None = None
+    right: RightToAct = RightToAct()
+
+    def refusal(self, name: str) -> str | None:
+        """Why an act or command of that name is not possible now on this screen, in words."""
+        refused = self.right.refusal
+        if name != TakeOver.name:
+            return refused or self.refusals.get(name)
+        if self.right.role is Role.WATCH:
+            return refused
+        return None if self.right.holder else "this console has the right to act"
+
+    @property
+    def all_faults(self) -> tuple[str, ...]:
+        """What is wrong, first of all that another screen has the right to act."""
+        refused = self.right.refusal
+        if refused is None or self.right.role is Role.WATCH:
+            return self.faults
+        return (refused, *self.faults)

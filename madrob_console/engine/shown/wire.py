@@ -1,8 +1,8 @@
 """What crosses the socket between an engine and its screens.
 
 A frame is four bytes of length, big-endian, and one message in MessagePack. The first is the
-screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends `State`
-whenever there is something new, as fast as the screen takes it, and one `Reply` for each `Call`.
+screen's `Hello`; an engine of another version says so and hangs up. Then the engine sends a `State`
+when something has changed, as fast as the screen takes it, and one `Reply` for each `Call`.
 Everything is checked against its type on arrival.
 """
 
@@ -16,11 +16,10 @@ import msgspec
 
 from madrob_console.engine.shown import playback  # noqa: F401  its commands are requests
 from madrob_console.engine.shown.requests import Request, Role
-from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
-VERSION = 3
+VERSION = 4
 """Of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
@@ -71,11 +70,12 @@ class Rejected(msgspec.Struct, frozen=True, tag=True):
 
 
 class State(msgspec.Struct, frozen=True, tag=True):
-    """The latest snapshot; whether this screen may act, and if not, who may."""
+    """Parts of the state that are new, by the name of their field of `Snapshot`.
 
-    snapshot: Snapshot
-    may_act: bool
-    referee: str
+    The first ones together are all of them (`parts.py`).
+    """
+
+    parts: dict[str, msgspec.Raw]
 
 
 _NIL = msgspec.Raw(msgspec.msgpack.encode(None))
@@ -145,7 +145,7 @@ def hello_of(data: bytes) -> Hello:
     Raises:
         MadrobError: it is something else.
     """
-    return _decoded(_hellos, data, "a greeting of a console")
+    return decoded(_hellos, data, "a greeting of a console")
 
 
 def call_of(data: bytes) -> tuple[Call, Request[Any]]:
@@ -154,8 +154,8 @@ def call_of(data: bytes) -> tuple[Call, Request[Any]]:
     Raises:
         MadrobError: it is something else.
     """
-    call = _decoded(_calls, data, "a request of a console")
-    return call, _decoded(_requests, call.request, "a request of a console")
+    call = decoded(_calls, data, "a request of a console")
+    return call, decoded(_requests, call.request, "a request of a console")
 
 
 def message_of(data: bytes) -> ToScreen:
@@ -164,7 +164,7 @@ def message_of(data: bytes) -> ToScreen:
     Raises:
         MadrobError: it is something else.
     """
-    return _decoded(_messages, data, "a message of an engine")
+    return decoded(_messages, data, "a message of an engine")
 
 
 def answer_of(request: Request[_T], reply: Reply) -> _T:
@@ -176,10 +176,15 @@ def answer_of(request: Request[_T], reply: Reply) -> _T:
     if reply.failed is not None:
         raise MadrobError(reply.failed)
     decoder: msgspec.msgpack.Decoder[_T] = _answers[type(request)]
-    return _decoded(decoder, reply.value, "an answer of an engine")
+    return decoded(decoder, reply.value, "an answer of an engine")
 
 
-def _decoded(decoder: msgspec.msgpack.Decoder[_T], data: bytes | msgspec.Raw, what: str) -> _T:
+def decoded(decoder: msgspec.msgpack.Decoder[_T], data: bytes | msgspec.Raw, what: str) -> _T:
+    """A message or a part of one.
+
+    Raises:
+        MadrobError: it is not `what`.
+    """
     try:
         return decoder.decode(data)
     except _MALFORMED as error:

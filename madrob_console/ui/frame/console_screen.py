@@ -141,7 +141,7 @@ class ConsoleScreen(Screen[None]):
     async def ask_about_unfinished(self) -> None:
         """The first run that was cut off, where the referee may decide about it."""
         now = self._latest
-        if now is None or self.dialogs or SetUp.name in now.refusals:
+        if now is None or self.dialogs or now.refusal(SetUp.name):
             return
         if now.unfinished:
             await self.open("unfinished", ask_unfinished(now.unfinished[0]))
@@ -285,7 +285,7 @@ class ConsoleScreen(Screen[None]):
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
-        if started or stopped or set(now.faults) - set(before.faults):
+        if started or stopped or set(now.all_faults) - set(before.all_faults):
             cast("ConsoleApp", self.app).ring()
 
     def _follow(self, before: Snapshot | None, now: Snapshot) -> None:

@@ -32,7 +32,7 @@ class FaultLine(View):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Up to three rows."""
-        faults = list(snapshot.faults)
+        faults = list(snapshot.all_faults)
         if self.trouble is not None:
             faults.insert(0, self.trouble)
         if not faults:

@@ -86,8 +86,8 @@ def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> l
         lines += _wrapped(text.strip(), tone, width, most)
     if Part.NEXT in kept and not urgent and snapshot.run.active:
         lines += _wrapped(text, tone, width, most)
-    if Part.FAULT in kept and snapshot.faults:
-        lines += _wrapped(f"FAULT {snapshot.faults[0]}", Tone.BAD, width, most)
+    if Part.FAULT in kept and snapshot.all_faults:
+        lines += _wrapped(f"FAULT {snapshot.all_faults[0]}", Tone.BAD, width, most)
     if Part.ABORT in kept:
         lines.append(_abort(snapshot, width))
     if Part.HINT in kept:
@@ -136,7 +136,7 @@ def _abort(snapshot: Snapshot, width: int) -> Line:
     """
     if snapshot.playback is not None:
         return line(Span("REPLAY", Tone.NOTICE), " ", state_span(snapshot.playback))
-    refused = snapshot.refusals.get(Abort.name)
+    refused = snapshot.refusal(Abort.name)
     if refused is None:
         return line(Span("F8", Tone.CAP), Span(" ABORT", Tone.STRONG))
     text = f"F8 abort: {refused}" if width >= _ROOM_FOR_REASONS else "(F8 abort)"

@@ -64,7 +64,7 @@ class Key:
 
     def refusal(self, snapshot: Snapshot) -> str | None:
         """Why the key does nothing now; None when it does."""
-        return snapshot.refusals.get(self.act) if self.act else None
+        return snapshot.refusal(self.act) if self.act else None
 
 
 FUNCTION_KEYS = (

@@ -51,7 +51,7 @@ def _next(snapshot: Snapshot) -> str:
         case Phase.IDLE:
             return "F2: set up a run"
         case Phase.READY:
-            refused = snapshot.refusals.get(Start.name)
+            refused = snapshot.refusal(Start.name)
             return "F5 starts the countdown" if refused is None else f"F5 waits: {refused}"
         case Phase.COUNTDOWN:
             return "countdown: nobody touches the handle or the door"

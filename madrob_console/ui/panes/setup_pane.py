@@ -253,7 +253,7 @@ class SetupPane(Vertical):
             return f"Draft of run {setup.run_number}; x or Enter here sets it up.", Tone.PLAIN
         if setup != run.setup:
             return "Not set up yet: Enter, here or in a field.", Tone.WARN
-        refused = snapshot.refusals.get(Start.name)
+        refused = snapshot.refusal(Start.name)
         then = "F5 starts." if refused is None else "See the checks."
         if not run.pose_confirmed:
             then = "F6 confirms its pose."

@@ -16,7 +16,8 @@ from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.process.reporting import Papers
 from madrob_console.engine.process.server import EngineServer
-from madrob_console.engine.shown.requests import EngineClient, Perform, Role
+from madrob_console.engine.shown.client import EngineClient
+from madrob_console.engine.shown.requests import Perform, Role
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase

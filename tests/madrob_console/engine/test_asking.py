@@ -15,6 +15,7 @@ import pytest
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.client import EngineClient
 from madrob_console.engine.shown.playback import (
     NO_REPLAY,
     Faster,
@@ -25,7 +26,6 @@ from madrob_console.engine.shown.playback import (
     Slower,
 )
 from madrob_console.engine.shown.requests import (
-    EngineClient,
     ExportTeam,
     GiveCurves,
     NextRunNumber,

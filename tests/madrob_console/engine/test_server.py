@@ -26,8 +26,10 @@ from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.process.place import Place
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.parts import OWN, SIGN_OF_LIFE, Outgoing
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand, PlayOrPause, SetSpeed
 from madrob_console.engine.shown.requests import (
+    ExportTeam,
     GiveCurves,
     NextRunNumber,
     Perform,
@@ -35,9 +37,10 @@ from madrob_console.engine.shown.requests import (
     StopEngine,
     TakeOver,
 )
+from madrob_console.engine.shown.snapshot import RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.referee.acts import Abort, AddNote, SetUp, Start
+from madrob_console.referee.acts import ACTS, Abort, AddNote, SetUp, Start
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -83,10 +86,10 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
     with closing(served.attach(who="ada@hall")) as ada, closing(served.attach(who="bo@tent")) as bo:
         assert act(ada, SetUp(make_setup())) is None
         assert act(bo, AddNote("mine")) == "ada@hall has the right to act"
-        assert bo.snapshot().refusals["abort"] == "ada@hall has the right to act: t takes it over"
+        assert bo.snapshot().refusal("abort") == "ada@hall has the right to act: t takes it over"
         assert bo.ask(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
-        wait(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().faults)
+        wait(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().all_faults)
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
 
 
@@ -94,7 +97,7 @@ def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> N
     ada = served.attach(who="ada@hall")
     with closing(served.attach(who="bo@tent")) as bo:
         ada.close()
-        wait(lambda: "set up" not in bo.snapshot().refusals)
+        wait(lambda: bo.snapshot().refusal("set up") is None)
         assert act(bo, SetUp(make_setup())) is None
 
 
@@ -106,7 +109,8 @@ def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
             wait(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
             assert act(watcher, Abort("me")) == "this screen only watches"
             assert watcher.ask(TakeOver()) == "this screen only watches"
-            assert all("only watches" in why for why in watcher.snapshot().refusals.values())
+            for name in (*(act.name for act in ACTS), TakeOver.name, ExportTeam.name):
+                assert "only watches" in str(watcher.snapshot().refusal(name))
             watcher.close()
         assert client.snapshot().run.phase is Phase.RUNNING
 
@@ -139,10 +143,10 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
         assert ada.ask(JumpTo(1.5)) is None
         wait(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
         assert "only watches" in str(watcher.ask(PlayOrPause()))
-        assert "only watches" in watcher.snapshot().refusals[PlaybackCommand.name]
+        assert "only watches" in str(watcher.snapshot().refusal(PlaybackCommand.name))
         assert "ada@hall" in str(bo.ask(SetSpeed(2.0)))
         assert "nothing can be done" in str(act(ada, Abort()))
-        assert PlaybackCommand.name not in ada.snapshot().refusals
+        assert ada.snapshot().refusal(PlaybackCommand.name) is None
         assert ada.ask(StopEngine(force=False)) is None  # nothing is lost with a replay
 
 
@@ -173,6 +177,20 @@ def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> No
         assert result.outcome is Outcome.COMPLETED
         assert not any("lost" in remark for remark in result.quality.remarks)
     stalled.close()
+
+
+def test_an_engine_that_stands_still_sends_no_sign_of_life(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(served.attach()) as client:
+        before = client.snapshot()
+        wait(lambda: client.snapshot() is not before)
+        still = served.local.snapshot()
+        monkeypatch.setattr(served.local, "snapshot", lambda: still)
+        wait(lambda: client.snapshot().time == still.time)
+        last = client.snapshot()
+        time.sleep(2 * SIGN_OF_LIFE)
+        assert client.snapshot() is last
 
 
 def test_the_socket_is_for_its_user_alone(served: Served) -> None:
@@ -258,14 +276,15 @@ def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
     tmp_path: Path, lines: int
 ) -> None:
     drive = Drive(tmp_path)
-    state = wire.State(drive.engine.snapshot(), may_act=True, referee="")
+    outgoing = Outgoing()
+    outgoing.show(drive.engine.snapshot(), 0.0)
     with socket.socket(socket.AF_UNIX) as listening, ThreadPoolExecutor() as pool:
         listening.bind(str(tmp_path / "s"))
         listening.listen()
         attached = pool.submit(RemoteEngine, tmp_path / "s", Role.REFEREE, "ada@hall")
         engine, _ = listening.accept()
         engine.sendall(wire.frame(wire.Welcome(wire.VERSION, 1, "SIMULATED", str(tmp_path))))
-        engine.sendall(wire.frame(state))
+        engine.sendall(wire.frame(wire.State({OWN: wire.raw(RightToAct())})) + outgoing.since(0))
         client = attached.result()
 
         done: list[int] = []

@@ -102,10 +102,18 @@ class FakeEngine:
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self._made = self._snapshot_now()
+
     # what a client does
 
     def snapshot(self) -> Snapshot:
         self._answer()
+        if (made := self._snapshot_now()) != self._made:
+            self._made = made
+        return self._made
+
+    def _snapshot_now(self) -> Snapshot:
         situation = self._situation()
         return Snapshot(
             time=self.now,

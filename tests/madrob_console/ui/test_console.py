@@ -11,8 +11,9 @@ import pytest
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.shown.client import EngineClient
 from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import EngineClient, TakeOver
+from madrob_console.engine.shown.requests import TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout
@@ -63,7 +64,7 @@ def test_from_every_state_every_key_acts_asks_or_says_why_not(
                 engine.run, engine.result, engine.acts = run, result, list(acts)
                 engine.exported.clear()
                 driver.console.say("")
-                refused = engine.snapshot().refusals.get(key.act)
+                refused = engine.snapshot().refusal(key.act)
                 await driver.press(key.keys.partition(",")[0])
                 asked = list(driver.console.dialogs)
                 if refused is not None:

@@ -23,6 +23,7 @@ from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.config.example import example_toml
 from madrob_console.config.settings import load_settings
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.parts import Incoming, Outgoing
 from madrob_console.engine.shown.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name, terminal_safe
@@ -196,8 +197,15 @@ def _socket(place: Place, examples: int) -> None:
 
     for message in messages:
         in_each(place, examples // 5 + 1, msgspec.msgpack.encode(message), check)
-    state = wire.State(drive.engine.snapshot(), may_act=True, referee="")
-    in_each(place, examples // 5 + 1, msgspec.msgpack.encode(state), check)
+
+    def check_state(content: bytes) -> None:
+        with suppress(MadrobError):
+            if isinstance(state := wire.message_of(content), wire.State):
+                only_words(lambda: Incoming().take(state))
+
+    outgoing = Outgoing()
+    outgoing.show(drive.engine.snapshot(), 0.0)
+    in_each(place, examples // 5 + 1, outgoing.since(0)[wire.LENGTH.size :], check_state)
     drive.engine.close()
 
 
