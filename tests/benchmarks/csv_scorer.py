@@ -16,8 +16,8 @@ import pandas as pd
 from scipy.signal import butter, filtfilt, savgol_filter
 
 
-def main(folder: Path) -> None:
-    """Score the one run in a folder."""
+def values(folder: Path) -> dict[str, float]:
+    """The indicators of the one run in a folder."""
     (events_file,) = folder.glob("*_event.csv")
     (joint_file,) = folder.glob("*_jointState.csv")
     (wrench_file,) = folder.glob("*_wrench.csv")
@@ -42,7 +42,7 @@ def main(folder: Path) -> None:
     moving = np.abs(position[defined]) > 0.03
     names = set(events.event)
     steps = ("handle_is_touched", "door_opens", "humanoid_moves_to_cw_side", "door_closes")
-    values = {
+    return {
         "time_to_handle": first("handle_is_touched") - start,
         "door_occupation_time": last("door_closes") - first("door_opens"),
         "passage_time": last("door_closes") - first("handle_is_touched"),
@@ -52,9 +52,8 @@ def main(folder: Path) -> None:
         "roughness_of_door_actuation": wrench.force_x.abs().max(),
         "capability_level": sum(name in names for name in steps),
     }
-    for name, value in values.items():
-        print(name, value)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    for name, value in values(Path(sys.argv[1])).items():
+        print(name, value)

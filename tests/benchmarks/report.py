@@ -1,10 +1,15 @@
-"""Measurements beside their goals and baselines, as a table for people and JSON for programs."""
+"""Measurements beside their goals and baselines, as a table for people and JSON for programs.
+
+A goal is a ratio to something that is measured beside it: the pace of a machine differs from day
+to day by more than any change of the program.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, version
@@ -12,7 +17,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-_HEAD = ("figure", "min", "median", "max", "unit", "goal", "", "beside it", "ratio")
+_COLUMNS = {
+    "figure": 46, "min": 7, "median": 7, "max": 7, "unit": 11, "beside it": 42, "ratio": 6,
+    "goal": 8, "": 7, "before": 16,
+}  # fmt: skip
+"""Their widths: a row is told before the next one is known."""
 _LEFT = ("figure", "unit", "", "beside it")
 
 
@@ -27,29 +36,29 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What every single value has to reach: the worst one decides.
+    """What has to be reached.
 
     Attributes:
-        limit: in the unit of the figure; None = no limit.
-        at_least: whether more is better.
         times: largest ratio of the median to the baseline's (smallest if more is better); None =
-            any.
+            nothing may be there at all, in no single value.
+        at_least: whether more is better.
     """
 
-    limit: float | None = None
+    times: float | None
     at_least: bool = False
-    times: float | None = None
 
     def text(self) -> str:
-        """In words: `<= 0.5, <= 2x`."""
+        """In words: `<= 2x`, or `none`."""
         sign = ">=" if self.at_least else "<="
-        limit = [] if self.limit is None else [f"{sign} {self.limit:g}"]
-        times = [] if self.times is None else [f"{sign} {self.times:g}x"]
-        return ", ".join(limit + times)
+        return "none" if self.times is None else f"{sign} {self.times:.3g}x"
 
-    def reached(self, value: float, limit: float | None) -> bool:
-        """Whether `value` is on the right side of `limit`."""
-        return limit is None or (value >= limit if self.at_least else value <= limit)
+    def met(self, values: Sequence[float], ratio: float | None) -> bool:
+        """Whether the values, whose median is `ratio` times the baseline's, are good enough."""
+        if self.times is None:
+            return not any(values)
+        if ratio is None:
+            return False
+        return ratio >= self.times if self.at_least else ratio <= self.times
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +104,7 @@ class Figure:
             return Verdict.FAILED
         if self.goal is None:
             return Verdict.NO_GOAL
-        met = all(self.goal.reached(value, self.goal.limit) for value in self.values)
-        if self.goal.times is not None:
-            met &= self.ratio is not None and self.goal.reached(self.ratio, self.goal.times)
-        return Verdict.MET if met else Verdict.NOT_MET
+        return Verdict.MET if self.goal.met(self.values, self.ratio) else Verdict.NOT_MET
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +126,7 @@ class Machine:
         """Two lines."""
         versions = ", ".join(f"{name} {number}" for name, number in self.versions.items())
         first = f"{self.cpu}, {self.cores} cores, {self.system}"
-        return f"{first}\n{versions}; load average {_load(self.load)}"
+        return f"{first}\n{versions}; load average {load_text(self.load)}"
 
 
 def this_machine(packages: Sequence[str]) -> Machine:
@@ -153,17 +159,6 @@ class Report:
         bad = (Verdict.NOT_MET, Verdict.FAILED)
         return all(figure.verdict not in bad for figure in self.figures)
 
-    def text(self) -> str:
-        """The machine, the table, and what could not be measured."""
-        rows = [_HEAD, *map(_row, self.figures)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [_line(row, widths) for row in rows]
-        rule = "|".join("-" * (width + 2) for width in widths)
-        problems = [f"FAILED {f.name}: {f.problem}" for f in self.figures if f.problem]
-        after = f"load average afterwards {_load(self.load_after)}"
-        table = [lines[0], f"|{rule}|", *lines[1:]]
-        return "\n".join([self.machine.text(), "", *table, *problems, "", after])
-
     def document(self) -> dict[str, Any]:
         """Everything with the single values, as JSON values."""
         figures = [
@@ -174,31 +169,64 @@ class Report:
         return {"machine": machine, "figures": figures}
 
 
-def _row(figure: Figure) -> tuple[str, ...]:
+Before = Mapping[tuple[str, str], Figure]
+"""The figures of an earlier go, by name and unit."""
+
+
+def read_before(path: Path) -> Before:
+    """The figures that an earlier go has written."""
+    figures = (
+        Figure(
+            figure["name"],
+            figure["unit"],
+            figure["values"],
+            baseline=figure["baseline"] and Baseline(**figure["baseline"]),
+        )
+        for figure in json.loads(path.read_text())["figures"]
+    )
+    return {(figure.name, figure.unit): figure for figure in figures}
+
+
+def head() -> str:
+    """The first two lines of the table."""
+    rule = "|".join("-" * (width + 2) for width in _COLUMNS.values())
+    return f"{_line(list(_COLUMNS))}\n|{rule}|"
+
+
+def row(figure: Figure, before: Figure | None = None) -> str:
+    """The line of a figure, beside that of an earlier go."""
     values, baseline = figure.values, figure.baseline
     spread = (min(values), median(values), max(values)) if values else ()
     beside = baseline and baseline.values and f"{baseline.name} {_number(median(baseline.values))}"
-    ratio = figure.ratio
-    return (
-        figure.name,
-        *(map(_number, spread) if spread else ("-",) * 3),
-        figure.unit,
-        figure.goal.text() if figure.goal else "",
-        figure.verdict.value,
-        beside or "",
-        "" if ratio is None else f"{ratio:.2f}x",
+    earlier = before and before.values and f"{_number(median(before.values))}{_times(before.ratio)}"
+    return _line(
+        [
+            figure.name,
+            *(map(_number, spread) if spread else ("-",) * 3),
+            figure.unit,
+            beside or "",
+            _times(figure.ratio).strip(" ()"),
+            figure.goal.text() if figure.goal else "",
+            figure.verdict.value,
+            earlier or "",
+        ]
     )
 
 
-def _line(row: Sequence[str], widths: Sequence[int]) -> str:
-    cells = (
+def _line(cells: Sequence[str]) -> str:
+    aligned = (
         cell.ljust(width) if name in _LEFT else cell.rjust(width)
-        for name, cell, width in zip(_HEAD, row, widths, strict=True)
+        for cell, (name, width) in zip(cells, _COLUMNS.items(), strict=True)
     )
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join(aligned)} |"
 
 
-def _load(numbers: Sequence[float]) -> str:
+def _times(ratio: float | None) -> str:
+    return "" if ratio is None else f" ({ratio:.2f}x)"
+
+
+def load_text(numbers: Sequence[float]) -> str:
+    """Load averages, as they are told."""
     return ", ".join(f"{number:.2f}" for number in numbers)
 
 
@@ -215,7 +243,7 @@ def _cpu() -> str:
     except OSError:
         lines = []
     models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, platform.processor() or platform.machine())
+    return next(models, platform.machine())
 
 
 def _version(package: str) -> str:

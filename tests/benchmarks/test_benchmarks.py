@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,20 +18,21 @@ def good(repeats: int) -> Sequence[Figure]:
     """Two that are good enough."""
     bare = Baseline("bare app", [0.2] * repeats)
     return [
-        Figure("first paint", "s", [0.30, 0.40, 0.45][:repeats], Goal(0.5, times=2), bare),
-        Figure("recorded", "1/s", [12_000.0], Goal(10_000, at_least=True)),
+        Figure("first paint", "s", [0.30, 0.40, 0.45][:repeats], Goal(times=2), bare),
+        Figure("recorded", "1/s", [12_000.0], Goal(10, at_least=True), Baseline("plain", [1e3])),
+        Figure("lost", "%", [0.0, 0.0], Goal(None)),
         Figure("only told", "MB", [41.5]),
     ]
 
 
 def bad(_repeats: int) -> Sequence[Figure]:
-    """A good median hides no bad value, a good value no bad ratio."""
+    """Too slow, too few, one that is lost among many, and nothing to compare with."""
     return [
-        Figure("a key answers", "ms", [4.0, 5.0, 51.0], Goal(50)),
-        Figure("launch", "s", [0.45], Goal(0.5, times=2), Baseline("bare app", [0.2])),
-        Figure("slow", "1/s", [9_999.0], Goal(10_000, at_least=True)),
+        Figure("launch", "s", [0.45], Goal(times=2), Baseline("bare app", [0.2])),
+        Figure("slow", "1/s", [9_999.0], Goal(10, at_least=True), Baseline("plain", [1e3])),
+        Figure("lost at last", "%", [0.0, 0.0, 0.1], Goal(None)),
         Figure("compared with nothing", "s", [0.1], Goal(times=2)),
-        Figure("without values", "s", [], Goal(50)),
+        Figure("without values", "s", [], Goal(times=2), Baseline("bare app", [0.2])),
     ]
 
 
@@ -49,7 +50,8 @@ def measured(
     """The exit code, the rows of the table by figure, and the figures of the JSON."""
     module = SimpleNamespace(PACKAGES=(PACKAGE,), BENCHMARKS=benchmarks)
     monkeypatch.setattr(program, "import_module", lambda _name: module)
-    code = program.main(["terminal", "--repeats", "3", "--json", str(path)])
+    before = ["--before", str(path)] if path.exists() else []
+    code = program.main(["terminal", "--repeats", "3", "--json", str(path), *before])
     output = capsys.readouterr().out
     assert f"all values: {path}" in output
     assert f"{PACKAGE} " in output.partition("| figure")[0]
@@ -66,21 +68,60 @@ def test_the_table_and_the_json_say_what_was_measured_beside_goal_and_baseline(
     assert code == 0
     assert rows == {
         "first paint": [
-            "0.300", "0.400", "0.450", "s", "<= 0.5, <= 2x", "met", "bare app 0.200", "2.00x",
+            "0.300", "0.400", "0.450", "s", "bare app 0.200", "2.00x", "<= 2x", "met", "",
         ],
-        "recorded": ["12000", "12000", "12000", "1/s", ">= 10000", "met", "", ""],
-        "only told": ["41.5", "41.5", "41.5", "MB", "", "", "", ""],
+        "recorded": [
+            "12000", "12000", "12000", "1/s", "plain 1000", "12.00x", ">= 10x", "met", "",
+        ],
+        "lost": ["0.000", "0.000", "0.000", "%", "", "", "none", "met", ""],
+        "only told": ["41.5", "41.5", "41.5", "MB", "", "", "", "", ""],
     }  # fmt: skip
     assert figures[0] == {
         "name": "first paint",
         "unit": "s",
         "values": [0.30, 0.40, 0.45],
-        "goal": {"limit": 0.5, "at_least": False, "times": 2},
+        "goal": {"times": 2, "at_least": False},
         "baseline": {"name": "bare app", "values": [0.2, 0.2, 0.2]},
         "problem": "",
         "verdict": "met",
         "ratio": pytest.approx(2.0),
     }
+
+
+def test_an_earlier_go_is_told_beside_this_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "values.json"
+    measured(monkeypatch, capsys, path, good)
+    _, rows, _ = measured(monkeypatch, capsys, path, good, bad)
+    assert {name: cells[8] for name, cells in rows.items()} == {
+        "first paint": "0.400 (2.00x)",
+        "recorded": "12000 (12.00x)",
+        "lost": "0.000",
+        "lost at last": "",
+        "only told": "41.5",
+        "launch": "",
+        "slow": "",
+        "compared with nothing": "",
+        "without values": "",
+    }
+
+
+def test_a_row_is_told_before_the_next_one_is_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    told = []
+
+    def slowly(_repeats: int) -> Iterator[Figure]:
+        """One after the other."""
+        yield Figure("first", "s", [1.0])
+        told.append(capsys.readouterr().out)
+        yield Figure("second", "s", [1.0])
+
+    module = SimpleNamespace(PACKAGES=(PACKAGE,), BENCHMARKS=[slowly])
+    monkeypatch.setattr(program, "import_module", lambda _name: module)
+    assert program.main(["terminal", "--json", str(tmp_path / "values.json")]) == 0
+    assert "| first " in told[0]
 
 
 def test_nothing_bad_is_hidden(
@@ -89,16 +130,17 @@ def test_nothing_bad_is_hidden(
     path = tmp_path / "values.json"
     code, rows, figures = measured(monkeypatch, capsys, path, broken, bad, good)
     assert code == 1
-    verdicts = {name: cells[5] for name, cells in rows.items()}
+    verdicts = {name: cells[7] for name, cells in rows.items()}
     assert verdicts == {
         "broken": "FAILED",
-        "a key answers": "NOT MET",
         "launch": "NOT MET",
         "slow": "NOT MET",
+        "lost at last": "NOT MET",
         "compared with nothing": "NOT MET",
         "without values": "FAILED",
         "first paint": "met",
         "recorded": "met",
+        "lost": "met",
         "only told": "",
     }
     assert [figure["verdict"] for figure in figures] == list(verdicts.values())
