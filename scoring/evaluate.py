@@ -231,7 +231,7 @@ class Assessment:
 
     def quality(self, more: Iterable[str] = ()) -> Quality:
         """The data quality of everything fed so far, with more remarks on it."""
-        expected = [s for s in Signal if s is not Signal.LATCH or s in self._counters]
+        expected = [s for s in Signal if not s.optional or s in self._counters]
         signals = []
         remarks = []
         for signal in expected:

@@ -206,6 +206,11 @@ class Signal(Enum):
 
     __hash__ = object.__hash__  # as for `Strip`
 
+    @property
+    def optional(self) -> bool:
+        """Whether a testbed works without it; it may then speak when it changes only."""
+        return self is Signal.LATCH
+
     @classmethod
     def of_strip(cls, strip: Strip) -> Signal:
         """The signal that a strip delivers."""

@@ -62,7 +62,7 @@ class SignalQuality:
         if self.clock_steps > KEPT_STEPS:
             stepped = f"clock stepped {self.clock_steps} times"
             remarks.append(f"{name}: {stepped}, of which the first {KEPT_STEPS} are told")
-        if self.signal is not Signal.LATCH:
+        if not self.signal.optional:
             remarks += [f"{name}: {words}" for words in self._interruptions()]
         if self.no_reading:
             remarks.append(f"{name}: {self.no_reading} values without a reading")

@@ -48,6 +48,12 @@ START_POSE_FRAME = "madrob_door"
 _STRING = "std_msgs/msg/String"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+_MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
+    Signal.DOOR: DoorSample,
+    Signal.HANDLE: HandleSample,
+}
+_SWITCHED: dict[Signal, Callable[[float, float, bool], Sample]] = {Signal.LATCH: LatchSample}
+"""(time, log time, value) -> sample: of what is one number, and of what is on or off."""
 _SENSORS_PER_STRIP = 4
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
@@ -59,7 +65,7 @@ class TopicMapping:
     """Where the testbed publishes one signal (protocol section 3).
 
     A sample's value is `field * scale + offset`, in rad, N or m. For strips it applies to each
-    range and to the limits; a latch is engaged from 0.5 upwards.
+    range and to the limits; a latch, like any switch, is on from 0.5 upwards.
 
     Attributes:
         signal: what the topic carries.
@@ -230,18 +236,17 @@ def _builder(mapping: TopicMapping) -> _Build:
         (value,) = numbers
         return float(value[0]) * scale + offset if value else math.nan  # an empty array says none
 
-    if mapping.signal is Signal.DOOR:
-        return lambda time, log, numbers: DoorSample(time, log, number(numbers))
-    if mapping.signal is Signal.HANDLE:
-        return lambda time, log, numbers: HandleSample(time, log, number(numbers))
+    if (measured := _MEASURED.get(mapping.signal)) is not None:
+        return lambda time, log, numbers: measured(time, log, number(numbers))
+    switched = _SWITCHED[mapping.signal]
 
-    def latch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
+    def switch(time: float, log_time: float, numbers: Sequence[Numbers]) -> Sample:
         state = number(numbers)
         if math.isnan(state):
-            raise MessageError(f"{mapping.field} says nothing about the latch")
-        return LatchSample(time, log_time, state >= 0.5)
+            raise MessageError(f"{mapping.field} says nothing about the {mapping.signal.value}")
+        return switched(time, log_time, state >= 0.5)
 
-    return latch
+    return switch
 
 
 def _passage_builder(mapping: TopicMapping) -> _Build:

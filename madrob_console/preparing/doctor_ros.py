@@ -23,7 +23,6 @@ from madrob_console.testbeds.ros.loading import (
 )
 from madrob_console.testbeds.ros.parameters import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.source import TopicStatus
-from scoring.protocol import Signal
 
 SYSTEM_ROS = Path("/opt/ros")
 _WHEELS = "ros-jazzy-rclpy"
@@ -102,7 +101,7 @@ def look_at_testbed(
     Raises:
         MadrobError: ROS does not start.
     """
-    needed = {m.topic for m in mappings if m.signal is not Signal.LATCH}
+    needed = {m.topic for m in mappings if not m.signal.optional}
     source = RosSource(mappings, MessageTypes(), SystemClock(), domain, environment=environment)
     connection = Connection(domain)
     try:

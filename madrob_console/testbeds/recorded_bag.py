@@ -23,7 +23,7 @@ from recorder.bag import Topic
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
-from scoring.protocol import Condition, Signal
+from scoring.protocol import Condition
 
 
 class RecordedBag:
@@ -136,7 +136,7 @@ class RecordedBag:
                     m.type,
                     0,
                     None,
-                    None if m.signal is Signal.LATCH else "not in the recording",
+                    None if m.signal.optional else "not in the recording",
                 )
                 for m in missing
             ),

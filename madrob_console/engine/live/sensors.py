@@ -162,7 +162,7 @@ class Sensors:
             received=watch.received,
             lost=status.lost if status else None,
             dropped=dropped,
-            optional=mapping.signal is Signal.LATCH,
+            optional=mapping.signal.optional,
             problem="; ".join(watch.troubles(status, now).values()) or None,
         )
 

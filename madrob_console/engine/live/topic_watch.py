@@ -142,12 +142,12 @@ class TopicWatch:
             found[Trouble.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
         freshness = self.messages.freshness(now)
         if freshness is Freshness.NEVER:
-            if self.signal is not Signal.LATCH and not found:  # else it is known why
+            if not self.signal.optional and not found:  # else it is known why
                 published = status is not None and status.publishers > 0
                 why = "nothing received" if published else "nothing received: no publisher"
                 found[Trouble.NEVER_SEEN] = why
             return found
-        if self.signal is not Signal.LATCH:  # which may speak when it changes only
+        if not self.signal.optional:
             self._find_slowness(found, freshness, now)
         self._find_flood(found, now)
         self._find_content_trouble(found, now)

@@ -79,7 +79,8 @@ class SimulatedTestbed:
     @property
     def signals(self) -> tuple[Signal, ...]:
         """What its sensors deliver."""
-        return tuple(s for s in Signal if self.sensors.latch or s is not Signal.LATCH)
+        latch = (Signal.LATCH,) if self.sensors.latch else ()
+        return (*(signal for signal in Signal if not signal.optional), *latch)
 
     def set_condition(self, condition: Condition) -> None:
         """Set the condition of the runs to come; None at first: each run draws one."""
