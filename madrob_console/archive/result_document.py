@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from inspect import cleandoc
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
 from madrob_console.archive.digests import FileDigest, digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.archive.scored import Scored
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.run import (
     Closure,
@@ -29,6 +28,9 @@ from madrob_console.referee.run import (
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.result import Result
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import Scored
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""

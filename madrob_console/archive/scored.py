@@ -28,8 +28,8 @@ from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import read_run
 from scoring.evaluate import Assessment
 from scoring.kinematics import load_filters
-from scoring.protocol import Condition, Outcome
-from scoring.result import Ending, Result
+from scoring.protocol import Condition
+from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 
@@ -87,7 +87,7 @@ class Scored:
             run: its state after everything that was said of it.
             assessment: fed with all of its samples.
         """
-        return cls(record, run, *assessment.result(ending_of(run), run.rulings, run.remarks()))
+        return cls(record, run, *assessment.result(run.ending, run.rulings, run.remarks()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,18 +105,6 @@ class ScoredPath:
     result: Result
     rows: Rows
     condition: Condition
-
-
-def ending_of(run: Run) -> Ending:
-    """How a run ended, for its result.
-
-    An interrupted run has no stop: the time at which the machine failed says nothing about the
-    robot. So does a run whose journal ends before its stop.
-    """
-    if run.outcome is None:
-        return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
-    interrupted = run.outcome is Outcome.INTERRUPTED
-    return Ending(run.outcome, run.outcome_reason, None if interrupted else run.stop)
 
 
 def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
+from scoring.result import Ending
 from scoring.rulesets import RulesetName
 
 
@@ -250,6 +251,18 @@ class Run:
     def active(self) -> bool:
         """Whether leaving now would leave a countdown or a run behind."""
         return self.phase in (Phase.COUNTDOWN, Phase.RUNNING)
+
+    @property
+    def ending(self) -> Ending:
+        """How the run ended, for its result.
+
+        An interrupted run has no stop: the time at which the machine failed says nothing about
+        the robot. So does a run whose journal ends before its stop.
+        """
+        if self.outcome is None:
+            return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
+        interrupted = self.outcome is Outcome.INTERRUPTED
+        return Ending(self.outcome, self.outcome_reason, None if interrupted else self.stop)
 
     def remarks(self) -> list[str]:
         """What the referee's decisions and the testbed's faults say about the data, in words."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from madrob_console.archive.comparison import Stored, compared
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import (
-    ending_of,
     keep_stored_remarks,
     read_recorded_run,
     report_bag,
@@ -133,7 +132,7 @@ class Replay:
         """A run at the end; where the recording ends before it, the journal says how it ended."""
         official = self.recorded.run
         if official.outcome is None:
-            now, reason = seconds(self.source.clock.now_ns()), ending_of(official).reason
+            now, reason = seconds(self.source.clock.now_ns()), official.ending.reason
             return stop(run, Outcome.INTERRUPTED, now, reason)
         if run.outcome is not None:
             return run

@@ -353,7 +353,8 @@ def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
 @pytest.mark.machine
 def test_reading_runs_needs_no_numeric_library() -> None:
     modules = (
-        "madrob_console.archive.history, madrob_console.standings.tally, "
+        "madrob_console.archive.history, madrob_console.archive.result_document, "
+        "madrob_console.standings.tally, "
         "madrob_console.ui.panes.history_pane"
     )
     check = "[m for m in ('numpy', 'scipy', 'pandas', 'recorder', 'rclpy') if m in sys.modules]"
