@@ -8,7 +8,7 @@ Nothing here loads the numbers' machinery.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 
 from scoring.indicator_table import IndicatorName
@@ -112,6 +112,18 @@ class FigureSpec:
     part: FigurePart = FigurePart.WHOLE
 
 
+_OF_THE_JERK = FigureSpec(
+    title=f"position and jerk clipped at {LARGEST_JERK:g} rad/s^3",
+    panels=(Quantity.POSITION, Quantity.JERK),
+    indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
+    meaning="10/mean abs jerk",
+    caption=(
+        "Door angle, and how abruptly its acceleration changes while the door is open (jerk). "
+        "Smoothness is 10 divided by the mean."
+    ),
+)
+
+
 class FigureName(NamedRow):
     """The figures in the document's order, named like their files."""
 
@@ -130,37 +142,21 @@ class FigureName(NamedRow):
             ),
         ),
     )
-    JERK = (
-        "figure_2_jerk",
-        FigureSpec(
-            title=f"position and jerk clipped at {LARGEST_JERK:g} rad/s^3",
-            panels=(Quantity.POSITION, Quantity.JERK),
-            indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
-            meaning="10/mean abs jerk",
-            caption=(
-                "Door angle, and how abruptly its acceleration changes while the door is open "
-                "(jerk). Smoothness is 10 divided by the mean."
-            ),
-        ),
-    )
+    JERK = "figure_2_jerk", _OF_THE_JERK
     JERK_OF_THE_OPENING = (
         "figure_3_jerk_of_the_opening",
-        FigureSpec(
+        replace(
+            _OF_THE_JERK,
             title="jerk while the door opens",
-            panels=(Quantity.POSITION, Quantity.JERK),
-            indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
-            meaning="10/mean abs jerk",
             caption="The same, from the first opening until wide open.",
             part=FigurePart.OPENING,
         ),
     )
     JERK_OF_THE_CLOSING = (
         "figure_4_jerk_of_the_closing",
-        FigureSpec(
+        replace(
+            _OF_THE_JERK,
             title="jerk while the door closes",
-            panels=(Quantity.POSITION, Quantity.JERK),
-            indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
-            meaning="10/mean abs jerk",
             caption="The same, from wide open until the last closing.",
             part=FigurePart.CLOSING,
         ),

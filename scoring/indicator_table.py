@@ -157,6 +157,10 @@ class IndicatorName(NamedRow):
         return self.replace("_", " ")
 
 
+WITH_THE_START = " and ".join(name.words for name in IndicatorName if name.spec.with_the_start)
+"""Those that include the delay of a start made by hand, in words (section 8)."""
+
+
 def unit_text(unit: str) -> str:
     """A unit as people write it: `rad/s²`."""
     return unit.replace("^2", "²").replace("^3", "³")

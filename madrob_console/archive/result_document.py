@@ -25,7 +25,7 @@ from madrob_console.referee.run import (
     RunSetup,
     Waiver,
 )
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.procedure import Ruling
 from scoring.result import Result
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
-MANUAL_START = "execution time and time to handle include the delay of the manual start"
+MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
 
 
 @dataclass(frozen=True, kw_only=True)

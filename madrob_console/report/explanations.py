@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.run import TeamWord
+from scoring.indicator_table import WITH_THE_START
 from scoring.protocol import Condition, LockDetection, Outcome
 
 NONE = "-"
 """Where there is nothing to say."""
 
 MANUAL_START = (
-    "* Robot and clock were started by hand: execution time and time to handle include the delay "
-    "between the two."
+    f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
 )
 
 OUTCOMES: Mapping[Outcome, str] = {
