@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from scoring.figure_table import Quantity
-from scoring.kinematics import JointState, jerk, low_pass, low_pass_problem
+from scoring.kinematics import Array, JointState, jerk, low_pass, low_pass_problem
 from scoring.protocol import Thresholds
 from scoring.rulesets import Ruleset
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -47,6 +47,7 @@ FOLDERS: Mapping[str, Ring] = {
     "recorder": Ring.PURE,
     "scoring": Ring.PURE,
     "test_papers.py": Ring.PURE,
+    "test_one_name.py": Ring.PURE,
     "test_rings.py": Ring.PURE,
     "test_terminal.py": Ring.MACHINE,
 }

@@ -27,7 +27,7 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.result_reader import (
     ListedResult,
     Name,
-    Start,
+    StartTime,
     UnusableResultError,
     read_result,
     read_setup,
@@ -94,7 +94,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     subject: int
     condition: int
     run_number: int
-    started: Start
+    started: StartTime
     team: Name = ""
     outcome: Outcome | None = None
     reason: str = ""

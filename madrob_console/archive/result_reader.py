@@ -25,10 +25,10 @@ Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
 ConditionNumber = Annotated[int, Meta(ge=1, le=20)]
 Name = Annotated[str, Meta(max_length=200)]
 """Longer than any name that the console writes."""
-Start = Annotated[float, Meta(ge=0, le=1e11)]
+StartTime = Annotated[float, Meta(ge=0, le=1e11)]
 """s since the epoch, within what calendars reach."""
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 _AGAIN = "make it again with `madrob score`"
 _FIRST_LINE = 65_536
@@ -54,7 +54,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     condition_number: ConditionNumber
     run_number: Number
     team: Name
-    start: Start
+    start: StartTime
     outcome: Outcome
     indicators: dict[str, IndicatorPart]
     issue: Annotated[int, Meta(ge=0)]
@@ -159,7 +159,7 @@ def _read(folder: str) -> tuple[bytes, Stamp]:
     return data, stamp
 
 
-def _decoded(decoder: msgspec.json.Decoder[Item], data: bytes) -> Item:
+def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:
     try:
         return decoder.decode(data)
     except _DAMAGED as error:

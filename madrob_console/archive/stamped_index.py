@@ -13,12 +13,12 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.files.whole import atomic_write
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 _LARGEST = 100_000_000  # bytes; a larger index is none
 
 
-class StampedIndex(Generic[Item]):
+class StampedIndex(Generic[_Item]):
     """Items by name, each good as long as its file has the same stamp.
 
     An index that is missing, damaged or of another version is empty; one that cannot be written
@@ -30,7 +30,7 @@ class StampedIndex(Generic[Item]):
         version: of what the items mean.
     """
 
-    def __init__(self, path: Path, kind: type[Item], version: tuple[int, int]) -> None:
+    def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
         self._path = path
         self._version = version
         layout: Any = tuple[tuple[int, int], dict[str, tuple[Stamp, kind]]]  # type: ignore[valid-type]
@@ -38,12 +38,12 @@ class StampedIndex(Generic[Item]):
         self._items = self._read()
         self._changed = False
 
-    def get(self, name: str, stamp: Stamp | None) -> Item | None:
+    def get(self, name: str, stamp: Stamp | None) -> _Item | None:
         """The item of a file that has this stamp; None if there is none."""
         kept = self._items.get(name)
         return kept[1] if kept is not None and kept[0] == stamp else None
 
-    def put(self, name: str, stamp: Stamp, item: Item) -> None:
+    def put(self, name: str, stamp: Stamp, item: _Item) -> None:
         """Keep an item."""
         self._items[name] = (stamp, item)
         self._changed = True
@@ -61,7 +61,7 @@ class StampedIndex(Generic[Item]):
             with suppress(MadrobError):
                 atomic_write(self._path, msgspec.json.encode((self._version, self._items)))
 
-    def _read(self) -> dict[str, tuple[Stamp, Item]]:
+    def _read(self) -> dict[str, tuple[Stamp, _Item]]:
         try:
             data, _ = read_bounded(str(self._path), _LARGEST)
             version, items = self._decoder.decode(data)

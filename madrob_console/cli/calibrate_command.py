@@ -15,7 +15,7 @@ from scoring.imports import imports_kept
 from scoring.protocol import Side
 
 if TYPE_CHECKING:
-    from madrob_console.preparing.testbed_calibration import Recording
+    from madrob_console.preparing.testbed_calibration import CalibrationRecording
 
 _RECORD = """\
 how to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the door and abort it:
@@ -102,7 +102,7 @@ def _handle(arguments: argparse.Namespace) -> int:
     return _propose(handle_toml(proposal, mapping), arguments.output)
 
 
-def _note_problems(recordings: Iterable[Recording]) -> None:
+def _note_problems(recordings: Iterable[CalibrationRecording]) -> None:
     for recording in recordings:
         if recording.problem is not None:
             complain(f"note: {recording.problem}")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from madrob_console.clock import NS, seconds
 from madrob_console.errors import MadrobError
 from madrob_console.messages.cdr_layout import Layout, Numbers, Wanted
-from madrob_console.messages.field_paths import Field, find_field, find_stamp, parse_path
+from madrob_console.messages.field_paths import MessageField, find_field, find_stamp, parse_path
 from madrob_console.messages.message_types import Message, MessageError, MessageTypes
 from recorder.bag import Durability, Qos, Topic
 from recorder.message import RawMessage
@@ -218,7 +218,7 @@ class _Reader:
         return tuple(get(message) for get in self._getters)
 
 
-def _limits(mapping: TopicMapping, field: Field, types: MessageTypes) -> tuple[Wanted, ...]:
+def _limits(mapping: TopicMapping, field: MessageField, types: MessageTypes) -> tuple[Wanted, ...]:
     """The smallest and the largest range that are readings, where the type tells both."""
     if mapping.signal not in _STRIPS:
         return ()

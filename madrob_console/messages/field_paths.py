@@ -37,7 +37,7 @@ def parse_path(path: str) -> Steps:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MessageField:
     """A field that a type really has.
 
     Attributes:
@@ -52,17 +52,17 @@ class Field:
     owner: str
     base: str
 
-    def sibling(self, name: str, types: MessageTypes) -> Field | None:
+    def sibling(self, name: str, types: MessageTypes) -> MessageField | None:
         """The number `name` beside this field; None if there is none."""
         last = max(i for i, step in enumerate(self.steps) if isinstance(step, str))
         field = types.fields(self.owner).get(name)
         if field is None or not _is_number(field):
             return None
         steps = (*self.steps[:last], name)
-        return Field(steps, numbers=False, owner=self.owner, base=str(field[1][0]))
+        return MessageField(steps, numbers=False, owner=self.owner, base=str(field[1][0]))
 
 
-def find_field(types: MessageTypes, type_name: str, path: str) -> Field:
+def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
     """The field of a type at `path`.
 
     Raises:
@@ -95,7 +95,7 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> Field:
     numbers = desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
     inner = desc[1][0] if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else desc
     if inner[0] == Nodetype.BASE and _is_number(inner):
-        return Field(steps, numbers, owner, base=inner[1][0])
+        return MessageField(steps, numbers, owner, base=inner[1][0])
     raise MessageError(f"{path} of {type_name} holds no numbers")
 
 

@@ -24,7 +24,7 @@ from scoring.stamps import StampGuard
 _SWEPT = (Signal.DOOR, *(Signal.of_strip(strip) for strip in Strip))
 
 
-class Recording:
+class CalibrationRecording:
     """The samples of some signals in a bag, as the settings map the topics.
 
     Args:
@@ -81,17 +81,17 @@ class Recording:
         )
 
 
-def sweep_recordings(paths: Sequence[Path], settings: Settings) -> list[Recording]:
+def sweep_recordings(paths: Sequence[Path], settings: Settings) -> list[CalibrationRecording]:
     """The recordings of a swept door.
 
     Raises:
         RecorderError, MadrobError: one of them cannot be used.
     """
     mappings = [m for m in settings.mappings() if m.signal in _SWEPT]
-    return [Recording(path, mappings) for path in paths]
+    return [CalibrationRecording(path, mappings) for path in paths]
 
 
-def masks_of(recordings: Sequence[Recording], settings: Settings) -> MaskProposal:
+def masks_of(recordings: Sequence[CalibrationRecording], settings: Settings) -> MaskProposal:
     """The masks that recordings show together.
 
     Raises:
@@ -115,16 +115,16 @@ def handle_mapping(settings: Settings) -> TopicMapping:
     return next(m for m in settings.mappings() if m.signal is Signal.HANDLE)
 
 
-def handle_recording(path: Path, mapping: TopicMapping) -> Recording:
+def handle_recording(path: Path, mapping: TopicMapping) -> CalibrationRecording:
     """A recording of the numbers as they are published, without scale and offset.
 
     Raises:
         RecorderError, MadrobError: it cannot be used.
     """
-    return Recording(path, [replace(mapping, scale=1.0, offset=0.0)])
+    return CalibrationRecording(path, [replace(mapping, scale=1.0, offset=0.0)])
 
 
-def level_of(recording: Recording) -> SteadyForce:
+def level_of(recording: CalibrationRecording) -> SteadyForce:
     """The steady force in a recording.
 
     Raises:

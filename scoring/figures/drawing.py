@@ -13,14 +13,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
-from numpy.typing import NDArray
 
 from scoring.figure_table import EventMark
 from scoring.figures.event_labels import EventLabel, Interval, inside, labels_of, rows_of
 from scoring.figures.stretches import stretches
+from scoring.kinematics import Array
 from scoring.result import value_text
 
-Array = NDArray[np.float64]
 Events = Mapping[EventMark, Sequence[float]]
 
 ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"

@@ -21,11 +21,10 @@ from scoring.figure_table import FigureName, FigurePart, FigureSpec, Quantity, m
 from scoring.figures.drawing import BLUE, ORANGE, Panel, draw_sheet
 from scoring.figures.event_labels import Interval
 from scoring.indicator_table import IndicatorName, unit_text
+from scoring.kinematics import Array
 from scoring.protocol import Condition, EventName, Outcome
 from scoring.result import Result, value_text
 from scoring.rows import Rows
-
-Array = NDArray[np.float64]
 
 _MARGIN = 0.5
 """What figures 3 and 4 show before and after the movement, s."""

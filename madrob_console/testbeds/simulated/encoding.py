@@ -12,7 +12,7 @@ import numpy as np
 from madrob_console.clock import NS
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.messages.field_paths import Field, attribute, find_field, find_stamp
+from madrob_console.messages.field_paths import MessageField, attribute, find_field, find_stamp
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from scoring.protocol import Signal, Strip
@@ -69,7 +69,7 @@ class Encoder:
             return raw
         return raw >= 0.5 if self._base == "bool" else round(raw)
 
-    def _place(self, field: Field) -> tuple[Message, str, int | None]:
+    def _place(self, field: MessageField) -> tuple[Message, str, int | None]:
         """The object that holds the field, the field's name in it, and its index."""
         *way, last = field.steps
         index = None
@@ -94,7 +94,7 @@ class Encoder:
             if size not in (0, _SENSORS_PER_STRIP):
                 raise self._error(f"{self._mapping.field} holds {size} ranges, not 4")
 
-    def _set_limits(self, field: Field) -> None:
+    def _set_limits(self, field: MessageField) -> None:
         scale, offset = self._mapping.scale, self._mapping.offset
         limits = sorted((limit - offset) / scale for limit in (RANGE_MIN, RANGE_MAX))
         for name, limit in zip(("range_min", "range_max"), limits, strict=True):

@@ -54,7 +54,7 @@ class Column(Generic[Row]):
         return " " * missing + safe if self.right and missing > 0 else fitted(safe, width)
 
 
-class Layout(NamedTuple, Generic[Row]):
+class ColumnLayout(NamedTuple, Generic[Row]):
     """The columns in view.
 
     Attributes:
@@ -76,7 +76,9 @@ def in_order(columns: Sequence[Column[Row]], width: int) -> list[Column[Row]]:
     return sorted(columns, key=lambda column: column.comfort and width < ROOMY)
 
 
-def lay_out(columns: Sequence[Column[Row]], fixed: int, first: int, width: int) -> Layout[Row]:
+def lay_out(
+    columns: Sequence[Column[Row]], fixed: int, first: int, width: int
+) -> ColumnLayout[Row]:
     """Which columns fit into `width` cells.
 
     Args:
@@ -99,7 +101,7 @@ def lay_out(columns: Sequence[Column[Row]], fixed: int, first: int, width: int) 
     while end < len(others) and _taken(others[first : end + 1]) - GAP <= room:
         end += 1
     shown = [*sized[:fixed], *others[first:end]]
-    return Layout(shown, first, len(others) - end, first, last_first)
+    return ColumnLayout(shown, first, len(others) - end, first, last_first)
 
 
 def _taken(sized: Sequence[tuple[Column[Row], int]]) -> int:

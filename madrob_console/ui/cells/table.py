@@ -9,7 +9,7 @@ from textual import events
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
-from madrob_console.ui.cells.columns import GAP, Column, Layout, Row, in_order, lay_out
+from madrob_console.ui.cells.columns import GAP, Column, ColumnLayout, Row, in_order, lay_out
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, width_of
 from madrob_console.ui.look.words import fitted
 
@@ -194,7 +194,7 @@ class Table(Lines, Generic[Row], can_focus=True):
         self._tell()
         self.redraw()
 
-    def _layout(self, width: int) -> Layout[Row]:
+    def _layout(self, width: int) -> ColumnLayout[Row]:
         room = width - len(_MARK)
         return lay_out(in_order(self._columns, room), self._fixed, self._first, room)
 
@@ -207,7 +207,7 @@ class Table(Lines, Generic[Row], can_focus=True):
         while all(shown is not column for shown, _ in self._layout(width).shown):
             self._first += 1
 
-    def _header(self, layout: Layout[Row]) -> Line:
+    def _header(self, layout: ColumnLayout[Row]) -> Line:
         spans = [Span(" " * len(_MARK))]
         for column, width in layout.shown:
             sorts = column is self._by
@@ -216,7 +216,7 @@ class Table(Lines, Generic[Row], can_focus=True):
             spans += [Span(text, Tone.STRONG if sorts else Tone.DIM), Span(" " * GAP)]
         return tuple(spans[:-1])
 
-    def _row(self, row: Row, layout: Layout[Row], *, marked: bool) -> Line:
+    def _row(self, row: Row, layout: ColumnLayout[Row], *, marked: bool) -> Line:
         spans = [Span(_MARK if marked else " " * len(_MARK), Tone.STRONG)]
         at_cursor = marked and self.has_focus
         for column, width in layout.shown:
@@ -227,7 +227,7 @@ class Table(Lines, Generic[Row], can_focus=True):
             spans += [Span(column.fit(text, width), tone), Span(" " * GAP, gap)]
         return tuple(spans[:-1])
 
-    def _foot(self, layout: Layout[Row], shown: int, width: int) -> Line:
+    def _foot(self, layout: ColumnLayout[Row], shown: int, width: int) -> Line:
         where = f"{self._top + 1}-{self._top + shown} of {len(self._rows)}" if shown else "none"
         way = "descending" if self._falling else "ascending"
         text = f"  {where}, by {self._by.meaning}, {way}"
