@@ -16,8 +16,8 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from madrob_console.messages.bag_types import standard_types, types_of
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
+from madrob_console.messages.message_types import standard_types, types_of
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
@@ -233,7 +233,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
     assessments = [record.assessment(run.start, name) for name in rules]
-    decoder = Decoder(record.mappings, types_of(bag))
+    decoder = Decoder(record.mappings, types_of(bag.topics()))
     for message in bag.messages():
         try:
             sample = decoder.decode(message)

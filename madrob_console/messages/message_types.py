@@ -6,7 +6,8 @@ start, every other type is registered at run time with its `ros2msg` definition.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,6 +19,8 @@ from madrob_console.errors import MadrobError
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
+
+    from recorder.bag import Topic
 
 _DTYPES = {"byte": "uint8", "char": "uint8"}
 
@@ -203,3 +206,25 @@ def _closure(type_name: str, fields: Typesdict) -> set[str]:
 def _line(error: Exception) -> str:
     """The first line of an error's text, or its name."""
     return next(iter(str(error).splitlines()), "") or type(error).__name__
+
+
+@cache
+def standard_types() -> MessageTypes:
+    """The types of ROS 2, for all bags: what reads them is compiled once. Register nothing here."""
+    return MessageTypes()
+
+
+def types_of(topics: Iterable[Topic]) -> MessageTypes:
+    """The types of a bag's topics; those that only it knows are registered for it alone.
+
+    Raises:
+        MadrobError: the definition of one cannot be read.
+    """
+    unknown = [topic for topic in topics if not standard_types().knows(topic.type)]
+    if not unknown:
+        return standard_types()
+    types = MessageTypes()
+    for topic in unknown:
+        if not types.knows(topic.type):
+            types.register(topic.type, topic.definition)
+    return types

@@ -5,8 +5,15 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from madrob_console.errors import MadrobError
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.messages.message_types import (
+    MessageError,
+    MessageTypes,
+    standard_types,
+    types_of,
+)
+from recorder.bag import Topic
 
+ANGLE = "door_msgs/msg/Angle"
 HANDLE = "std_msgs/Header header\nfloat64 force\nfloat32[4] spare\nmadrob_msgs/Cell[] cells\n"
 CELL = f"{'=' * 80}\nMSG: madrob_msgs/Cell\nint16 raw\n"
 HEADER = (
@@ -116,3 +123,23 @@ def test_a_message_that_does_not_fit_its_type_is_refused(types: MessageTypes) ->
         types.encode("std_msgs/msg/String", wrong)
     with pytest.raises(MessageError, match="cannot be encoded"):
         types.encode("std_msgs/msg/String", types.make("std_msgs/msg/String", data="\ud800"))
+
+
+def test_bags_of_standard_types_share_their_readers() -> None:
+    text = Topic("/text", "std_msgs/msg/String", "string data\n")
+    other = Topic("/other", "std_msgs/msg/Bool", "bool data\n")
+    assert types_of([text]) is types_of([other, text]) is standard_types()
+
+
+def test_two_bags_may_define_one_type_differently() -> None:
+    first = types_of([Topic("/angle", ANGLE, "float64 angle\n")])
+    second = types_of([Topic("/angle", ANGLE, "float32 angle\nbool ok\n")])
+    assert list(first.fields(ANGLE)) == ["angle"]
+    assert list(second.fields(ANGLE)) == ["angle", "ok"]
+    assert not standard_types().knows(ANGLE)
+
+
+def test_a_definition_that_lacks_a_part_is_named() -> None:
+    topic = Topic("/angle", ANGLE, "door_msgs/Part part\n")
+    with pytest.raises(MadrobError, match=f"{ANGLE}: the definition of door_msgs/msg/Part is miss"):
+        types_of([topic])
