@@ -25,6 +25,7 @@ class PanelSpec:
 
     Attributes:
         name: of the quantity.
+        label: what is drawn of it, in words.
         unit: of its values, in ASCII.
         filtered: how it was filtered, in a word.
         remark: what else to know, in words.
@@ -37,6 +38,7 @@ class PanelSpec:
     """
 
     name: str
+    label: str
     unit: str
     filtered: str = ""
     remark: str = ""
@@ -52,34 +54,33 @@ class Quantity(NamedRow):
 
     spec: PanelSpec
 
-    POSITION = (
-        "position",
-        PanelSpec(
-            name="position",
-            unit="rad",
-            least=0.1,
-            closed_zone=True,
-            unrecorded="no door angle was recorded during the run",
-        ),
+    POSITION = PanelSpec(
+        name="position",
+        label="position",
+        unit="rad",
+        least=0.1,
+        closed_zone=True,
+        unrecorded="no door angle was recorded during the run",
     )
-    ACCELERATION = (
-        "acceleration",
-        PanelSpec(name="acceleration", unit="rad/s^2", filtered="low-passed", least=0.1, peak=True),
+    ACCELERATION = PanelSpec(
+        name="acceleration",
+        label="acceleration",
+        unit="rad/s^2",
+        filtered="low-passed",
+        least=0.1,
+        peak=True,
     )
-    JERK = (
-        "jerk",
-        PanelSpec(name="abs jerk", unit="rad/s^3", least=LARGEST_JERK, clip=LARGEST_JERK),
+    JERK = PanelSpec(
+        name="jerk", label="abs jerk", unit="rad/s^3", least=LARGEST_JERK, clip=LARGEST_JERK
     )
-    FORCE = (
-        "force",
-        PanelSpec(
-            name="force",
-            unit="N",
-            remark="as recorded",
-            least=1.0,
-            peak=True,
-            unrecorded="no handle force was recorded during the run",
-        ),
+    FORCE = PanelSpec(
+        name="force",
+        label="force",
+        unit="N",
+        remark="as recorded",
+        least=1.0,
+        peak=True,
+        unrecorded="no handle force was recorded during the run",
     )
 
 
@@ -96,6 +97,7 @@ class FigureSpec:
     """One or two panels over a common time axis.
 
     Attributes:
+        name: as files have it.
         title: what it shows.
         panels: from above; the indicator follows from the last one.
         indicator: the one that it explains.
@@ -104,6 +106,7 @@ class FigureSpec:
         part: of the run.
     """
 
+    name: str
     title: str
     panels: tuple[Quantity, ...]
     indicator: IndicatorName
@@ -113,6 +116,7 @@ class FigureSpec:
 
 
 _OF_THE_JERK = FigureSpec(
+    name="figure_2_jerk",
     title=f"position and jerk clipped at {LARGEST_JERK:g} rad/s^3",
     panels=(Quantity.POSITION, Quantity.JERK),
     indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
@@ -129,49 +133,41 @@ class FigureName(NamedRow):
 
     spec: FigureSpec
 
-    ACCELERATION = (
-        "figure_1_acceleration",
-        FigureSpec(
-            title="position and low-passed acceleration",
-            panels=(Quantity.POSITION, Quantity.ACCELERATION),
-            indicator=IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
-            meaning="the maximum",
-            caption=(
-                "Door angle, and angular acceleration without its quick trembling. The largest "
-                "value, in either direction, is the unsafety."
-            ),
+    ACCELERATION = FigureSpec(
+        name="figure_1_acceleration",
+        title="position and low-passed acceleration",
+        panels=(Quantity.POSITION, Quantity.ACCELERATION),
+        indicator=IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
+        meaning="the maximum",
+        caption=(
+            "Door angle, and angular acceleration without its quick trembling. The largest "
+            "value, in either direction, is the unsafety."
         ),
     )
-    JERK = "figure_2_jerk", _OF_THE_JERK
-    JERK_OF_THE_OPENING = (
-        "figure_3_jerk_of_the_opening",
-        replace(
-            _OF_THE_JERK,
-            title="jerk while the door opens",
-            caption="The same, from the first opening until wide open.",
-            part=FigurePart.OPENING,
-        ),
+    JERK = _OF_THE_JERK
+    JERK_OF_THE_OPENING = replace(
+        _OF_THE_JERK,
+        name="figure_3_jerk_of_the_opening",
+        title="jerk while the door opens",
+        caption="The same, from the first opening until wide open.",
+        part=FigurePart.OPENING,
     )
-    JERK_OF_THE_CLOSING = (
-        "figure_4_jerk_of_the_closing",
-        replace(
-            _OF_THE_JERK,
-            title="jerk while the door closes",
-            caption="The same, from wide open until the last closing.",
-            part=FigurePart.CLOSING,
-        ),
+    JERK_OF_THE_CLOSING = replace(
+        _OF_THE_JERK,
+        name="figure_4_jerk_of_the_closing",
+        title="jerk while the door closes",
+        caption="The same, from wide open until the last closing.",
+        part=FigurePart.CLOSING,
     )
-    FORCE = (
-        "figure_5_force",
-        FigureSpec(
-            title="handle force",
-            panels=(Quantity.FORCE,),
-            indicator=IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION,
-            meaning="the maximum",
-            caption=(
-                "Force on the handle as recorded. The largest value, in either direction, is the "
-                "roughness."
-            ),
+    FORCE = FigureSpec(
+        name="figure_5_force",
+        title="handle force",
+        panels=(Quantity.FORCE,),
+        indicator=IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION,
+        meaning="the maximum",
+        caption=(
+            "Force on the handle as recorded. The largest value, in either direction, is the "
+            "roughness."
         ),
     )
 

@@ -16,25 +16,27 @@ class IndicatorSpec:
     """What is said of one indicator.
 
     Attributes:
+        name: as files have it.
         unit: of the value, in ASCII: `rad/s^2`.
         title: over a column of at most 8 characters, the unit apart.
         column: over a column of the screens, the unit in it where there is room.
-        decimals: that the screens' columns show.
         definition: what it is, for those who know the protocol; the schema says it.
         explanation: what it means, for those who do not; reports say it. A ruleset may say
             otherwise.
+        decimals: that the screens' columns show.
         higher_is_better: which values come first where a column is sorted.
         counts: its values are whole numbers.
         extremes: its smallest and largest value are told beside the means, as EUROBENCH does.
         with_the_start: it includes the delay of a start made by hand (section 8).
     """
 
+    name: str
     unit: str
     title: str
     column: str
-    decimals: int
     definition: str
     explanation: str
+    decimals: int = 2
     higher_is_better: bool = False
     counts: bool = False
     extremes: bool = False
@@ -46,109 +48,87 @@ class IndicatorName(NamedRow):
 
     spec: IndicatorSpec
 
-    EXECUTION_TIME = (
-        "execution_time",
-        IndicatorSpec(
-            unit="s",
-            title="exec",
-            column="exec s",
-            decimals=2,
-            definition="from the start to the stop, the manual start included.",
-            explanation="From the start of the run to its end.",
-            with_the_start=True,
+    EXECUTION_TIME = IndicatorSpec(
+        name="execution_time",
+        unit="s",
+        title="exec",
+        column="exec s",
+        definition="from the start to the stop, the manual start included.",
+        explanation="From the start of the run to its end.",
+        with_the_start=True,
+    )
+    TIME_TO_HANDLE = IndicatorSpec(
+        name="time_to_handle",
+        unit="s",
+        title="handle",
+        column="hand s",
+        definition="from the start to the touch of the handle, the manual start included.",
+        explanation="From the start of the run until the handle was first touched.",
+        with_the_start=True,
+    )
+    DOOR_OCCUPATION_TIME = IndicatorSpec(
+        name="door_occupation_time",
+        unit="s",
+        title="occup",
+        column="occup s",
+        definition="from the approach to the arrival on the destination side.",
+        explanation=(
+            "From the robot's arrival at the doorway until it had left on the other side."
         ),
     )
-    TIME_TO_HANDLE = (
-        "time_to_handle",
-        IndicatorSpec(
-            unit="s",
-            title="handle",
-            column="hand s",
-            decimals=2,
-            definition="from the start to the touch of the handle, the manual start included.",
-            explanation="From the start of the run until the handle was first touched.",
-            with_the_start=True,
-        ),
+    PASSAGE_TIME = IndicatorSpec(
+        name="passage_time",
+        unit="s",
+        title="passage",
+        column="pass s",
+        definition="from the touch of the handle to the last closing of the door.",
+        explanation="From the touch of the handle until the door was closed again.",
     )
-    DOOR_OCCUPATION_TIME = (
-        "door_occupation_time",
-        IndicatorSpec(
-            unit="s",
-            title="occup",
-            column="occup s",
-            decimals=2,
-            definition="from the approach to the arrival on the destination side.",
-            explanation=(
-                "From the robot's arrival at the doorway until it had left on the other side."
-            ),
+    UNSAFETY_OF_DOOR_OPERATION = IndicatorSpec(
+        name="unsafety_of_door_operation",
+        unit="rad/s^2",
+        title="unsafety",
+        column="unsafe",
+        decimals=3,
+        definition="largest low-passed acceleration of the panel.",
+        explanation=(
+            "How hard the panel was swung: its largest angular acceleration. Lower is safer."
         ),
+        extremes=True,
     )
-    PASSAGE_TIME = (
-        "passage_time",
-        IndicatorSpec(
-            unit="s",
-            title="passage",
-            column="pass s",
-            decimals=2,
-            definition="from the touch of the handle to the last closing of the door.",
-            explanation="From the touch of the handle until the door was closed again.",
+    SMOOTHNESS_OF_DOOR_ACTUATION = IndicatorSpec(
+        name="smoothness_of_door_actuation",
+        unit="s^3/rad",
+        title="smooth",
+        column="smooth",
+        decimals=3,
+        definition="ten divided by the mean jerk of the open panel.",
+        explanation=(
+            "How free of jolts the open door moved: 10 divided by the mean jerk. "
+            "Higher is smoother."
         ),
+        higher_is_better=True,
+        extremes=True,
     )
-    UNSAFETY_OF_DOOR_OPERATION = (
-        "unsafety_of_door_operation",
-        IndicatorSpec(
-            unit="rad/s^2",
-            title="unsafety",
-            column="unsafe",
-            decimals=3,
-            definition="largest low-passed acceleration of the panel.",
-            explanation=(
-                "How hard the panel was swung: its largest angular acceleration. Lower is safer."
-            ),
-            extremes=True,
-        ),
+    ROUGHNESS_OF_DOOR_ACTUATION = IndicatorSpec(
+        name="roughness_of_door_actuation",
+        unit="N",
+        title="rough",
+        column="rough N",
+        definition="largest force on the handle.",
+        explanation=("The largest force on the handle, in either direction. Lower is gentler."),
+        extremes=True,
     )
-    SMOOTHNESS_OF_DOOR_ACTUATION = (
-        "smoothness_of_door_actuation",
-        IndicatorSpec(
-            unit="s^3/rad",
-            title="smooth",
-            column="smooth",
-            decimals=3,
-            definition="ten divided by the mean jerk of the open panel.",
-            explanation=(
-                "How free of jolts the open door moved: 10 divided by the mean jerk. "
-                "Higher is smoother."
-            ),
-            higher_is_better=True,
-            extremes=True,
-        ),
-    )
-    ROUGHNESS_OF_DOOR_ACTUATION = (
-        "roughness_of_door_actuation",
-        IndicatorSpec(
-            unit="N",
-            title="rough",
-            column="rough N",
-            decimals=2,
-            definition="largest force on the handle.",
-            explanation=("The largest force on the handle, in either direction. Lower is gentler."),
-            extremes=True,
-        ),
-    )
-    CAPABILITY_LEVEL = (
-        "capability_level",
-        IndicatorSpec(
-            unit="steps",
-            title="level",
-            column="cap",
-            decimals=2,
-            definition="how many of the six steps were done, 0 to 6.",
-            explanation="How many of the six steps were done, each after all the ones before it.",
-            higher_is_better=True,
-            counts=True,
-            extremes=True,
-        ),
+    CAPABILITY_LEVEL = IndicatorSpec(
+        name="capability_level",
+        unit="steps",
+        title="level",
+        column="cap",
+        definition="how many of the six steps were done, 0 to 6.",
+        explanation="How many of the six steps were done, each after all the ones before it.",
+        higher_is_better=True,
+        counts=True,
+        extremes=True,
     )
 
     @property

@@ -1,23 +1,28 @@
-"""Tables whose rows cannot be forgotten: an enum, each member of which is a name with its row."""
+"""Tables whose rows cannot be forgotten: enums, each member of which is a name with its row."""
 
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Self
+from typing import Protocol, Self
+
+
+class Named(Protocol):
+    """A row of a table."""
+
+    @property
+    def name(self) -> str:
+        """As files have it."""
 
 
 class NamedRow(StrEnum):
-    """A name, as files have it, with what is said of it; one without a row cannot be imported.
+    """The name of a row, with the row as `spec`; a name without one cannot be imported."""
 
-    Attributes:
-        spec: the row; a table says of which type.
-    """
+    _value_: str
+    spec: Named
 
-    spec: object
-
-    def __new__(cls, name: str, spec: object) -> Self:
+    def __new__(cls, spec: Named) -> Self:
         """A name with its row."""
-        member = str.__new__(cls, name)
-        member._value_ = name
+        member = str.__new__(cls, spec.name)
+        member._value_ = spec.name
         member.spec = spec
         return member

@@ -192,7 +192,7 @@ def _panel(run: _Run, quantity: Quantity, colour: str, window: Interval, empty: 
             note = f"clipped at {spec.clip:g}, largest {value_text(largest)} {unit}"
         value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
     return Panel(
-        f"{spec.name}, {unit}",
+        f"{spec.label}, {unit}",
         colour,
         time,
         value,

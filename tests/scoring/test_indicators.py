@@ -228,7 +228,7 @@ def test_an_indicator_without_its_row_cannot_be_imported() -> None:
     end = "    @property\n    def words"
     forgotten = source.replace(end, f'    FORGOTTEN = "forgotten"\n\n{end}')
     assert forgotten != source
-    with pytest.raises(TypeError, match="spec"):
+    with pytest.raises(AttributeError, match="name"):
         exec(
             compile(forgotten, "indicator_table.py", "exec"), {"__name__": indicator_table.__name__}
         )

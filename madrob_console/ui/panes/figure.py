@@ -119,7 +119,7 @@ class Sheet:
     def _heading(self, panel: PanelSpec, plot: Plot) -> Line:
         """The quantity, its maximum and where that is."""
         top = plot.extreme()
-        name = Span(f"{panel.filtered} {panel.name}, {panel.unit}".lstrip(), Tone.STRONG)
+        name = Span(f"{panel.filtered} {panel.label}, {panel.unit}".lstrip(), Tone.STRONG)
         if top is None:
             return line(name, Span("   no data", Tone.WARN))
         largest = "max" if plot.absolute else "max abs"
