@@ -101,7 +101,7 @@ class EngineServer:
             async with server:
                 tasks = [
                     asyncio.create_task(self._end_when_idle()),
-                    asyncio.create_task(self._show_all()),
+                    asyncio.create_task(self._keep_showing()),
                 ]
                 await self._over.wait()
                 for task in tasks:
@@ -159,20 +159,25 @@ class EngineServer:
                 self._referee = None
             screen.writer.close()
 
-    async def _show_all(self) -> None:
-        """Send every screen what is new, again and again, as fast as it takes it."""
+    async def _keep_showing(self) -> None:
+        """Send what is new, again and again."""
         while True:
-            if self._screens:
-                try:
+            try:
+                if self._screens:
                     self._look()
-                except MadrobError as error:
-                    for screen in self._screens:
-                        screen.send(wire.Rejected(str(error)))
-                    self.stop()
-            for screen in self._screens:
-                if screen.writer.transport.get_write_buffer_size() == 0:  # else it stalls, alone
-                    self._show(screen)
+            except MadrobError as error:
+                for screen in self._screens:
+                    screen.send(wire.Rejected(str(error)))
+                self.stop()
+                return
+            self._show_all()
             await asyncio.sleep(SNAPSHOT_PERIOD)
+
+    def _show_all(self) -> None:
+        """Send what is new to all screens but those that stall: they get the latest later."""
+        for screen in self._screens:
+            if screen.writer.transport.get_write_buffer_size() == 0:
+                self._show(screen)
 
     def _look(self) -> None:
         """Take the engine's latest snapshot.
@@ -209,6 +214,7 @@ class EngineServer:
         except MadrobError as error:
             reply = wire.Reply(call.number, failed=str(error))
         screen.send(reply)
+        self._show_all()
         if self._engine.ended:
             self.stop()
 
