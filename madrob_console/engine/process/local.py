@@ -107,11 +107,14 @@ class LocalEngine:
                 return
             try:
                 result = question()
+                self._look()  # before the answer: it shows what was done
             except MadrobError as error:
                 answer.set_exception(error)
-                return
-            self._look()  # before the answer: it shows what was done
-            answer.set_result(result)
+            except BaseException as error:
+                answer.set_exception(MadrobError(f"the engine has failed: {error}"))
+                raise
+            else:
+                answer.set_result(result)
 
         if self._stop.is_set():
             raise MadrobError(_ENDED)

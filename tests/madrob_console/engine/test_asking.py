@@ -175,6 +175,23 @@ def test_what_a_screen_was_told_failed_does_not_happen_later(
     assert client.snapshot().run.phase is Phase.IDLE
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_engine_that_fails_says_so_at_once(
+    client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_subject: int, _condition: int) -> int:
+        raise ValueError("a bug")
+
+    monkeypatch.setattr(engine, "next_run_number", fails)
+    began = time.monotonic()
+    with pytest.raises(MadrobError, match="the engine has failed: a bug"):
+        client.ask(NextRunNumber(3, 1))
+    assert time.monotonic() - began < 3.0
+    wait(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
+    with pytest.raises(MadrobError, match="the engine has"):
+        client.ask(NextRunNumber(3, 1))
+
+
 def test_one_that_waits_does_not_hold_up_the_others(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
