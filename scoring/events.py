@@ -21,7 +21,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.quality import is_reading
+from scoring.quality import all_in_range, is_reading
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
@@ -139,6 +139,7 @@ class EventDetector:
         self._ruleset = ruleset
         self._zero = handle_zero
         self.changes = 0
+        self._lintel = thresholds.lintel_height
         self._present_height = ruleset.present_height or thresholds.present_height
         masks = thresholds.mask_to_cw + thresholds.mask_to_ccw
         self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
@@ -180,14 +181,14 @@ class EventDetector:
     def feed(self, sample: Sample) -> None:
         """Take the next sample. Values that are no reading change nothing."""
         match sample:
+            case PassageSample():
+                self._feed_passage(sample)
             case DoorSample():
                 self._feed_door(sample)
             case HandleSample():
                 if math.isfinite(sample.force):
                     touched = abs(sample.force - self._zero) > self._thresholds.touch_force
                     self.changes += self._touch.update(sample.time, touched, self._start)
-            case PassageSample():
-                self._feed_passage(sample)
             case LatchSample():
                 self._feed_latch(sample)
 
@@ -202,15 +203,17 @@ class EventDetector:
     def _feed_passage(self, sample: PassageSample) -> None:
         angle, (nearest, farthest) = self._angle or 0.0, self._masked_angles
         passing = nearest < abs(angle) < farthest
+        in_range, lintel, highest = all_in_range(sample), self._lintel, self._present_height
         for sensor, level in self._of_strip[sample.strip]:
             if passing and self._thresholds.masked(sensor.side, sensor.index, angle):
                 if not self._ruleset.masked_is_absent:
                     continue
                 present = False
-            elif is_reading(sample, sensor.element):
-                height = self._thresholds.lintel_height - sample.ranges[sensor.element]
-                present = height > self._present_height
+            elif in_range or is_reading(sample, sensor.element):
+                present = lintel - sample.ranges[sensor.element] > highest
             else:
+                continue
+            if present is level.state and level.begun:
                 continue
             known, before = len(level.edges), level.state
             if level.update(sample.time, present, self._start):

@@ -193,6 +193,10 @@ class Strip(StrEnum):
         return Side.CW if self in (Strip.CW_LEFT, Strip.CW_RIGHT) else Side.CCW
 
 
+SENSORS_PER_STRIP = 4
+"""Distances that a strip delivers (section 3)."""
+
+
 class Signal(Enum):
     """A kind of data that the testbed delivers (section 3). Values are names for people."""
 

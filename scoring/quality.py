@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from scoring.protocol import PASSAGE_SENSORS, Signal, Thresholds
+from scoring.protocol import PASSAGE_SENSORS, SENSORS_PER_STRIP, Signal, Thresholds
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.stamps import KEPT_STEPS, StampGuard
 
@@ -191,6 +191,8 @@ def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
     """
     match sample:
         case PassageSample():
+            if all_in_range(sample):
+                return 0
             return sum([not is_reading(sample, element) for element in used])
         case DoorSample():
             return not math.isfinite(sample.angle)
@@ -198,6 +200,15 @@ def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
             return not math.isfinite(sample.force)
         case _:
             return 0
+
+
+def all_in_range(sample: PassageSample) -> bool:
+    """Whether each of the four ranges is a distance in range: so it is nearly always."""
+    low, high = sample.range_min, sample.range_max
+    for distance in sample.ranges:
+        if not low <= distance <= high:
+            return False
+    return len(sample.ranges) == SENSORS_PER_STRIP
 
 
 def is_reading(sample: PassageSample, element: int) -> bool:

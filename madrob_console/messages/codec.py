@@ -19,7 +19,7 @@ from madrob_console.messages.field_paths import MessageField, find_field, find_s
 from madrob_console.messages.message_types import Message, MessageError, MessageTypes
 from recorder.bag import Durability, Qos, Topic
 from recorder.message import RawMessage
-from scoring.protocol import Signal, StartPose, Strip
+from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose, Strip
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 __all__ = [
@@ -54,7 +54,6 @@ _MEASURED: dict[Signal, Callable[[float, float, float], Sample]] = {
 }
 _SWITCHED: dict[Signal, Callable[[float, float, bool], Sample]] = {Signal.LATCH: LatchSample}
 """(time, log time, value) -> sample: of what is one number, and of what is on or off."""
-_SENSORS_PER_STRIP = 4
 _STAMP = (Wanted(("header", "stamp", "sec")), Wanted(("header", "stamp", "nanosec")))
 _MOST_MISSES = 20
 """So many messages in a row that are laid out unlike the one before: the next will be, too."""
@@ -184,7 +183,7 @@ class _Reader:
         self._stamped = find_stamp(types, mapping.type) is not None
         self._wanted = (
             *(_STAMP if self._stamped else ()),
-            Wanted(field.steps, _SENSORS_PER_STRIP),
+            Wanted(field.steps, SENSORS_PER_STRIP),
             *_limits(mapping, field, types),
         )
         self._getters = tuple(one.getter() for one in self._wanted)

@@ -25,6 +25,10 @@ from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
 from scoring.protocol import Condition
 
+_MOST_KEPT = 150_000
+"""So many messages, of seven minutes, are kept in memory; of a longer bag none, it is read again
+whenever it begins anew."""
+
 
 class RecordedBag:
     """A testbed that was recorded; it sends everything once more as often as it is opened.
@@ -67,7 +71,7 @@ class RecordedBag:
         self._topics = tuple(t for t in self._bag.topics() if t.name not in self._own)
         self._type_problems = {t.name: _register(t, types) for t in self._topics}
         self._mappings: Sequence[TopicMapping] = ()
-        survey = _survey(self._bag, types)
+        survey = _survey(self._bag, self._own, types)
         if survey is None:
             more = f" ({self._bag.problem})" if self._bag.problem else ""
             raise MadrobError(f"{path} holds no messages{more}; choose another bag")
@@ -80,6 +84,7 @@ class RecordedBag:
             )
         self.clock = RecordedClock(self.begin_ns, self.end_ns, speed, monotonic, wait)
         self._problems = survey.problems
+        self._kept = survey.messages
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
 
@@ -104,7 +109,7 @@ class RecordedBag:
 
     def open(self) -> None:
         """Go to the first message."""
-        self._messages = (m for m in self._bag.messages() if m.topic not in self._own)
+        self._messages = iter(self._kept or _of_testbed(self._bag, self._own))
         self._next = next(self._messages, None)
 
     def take(self, timeout: float) -> list[RawMessage]:
@@ -160,6 +165,7 @@ class RecordedBag:
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
+    messages: list[RawMessage] | None
     begin_ns: int
     end_ns: int
     journal_lines: tuple[str, ...]
@@ -177,8 +183,13 @@ def _register(topic: Topic, types: MessageTypes) -> str | None:
     return None
 
 
-def _survey(bag: Bag, types: MessageTypes) -> _Survey | None:
+def _of_testbed(bag: Bag, own: frozenset[str]) -> Iterator[RawMessage]:
+    return (message for message in bag.messages() if message.topic not in own)
+
+
+def _survey(bag: Bag, own: frozenset[str], types: MessageTypes) -> _Survey | None:
     """Read a bag once: its instants, its journal, lines that cannot be read; None if empty."""
+    messages: list[RawMessage] | None = []
     begin_ns: int | None = None
     end_ns = 0
     lines: list[str] = []
@@ -187,6 +198,10 @@ def _survey(bag: Bag, types: MessageTypes) -> _Survey | None:
         at = message.receive_ns
         begin_ns = at if begin_ns is None else min(begin_ns, at)
         end_ns = max(end_ns, at)
+        if messages is not None and message.topic not in own:
+            messages.append(message)
+            if len(messages) > _MOST_KEPT:
+                messages = None
         if message.topic == REFEREE_EVENT_TOPIC:
             try:
                 lines.append(decode_text(types, message.data))
@@ -194,4 +209,4 @@ def _survey(bag: Bag, types: MessageTypes) -> _Survey | None:
                 problems.append(f"{message.topic}: {error}")
     if begin_ns is None:
         return None
-    return _Survey(begin_ns, end_ns, tuple(lines), tuple(problems))
+    return _Survey(messages, begin_ns, end_ns, tuple(lines), tuple(problems))

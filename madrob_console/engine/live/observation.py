@@ -64,10 +64,10 @@ class Observation:
         self.sensors.receive(message, sample, error)
         if not recorded or self.course is None:
             return
-        if error is not None:
-            self.course.assessment.report_problem(error)
         if sample is not None:
             self.course.feed(sample)
+        elif error is not None:
+            self.course.assessment.report_problem(error)
 
     def advance(self, run: Run, now: float) -> tuple[Run, list[Happening]]:
         """What has become of a run at `now` (s since the epoch), and what happened."""

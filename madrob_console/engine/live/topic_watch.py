@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.health import Freshness, Health, Presence
 from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Signal, Thresholds
-from scoring.quality import is_reading
+from scoring.quality import all_in_range, is_reading
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 
 if TYPE_CHECKING:
@@ -119,6 +119,10 @@ class TopicWatch:
 
     def _missing_range(self, now: float, sample: PassageSample, angle: float) -> str | None:
         missing = None
+        if all_in_range(sample):
+            for presence in self.sensors.values():
+                presence.newest = now
+            return None
         for sensor, presence in self.sensors.items():
             if is_reading(sample, sensor.element):
                 presence.newest = now

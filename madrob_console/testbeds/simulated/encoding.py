@@ -15,10 +15,9 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.messages.field_paths import MessageField, attribute, find_field, find_stamp
 from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
-from scoring.protocol import Signal, Strip
+from scoring.protocol import SENSORS_PER_STRIP, Signal, Strip
 
 _STRIPS = {Signal.of_strip(strip) for strip in Strip}
-_SENSORS_PER_STRIP = 4
 
 
 class Encoder:
@@ -91,7 +90,7 @@ class Encoder:
             raise self._error(f"{self._mapping.field} does not fit the signal")
         if self._numbers:
             size = len(getattr(self._holder, self._name))
-            if size not in (0, _SENSORS_PER_STRIP):
+            if size not in (0, SENSORS_PER_STRIP):
                 raise self._error(f"{self._mapping.field} holds {size} ranges, not 4")
 
     def _set_limits(self, field: MessageField) -> None:
