@@ -26,14 +26,14 @@ settings.load_profile("madrob")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """How often the slow proofs repeat themselves; whether screens are stored anew."""
-    parser.addoption("--runs", type=int, default=20, help="runs of each repeated proof")
+    parser.addoption("--runs", type=int, default=rings.FEW_RUNS, help="runs of each repeated proof")
     parser.addoption("--update-screens", action="store_true", help="store the screens as they are")
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` picks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Each test is in a ring; the slow ones run when `-m` asks for them."""
-    rings.mark(items)
+    rings.mark(items, config.getoption("--runs"))
     if "slow" not in str(config.getoption("-m")):
         slow = {item for item in items if item.get_closest_marker("slow") is not None}
         config.hook.pytest_deselected(items=slow)

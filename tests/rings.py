@@ -52,6 +52,7 @@ FOLDERS: Mapping[str, Ring] = {
     "test_terminal.py": Ring.MACHINE,
 }
 LIMIT, SLOW_LIMIT = 60.0, 600.0  # s; a test that takes longer hangs, unless it says otherwise
+FEW_RUNS = 20  # of a slow proof, within its limit
 
 
 class NeedsMachineError(RuntimeError):
@@ -79,15 +80,21 @@ def ring_of(item: pytest.Item) -> Ring:
     raise pytest.UsageError(f"{item.nodeid}: in no ring; add its folder to tests/rings.py")
 
 
-def mark(items: Iterable[pytest.Item]) -> None:
-    """Give each test its ring and the time after which it counts as hanging."""
+def mark(items: Iterable[pytest.Item], runs: int) -> None:
+    """Give each test its ring and the time after which it counts as hanging.
+
+    Args:
+        items: the tests.
+        runs: how often the slow proofs repeat themselves.
+    """
+    slow_limit = SLOW_LIMIT * max(1.0, runs / FEW_RUNS)
     for item in items:
         ring = ring_of(item)
         if item.get_closest_marker(ring) is None:
             item.add_marker(ring.value)
         if item.get_closest_marker("timeout") is None:
             slow = item.get_closest_marker("slow") is not None
-            item.add_marker(pytest.mark.timeout(SLOW_LIMIT if slow else LIMIT))
+            item.add_marker(pytest.mark.timeout(slow_limit if slow else LIMIT))
 
 
 _STARTS = ("os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "subprocess.Popen")

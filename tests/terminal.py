@@ -18,6 +18,8 @@ from typing import Self
 
 import pyte
 
+from tests.watching import PATIENCE
+
 CLEARED = (
     "COLORTERM",
     "COLUMNS",
@@ -107,7 +109,7 @@ class Terminal:
         """Type."""
         os.write(self._fd, keys.encode())
 
-    def wait_for(self, *texts: str, timeout: float = 10.0) -> str:
+    def wait_for(self, *texts: str, timeout: float = PATIENCE) -> str:
         """Wait until one of `texts` stands on the screen, within one line; returns it.
 
         Raises:
@@ -127,7 +129,7 @@ class Terminal:
                 raise AssertionError(f"{wanted} did not come in {timeout:g} s:\n{self._shown()}")
             self._read(0.1)
 
-    def wait_exit(self, timeout: float = 10.0) -> int:
+    def wait_exit(self, timeout: float = PATIENCE) -> int:
         """Wait for the program's end; its exit code, negative for a signal.
 
         Raises:

@@ -17,6 +17,7 @@ from typing import Self
 import pytest
 
 from tests.terminal import CLEARED, FIXED
+from tests.watching import PATIENCE
 
 TERM = "tmux-256color"
 ANSWERING = 20.0
@@ -103,7 +104,7 @@ class Tmux:
         """Type a text, letter by letter."""
         self._tell("send-keys", "-t", _PANE, "-l", text)
 
-    def wait_for(self, text: str, timeout: float = 20.0) -> str:
+    def wait_for(self, text: str, timeout: float = PATIENCE) -> str:
         """Wait until `text` stands on the screen, within one line; the line.
 
         Several blanks count as one, so that columns may move.
@@ -125,7 +126,7 @@ class Tmux:
                 raise AssertionError(f"{text!r} did not come in {timeout:g} s:\n{shown}")
             time.sleep(BETWEEN_LOOKS)
 
-    def wait_exit(self, timeout: float = 20.0) -> int:
+    def wait_exit(self, timeout: float = PATIENCE) -> int:
         """Wait for the program's end; its exit code, 128 + number after a signal.
 
         Raises:

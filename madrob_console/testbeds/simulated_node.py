@@ -84,8 +84,11 @@ def serve_testbed(
     connection = Connection(number)
     try:
         node = DoorNode(connection, source, condition, say)
-        say(f"simulated testbed {testbed.scenario} in ROS domain {number}: waits for the referee")
         with _ended_by_signals(ended):
+            say(
+                f"simulated testbed {testbed.scenario} in ROS domain {number}: "
+                "waits for the referee"
+            )
             while not ended.is_set() and not (repeat and node.has_done(repeat)):
                 connection.spin(_PERIOD)
                 node.publish()

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -18,6 +17,7 @@ import msgspec
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change
 from tests.terminal import Terminal
+from tests.watching import until
 
 ROOT = Path(__file__).parents[2]
 ENTER = "\r"
@@ -90,10 +90,7 @@ class Hall:
     def wait_for_result(self, folder: Path, timeout: float = 60.0) -> dict[str, Any]:
         """The content of a run's `result.json`, once it is there."""
         path = folder / "result.json"
-        end = time.monotonic() + timeout
-        while not path.exists():
-            assert time.monotonic() < end, f"no result in {folder}"
-            time.sleep(0.05)
+        until(path.exists, timeout)
         document: dict[str, Any] = msgspec.json.decode(path.read_bytes())
         return document
 
@@ -103,16 +100,19 @@ class Hall:
 
     def wait_for_running(self, timeout: float = 60.0) -> Path:
         """The folder of the run that goes on."""
-        end = time.monotonic() + timeout
-        while time.monotonic() < end:
+
+        def running() -> Path | None:
             for folder in self.run_folders():
                 known = (folder / "journal.jsonl").exists()
                 lines = self.journal(folder) if known else ()
                 started = any(line.what == Change.RUN_STARTS for line in lines)
                 if started and not (folder / "result.json").exists():
                     return folder
-            time.sleep(0.02)
-        raise AssertionError("no run goes on")
+            return None
+
+        folder = until(running, timeout)
+        assert folder is not None
+        return folder
 
 
 def start_a_run(terminal: Terminal) -> None:
@@ -133,11 +133,14 @@ def start_a_run(terminal: Terminal) -> None:
     terminal.wait_for("COUNTDOWN", timeout=STARTING)
 
 
-def wait_gone(pid: int, timeout: float = 10.0) -> None:
+def wait_gone(pid: int) -> None:
     """Until a process that is no child has gone."""
-    end = time.monotonic() + timeout
-    while Path(f"/proc/{pid}").exists():
-        if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
-            return
-        assert time.monotonic() < end, f"process {pid} stays"
-        time.sleep(0.01)
+
+    def gone() -> bool:
+        try:
+            stat = Path(f"/proc/{pid}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        return stat.rpartition(")")[2].split()[0] == "Z"
+
+    until(gone)

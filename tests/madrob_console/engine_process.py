@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -27,9 +26,11 @@ from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, Phase, RunSetup
+from tests.watching import until
 
 ROOT = Path(__file__).parents[2]
 STARTING = 60.0
+ZERO_NEEDS = 1.1  # s: the handle's zero is the mean of a second
 BY_HAND = (CheckName.HANDLE, CheckName.POSE)
 
 # libfaketime 0.9.10 breaks `time.sleep`, which sleeps until a time that it does not know.
@@ -105,13 +106,15 @@ class EngineProcess:
             raise
 
     def _attach(self) -> RemoteEngine:
-        end = time.monotonic() + STARTING
-        while time.monotonic() < end:
+        def attached() -> RemoteEngine | None:
             assert self.process.poll() is None, self.log.read_text()
             with suppress(OSError, StopIteration):
                 return RemoteEngine(self.socket, Role.REFEREE, "a test")
-            time.sleep(0.05)
-        raise AssertionError(f"no engine: {self.log.read_text()}")
+            return None
+
+        engine = until(attached, STARTING)
+        assert engine is not None
+        return engine
 
     @property
     def socket(self) -> Path:
@@ -145,10 +148,16 @@ class EngineProcess:
 
     def wait_for(self, done: Callable[[Snapshot], bool], timeout: float = STARTING) -> Snapshot:
         """The first snapshot of which `done` holds."""
-        end = time.monotonic() + timeout
-        while not done(snapshot := self.snapshot()):
-            assert time.monotonic() < end, f"waited in vain: {snapshot.log} {snapshot.faults}"
-            time.sleep(0.02)
+
+        def seen() -> Snapshot | None:
+            return snapshot if done(snapshot := self.snapshot()) else None
+
+        try:
+            snapshot = until(seen, timeout)
+        except AssertionError as error:
+            last = self.snapshot()
+            raise AssertionError(f"{error}: {last.log} {last.faults}") from None
+        assert snapshot is not None
         return snapshot
 
     def act(self, *acts: Act) -> None:
@@ -161,7 +170,8 @@ class EngineProcess:
         """From the set-up to the running phase."""
         self.act(SetUp(setup))
         self.wait_for(lambda s: all(c.name in BY_HAND for c in blocking(s.checks)))
-        time.sleep(1.1)  # the handle's zero is the mean of a second
+        fresh = self.snapshot().time
+        self.wait_for(lambda s: s.time > fresh + ZERO_NEEDS)
         self.act(ZeroHandle(), ConfirmPose())
         self.wait_for(lambda s: not blocking(s.checks))
         self.act(Start())

@@ -19,9 +19,11 @@ from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import RunSetup
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
+from recorder.reader import read_bag
 from scoring.result import Result
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.small_disk import SmallDisk, disk_image, lock_folder, memory_disk
+from tests.watching import until
 
 NAMED_WITHIN = 2.0
 
@@ -99,13 +101,10 @@ class Machine:
             assert time.monotonic() - began < NAMED_WITHIN, "nothing was named"
         return time.monotonic() - began
 
-    def wait_for_sync(self, count: int) -> None:
-        """Until everything handed in is on the disk, `count` messages at least."""
-        end, before = time.monotonic() + 10.0, -1
-        while (saved := self.drive.engine.snapshot().recorder.messages) != before or saved < count:
-            assert time.monotonic() < end, "the recorder does not sync"
-            before = saved
-            time.sleep(0.3)
+    def wait_for_sync(self) -> None:
+        """Until everything handed in is on the disk."""
+        newest = max(message.receive_ns for message in self.drive.taken)
+        until(lambda: any(m.receive_ns >= newest for m in read_bag(self.folder).messages()))
 
     @property
     def words(self) -> str:

@@ -26,6 +26,7 @@ from madrob_console.testbeds.ros.loading import (
 from recorder.bag import Durability, Qos, Reliability
 from recorder.message import RawMessage
 from scoring.protocol import Signal
+from tests.watching import PATIENCE
 
 RELIABLE = Qos()
 BEST_EFFORT = Qos(Reliability.BEST_EFFORT)
@@ -82,7 +83,7 @@ class Peer(Connection):
         )
         return heard
 
-    def until(self, condition: Callable[[], object], seconds: float = 10.0) -> None:
+    def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> None:
         """Spin until something holds; fails when it never does."""
         ends = time.monotonic() + seconds
         while not condition():

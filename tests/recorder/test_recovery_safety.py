@@ -8,7 +8,6 @@ import resource
 import shutil
 import signal
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +23,7 @@ from tests.recorder.samples import strings, talk
 from tests.recorder.test_crash import numbers, victim
 from tests.recorder.torn_bags import TornBag, contents, middle, names, place_torn, refusal
 from tests.recorder.victim import RECORDS
+from tests.watching import until
 
 MESSAGES = strings([f"number {number} " + "x" * 900 for number in range(300)])
 
@@ -43,7 +43,7 @@ def test_a_killed_recording_is_repaired_at_once(folder: Path) -> None:
     with victim("until-killed", folder) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == '"recording"\n'
-        time.sleep(0.6)
+        until(lambda: len(list(read_bag(folder).messages())) > 100)
         process.send_signal(signal.SIGKILL)
     before = list(read_bag(folder).messages())
     recovered = recover(folder)

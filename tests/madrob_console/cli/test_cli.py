@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -256,7 +255,6 @@ def test_a_signal_aborts_the_run_and_keeps_it_on_record(
         for line in process.stdout:
             if "run starts" in line:
                 break
-        time.sleep(0.3)
         process.send_signal(number)
         rest = process.stdout.read()
     assert process.returncode == 4

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from tests.madrob_console.engine.drive import make_setup
+from tests.watching import until
 
 SPEED = 8.0
 """Times as fast as a run of a competition."""
@@ -53,7 +53,7 @@ class Served:
         self._loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self._serve)
         self.thread.start()
-        wait(self.path.exists)
+        until(self.path.exists)
 
     def _serve(self) -> None:
         try:
@@ -73,13 +73,6 @@ class Served:
             self.papers.close()
 
 
-def wait(done: Callable[[], object], patience: float = 30.0) -> None:
-    end = time.monotonic() + patience
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
 def act(client: EngineClient, act: Act) -> str | None:
     """Hand in an act of the referee."""
     return client.ask(Perform.of(act))
@@ -88,8 +81,9 @@ def act(client: EngineClient, act: Act) -> str | None:
 def start(client: EngineClient) -> None:
     """A run goes on."""
     assert act(client, SetUp(make_setup(countdown=5.0))) is None
-    wait(lambda: client.snapshot().handle.force is not None)
-    time.sleep(1.5 / SPEED)  # the handle's zero is the mean of a second
+    until(lambda: client.snapshot().handle.force is not None)
+    fresh = client.snapshot().time
+    until(lambda: client.snapshot().time > fresh + 1.1)  # the handle's zero is the mean of a second
     for one in (ZeroHandle(), ConfirmPose(), Start()):  # on a busy machine a topic may be stale
-        wait(lambda one=one: act(client, one) is None)  # type: ignore[misc]
-    wait(lambda: client.snapshot().run.phase is Phase.RUNNING)
+        until(lambda one=one: act(client, one) is None)  # type: ignore[misc]
+    until(lambda: client.snapshot().run.phase is Phase.RUNNING)

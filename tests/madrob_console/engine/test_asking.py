@@ -41,7 +41,8 @@ from madrob_console.referee.run import Phase
 from recorder.message import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.served import Served, act, simulated, start, wait
+from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.watching import until
 
 pytestmark = pytest.mark.machine
 
@@ -86,7 +87,7 @@ def client(
 
 def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None:
     start(client)
-    wait(lambda: client.snapshot().result is not None)
+    until(lambda: client.snapshot().result is not None)
     shown = client.snapshot()
     assert shown.run.outcome is Outcome.COMPLETED
     assert shown.recorder.dropped == 0
@@ -141,7 +142,7 @@ def test_an_engine_with_a_run_ends_only_by_force(client: EngineClient) -> None:
     start(client)
     assert client.ask(StopEngine()) == "a run is going on"
     assert client.ask(StopEngine(force=True)) is None
-    wait(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
+    until(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
     with pytest.raises(MadrobError, match="the engine has ended"):
         act(client, ConfirmPose())
 
@@ -187,7 +188,7 @@ def test_an_engine_that_fails_says_so_at_once(
     with pytest.raises(MadrobError, match="the engine has failed: a bug"):
         client.ask(NextRunNumber(3, 1))
     assert time.monotonic() - began < 3.0
-    wait(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
+    until(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
     with pytest.raises(MadrobError, match="the engine has"):
         client.ask(NextRunNumber(3, 1))
 

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -19,9 +19,9 @@ from madrob_console.engine.process.background import Background, Finished
 from madrob_console.engine.process.reporting import Papers
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.files.whole import whole_file
+from tests.watching import PATIENCE, until
 
 pytestmark = pytest.mark.machine
-PATIENCE = 30.0
 
 BEGIN = """
 import signal, sys
@@ -39,6 +39,14 @@ with whole_file(Path(sys.argv[1])) as file:
     file.flush()
     Path(sys.argv[1] + ".begun").touch()
     time.sleep(60)
+"""
+
+UNTIL_TOLD = """
+import sys, time
+from pathlib import Path
+Path(sys.argv[1]).touch()
+while not Path(sys.argv[2]).exists():
+    time.sleep(0.01)
 """
 
 
@@ -71,13 +79,6 @@ def quick_hall() -> Iterator[Hall]:
     hall = Hall((sys.executable, "-c", BEGIN))
     yield hall
     hall.background.close(PATIENCE)
-
-
-def wait(done: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
 
 
 def test_a_chore_comes_after_everything_else() -> None:
@@ -118,12 +119,12 @@ def test_what_is_asked_for_again_before_it_begins_is_done_once(quick_hall: Hall)
 def test_what_is_asked_for_while_it_is_done_is_done_once_more(
     quick_hall: Hall, tmp_path: Path
 ) -> None:
-    flag = tmp_path / "begun"
-    code = "import pathlib, sys, time; pathlib.Path(sys.argv[1]).touch(); time.sleep(0.2)"
-    quick_hall.ask("report", code, str(flag))
-    wait(flag.exists)
+    begun, may_end = tmp_path / "begun", tmp_path / "may end"
+    quick_hall.ask("report", UNTIL_TOLD, str(begun), str(may_end))
+    until(begun.exists)
     quick_hall.ask("report", "print('second')")
     quick_hall.ask("report", "print('third')")
+    may_end.touch()
     assert quick_hall.background.wait(PATIENCE)
     assert [finished.said for _, finished in quick_hall.done] == ["", "third"]
 
@@ -134,10 +135,10 @@ def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_i
     target = tmp_path / "report.html"
     begun = tmp_path / "report.html.begun"
     quick_hall.ask("report", SLOW, str(target))
-    wait(begun.exists)
+    until(begun.exists)
     assert len(list(tmp_path.iterdir())) == 2  # the file has another name still
     quick_hall.busy = True
-    wait(lambda: list(tmp_path.iterdir()) == [begun])
+    until(lambda: list(tmp_path.iterdir()) == [begun])
     begun.unlink()
     assert quick_hall.done == []
     quick_hall.ask("report", "print('after the run')")

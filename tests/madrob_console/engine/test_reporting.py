@@ -34,9 +34,10 @@ from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.served import Served, simulated, wait
+from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.run_folders import summary, write
+from tests.watching import until
 
 
 def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
@@ -121,7 +122,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
         assert console.ask(ExportTeam(3)) is None
         assert (shown := console.snapshot().export) is not None
         assert shown.subject == 3
-        wait(lambda: (view := watcher.snapshot().export) is not None and view.path)
+        until(lambda: (view := watcher.snapshot().export) is not None and view.path)
         made = watcher.snapshot().export
         assert made is not None
         assert made.problem == ""
@@ -150,22 +151,22 @@ def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_p
             time.sleep(0.1)
         engine.act(Abort("enough"))
         first = engine.folder / "report.html"
-        wait(lambda: processes_of(engine.process.pid))
+        until(lambda: processes_of(engine.process.pid))
         engine.act(SetUp(replace(setup, run_number=2)), ZeroHandle(), ConfirmPose())
         engine.wait_for(lambda s: not blocking(s.checks))
         engine.act(Start())  # a process that goes on ends for it
-        wait(lambda: not processes_of(engine.process.pid))
+        until(lambda: not processes_of(engine.process.pid))
         assert engine.snapshot().run.active
         engine.act(Abort("enough"))
-        wait(first.exists)
+        until(first.exists)
         second = engine.folder / "report.html"
-        wait(lambda: second.exists() and not processes_of(engine.process.pid))  # no zombie stays
+        until(lambda: second.exists() and not processes_of(engine.process.pid))  # no zombie stays
         engine.start(replace(setup, run_number=3))
         engine.act(Abort("enough"))
         engine.result()
         engine.start(replace(setup, run_number=4))  # the report of run 3 has to wait
         cut_off = engine.folder / "report.html"
-    wait(lambda: len(list(tmp_path.glob("*/report.html"))) == 4)
+    until(lambda: len(list(tmp_path.glob("*/report.html"))) == 4)
     assert cut_off.exists()
     assert all("</html>" in path.read_text() for path in tmp_path.glob("*/report.html"))
     assert not list(tmp_path.glob("*/.*"))

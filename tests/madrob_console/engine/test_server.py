@@ -44,7 +44,8 @@ from madrob_console.referee.acts import ACTS, Abort, AddNote, SetUp, Start
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.served import Served, act, start, wait
+from tests.madrob_console.engine.served import Served, act, start
+from tests.watching import until
 
 if TYPE_CHECKING:
     from _typeshed import TraceFunction
@@ -62,7 +63,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
 def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> None:
     with closing(served.attach()) as client:
         start(client)
-        wait(lambda: client.snapshot().result is not None)
+        until(lambda: client.snapshot().result is not None)
         local, remote = served.local.snapshot(), client.snapshot()
         assert remote.result == local.result
         assert remote.run.outcome is Outcome.COMPLETED
@@ -89,7 +90,7 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         assert bo.snapshot().refusal("abort") == "ada@hall has the right to act: t takes it over"
         assert bo.ask(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
-        wait(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().all_faults)
+        until(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().all_faults)
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
 
 
@@ -97,7 +98,7 @@ def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> N
     ada = served.attach(who="ada@hall")
     with closing(served.attach(who="bo@tent")) as bo:
         ada.close()
-        wait(lambda: bo.snapshot().refusal("set up") is None)
+        until(lambda: bo.snapshot().refusal("set up") is None)
         assert act(bo, SetUp(make_setup())) is None
 
 
@@ -106,7 +107,7 @@ def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
     with closing(served.attach()) as client:
         start(client)
         for watcher in watchers:
-            wait(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
+            until(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
             assert act(watcher, Abort("me")) == "this screen only watches"
             assert watcher.ask(TakeOver()) == "this screen only watches"
             for name in (*(act.name for act in ACTS), TakeOver.name, ExportTeam.name):
@@ -141,7 +142,7 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
     ):
         assert ada.ask(PlayOrPause()) is None
         assert ada.ask(JumpTo(1.5)) is None
-        wait(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
+        until(lambda: watcher.snapshot().elapsed == pytest.approx(1.5, abs=0.011))
         assert "only watches" in str(watcher.ask(PlayOrPause()))
         assert "only watches" in str(watcher.snapshot().refusal(PlaybackCommand.name))
         assert "ada@hall" in str(bo.ask(SetSpeed(2.0)))
@@ -171,7 +172,7 @@ def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> No
     stalled.sendall(wire.frame(wire.Hello(wire.VERSION, Role.WATCH, "stalled")))
     with closing(served.attach()) as client:
         start(client)
-        wait(lambda: client.snapshot().result is not None)
+        until(lambda: client.snapshot().result is not None)
         result = client.snapshot().result
         assert result is not None
         assert result.outcome is Outcome.COMPLETED
@@ -184,10 +185,10 @@ def test_an_engine_that_stands_still_sends_no_sign_of_life(
 ) -> None:
     with closing(served.attach()) as client:
         before = client.snapshot()
-        wait(lambda: client.snapshot() is not before)
+        until(lambda: client.snapshot() is not before)
         still = served.local.snapshot()
         monkeypatch.setattr(served.local, "snapshot", lambda: still)
-        wait(lambda: client.snapshot().time == still.time)
+        until(lambda: client.snapshot().time == still.time)
         last = client.snapshot()
         time.sleep(2 * SIGN_OF_LIFE)
         assert client.snapshot() is last
@@ -262,7 +263,7 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
             return "start the console again" in str(error)
         return False
 
-    wait(told, 5.0)
+    until(told, 5.0)
     with pytest.raises(MadrobError, match="start the console again"):
         act(client, Start())
     client.close()
@@ -295,7 +296,7 @@ def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
             done.append(frame.f_lineno)
             if len(done) == lines + 1:
                 engine.sendall(wire.frame(wire.Rejected("the engine has failed: no disk")))
-                wait(lambda: not client._thread.is_alive())
+                until(lambda: not client._thread.is_alive())
             return ends
 
         began = time.monotonic()

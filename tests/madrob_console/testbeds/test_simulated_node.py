@@ -24,6 +24,8 @@ from recorder.message import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.samples import DoorSample, HandleSample, Sample
 from tests.madrob_console import said
+from tests.madrob_console.ros_peer import Taker, source
+from tests.watching import PATIENCE, until
 
 pytestmark = pytest.mark.machine
 CW = Condition(BenchmarkType.CONSTANT_FORCE, opening_side=Side.CW, starting_side=Side.CW)
@@ -42,7 +44,7 @@ class Console:
         self.samples: list[Sample] = []
         self._decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
 
-    def until(self, condition: Callable[[], object], seconds: float = 15.0) -> None:
+    def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> None:
         ends = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < ends, f"it never happened; the node said {self.lines}"
@@ -70,7 +72,7 @@ def console_and_node(
         yield Console(source, lines)
     finally:
         stop.set()
-        node.join(10)
+        node.join(PATIENCE)
         source.close()
         assert not node.is_alive()
 
@@ -84,10 +86,10 @@ def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> No
         console.source.configure(CW)
         console.until(lambda: console.source.sides_problem is None)
         console.source.publish(said.start_pose(StartPose(-1.0, 0.0, 0.0)))
-        console.source.publish(state("countdown", time.time() + 0.2))
+        announced = time.time() + 0.2
+        console.source.publish(state("countdown", announced))
         console.until(lambda: testbed.plan is not None)
-        time.sleep(0.5)
-        console.source.take(0)
+        console.until(lambda: console.samples[-1].time > announced + 0.3)
         assert "robot sets out" not in console.lines
         start = time.time()
         console.source.publish(state("running", start))
@@ -169,9 +171,10 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
             assert process.stdout.readline() == (
                 f"simulated testbed nominal in ROS domain {domain}: waits for the referee\n"
             )
-            time.sleep(0.3)
+            with Taker(source()) as taker:
+                until(lambda: taker.has(1) and len({m.topic for m in taker.taken}) == 6)
             process.send_signal(number)
-            out, err = process.communicate(timeout=10)
+            out, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     assert (process.returncode, err) == (0, "")

@@ -25,6 +25,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.slowly import slow_but_for
+from tests.watching import PATIENCE
 
 PHASES = {
     Phase.IDLE: (),
@@ -339,8 +340,10 @@ class SlowEngine(FakeEngine):
     """Its disk makes every act wait."""
 
     go = threading.Event()
+    asked = threading.Event()
 
     def act(self, act: Act) -> str | None:
+        self.asked.set()
         self.go.wait(20.0)
         return super().act(act)
 
@@ -353,13 +356,13 @@ def test_the_screens_go_on_while_an_act_waits_for_the_disk() -> None:
             SlowEngine.go.set()
             await driver.run()
             SlowEngine.go.clear()
+            SlowEngine.asked.clear()
             pressing = asyncio.create_task(driver.pilot.press("i", "c"))
-            await driver.pilot.pause(0.3)
+            assert await asyncio.to_thread(SlowEngine.asked.wait, PATIENCE)
             engine.say("the door opens")
-            for _ in range(3):
+            while "the door opens" not in driver.text:
                 driver.console.poll()
-            await asyncio.sleep(0.3)
-            assert "the door opens" in driver.text
+                await asyncio.sleep(0.01)
             assert not [act for act in engine.acts if act.name == "mark an incident"]
             SlowEngine.go.set()
             await pressing

@@ -46,7 +46,7 @@ def test_a_terminal_that_goes_ends_the_console_soon() -> None:
     with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
         terminal.wait_for(LAST_KEY, timeout=STARTING)
         terminal.hang_up()
-        assert terminal.wait_exit() == 128 + signal.SIGHUP
+        assert terminal.wait_exit(10.0) == 128 + signal.SIGHUP
 
 
 def test_a_signal_ends_the_console_even_if_its_terminal_takes_nothing(running: Terminal) -> None:

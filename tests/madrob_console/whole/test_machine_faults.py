@@ -48,7 +48,7 @@ def go_through(machine: Machine, stop: Stop, moment: float) -> Told:
     drive.start(setup_of(stop))
     drive.wait(moment)
     safe = Counter(message.topic for message in drive.taken if machine.in_run(message))
-    machine.wait_for_sync(safe.total())
+    machine.wait_for_sync()
     assert drive.engine.snapshot().faults == ()
     machine.spoil()
     named_after, words = machine.named_after(), machine.words

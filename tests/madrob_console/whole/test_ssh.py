@@ -20,6 +20,7 @@ import pytest
 from recorder.reader import read_bag
 from tests.madrob_console.console_process import F10, ROOT, Hall, start_a_run
 from tests.terminal import Terminal
+from tests.watching import until
 
 SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
@@ -58,13 +59,11 @@ class SshServer:
         self._wait()
 
     def _wait(self) -> None:
-        end = time.monotonic() + 20.0
-        while time.monotonic() < end:
+        def answers() -> bool:
             with socket.socket() as knock:
-                if knock.connect_ex(("127.0.0.1", self._port)) == 0:
-                    return
-            time.sleep(0.05)
-        raise AssertionError("sshd does not come up")
+                return knock.connect_ex(("127.0.0.1", self._port)) == 0
+
+        until(answers)
 
     def console(self, hall: Hall) -> Terminal:
         """`madrob console` at the other end of a connection."""

@@ -6,14 +6,17 @@ import os
 import random
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import msgspec
 import pytest
 
+from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
 from recorder.reader import read_bag
+from scoring.protocol import EventName
 from tests.madrob_console.console_process import F8, F10, Hall, start_a_run, wait_gone
+from tests.watching import until
 
 
 @pytest.fixture
@@ -74,6 +77,15 @@ def test_nobody_watches_where_no_engine_runs(hall: Hall) -> None:
         assert any("no engine runs here to be watched" in line for line in spectator.screen())
 
 
+def touches(entries: Iterable[Entry]) -> list[Entry]:
+    """When the handle was touched, by the engine."""
+    return [
+        entry
+        for entry in entries
+        if entry.what == Change.EVENT and entry.details["event"] == EventName.HANDLE_IS_TOUCHED
+    ]
+
+
 def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupted(
     hall: Hall,
 ) -> None:
@@ -81,7 +93,8 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
     with hall.console() as terminal:
         start_a_run(terminal)
         folder = hall.wait_for_running()
-        time.sleep(4.0)
+        touched = until(lambda: touches(hall.journal(folder)))[0]
+        until(lambda: any(m.receive_ns > 1e9 * touched.time for m in read_bag(folder).messages()))
         hall.kill_engine()
         terminal.wait_for("the engine has ended")
         terminal.send(F10)

@@ -239,7 +239,7 @@ def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:
         peer.until(lambda: taker.matched(LOCKED))
         for _ in range(50):
             publisher.publish(truth(True))
-        time.sleep(0.02)
+        peer.until(lambda: len(taker.source._mailbox) == 50)
     assert len(taker.source.take(0)) == 50
 
 
