@@ -46,7 +46,7 @@ class Call(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         number: of the question, counted by the screen.
         deadline: after this it is not carried out any more, s of the machine's monotonic clock.
-        request: what it asks, as `request_of` reads it.
+        request: what it asks, as `call_of` reads it.
     """
 
     number: int

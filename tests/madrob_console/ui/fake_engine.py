@@ -18,6 +18,7 @@ from madrob_console.engine.shown.requests import (
     Perform,
     Request,
     T,
+    TakeOver,
 )
 from madrob_console.engine.shown.snapshot import (
     DoorView,
@@ -26,6 +27,7 @@ from madrob_console.engine.shown.snapshot import (
     LatchView,
     LogLine,
     RecorderView,
+    RightToAct,
     SensorView,
     Snapshot,
     TopicView,
@@ -101,6 +103,7 @@ class FakeEngine:
     commands: list[PlaybackCommand] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
+    right: RightToAct = field(default_factory=RightToAct)
 
     def __post_init__(self) -> None:
         self._made = self._snapshot_now()
@@ -149,6 +152,7 @@ class FakeEngine:
             folder=None if self.result is None else FOLDER,
             playback=self.playback,
             export=self.export,
+            right=self.right,
         )
 
     def act(self, act: Act) -> str | None:
@@ -185,6 +189,8 @@ class FakeEngine:
                 self.commands.append(request)
             case GiveCurves():
                 return self.figures
+            case TakeOver():
+                self.right = RightToAct()
         return None
 
     def close(self) -> None:

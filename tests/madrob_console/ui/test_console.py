@@ -13,7 +13,8 @@ from madrob_console.archive.unfinished import Unfinished
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.shown.client import EngineClient
 from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import TakeOver
+from madrob_console.engine.shown.requests import Role, TakeOver
+from madrob_console.engine.shown.snapshot import RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout
@@ -295,6 +296,46 @@ def test_a_teams_file_with_broken_lines_says_so_at_the_start(engine: FakeEngine)
             await driver.press("f2", "9", "enter")
             await driver.press("f6")
             assert "Subject 9 has no name in the list of teams" in " ".join(driver.text.split())
+
+    asyncio.run(drive())
+
+
+def test_a_console_without_the_right_to_act_says_who_has_it_and_can_take_it(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.right = RightToAct(holder="bo@tent")
+            await driver.settle()
+            who = "bo@tent has the right to act: t takes it over"
+            assert who in driver.rows()[1]
+            await driver.press("f8")
+            assert driver.console.status == f"Refused: abort: {who}"
+            await driver.press("t")
+            assert driver.console.status == "This console has the right to act now."
+            assert "no faults" in driver.rows()[1]
+            await driver.press("t")
+            refused = "this console has the right to act"
+            assert driver.console.status == f"Refused: take over: {refused}"
+            await driver.press("f8", "1", "y")
+            assert engine.acts[-1] == Abort("robot unsafe")
+
+    asyncio.run(drive())
+
+
+def test_a_spectator_is_told_so_by_every_key_and_by_no_fault(engine: FakeEngine) -> None:
+    engine.right = RightToAct(Role.WATCH, "ada@hall")
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3")
+            assert "no faults" in driver.rows()[1]
+            for key in (KEYS["start"], KEYS["take"], KEYS["note"]):
+                await driver.press(key.keys)
+                why = "this screen only watches: `madrob console` can act"
+                assert driver.console.status == f"Refused: {key.act}: {why}"
+        assert engine.acts == []
 
     asyncio.run(drive())
 
