@@ -51,31 +51,35 @@ def compute_indicators(
         condition: of the run.
         ruleset: whose rules.
     """
-    joint = rows.joint_state
-    no_motion = None if joint.time.size else "no door angle recorded during the run"
-    opened = bool(np.any(np.abs(joint.position) > rows.thresholds.closed_angle))
-    jerk_problem = joint.reason if opened or no_motion else None
+    return {name: _computed(name, events, done, rows, condition, ruleset) for name in IndicatorName}
 
-    def computed(name: IndicatorName) -> Indicator:
-        match name:
-            case IndicatorName.EXECUTION_TIME:
-                return execution_time(events, condition, ruleset)
-            case IndicatorName.TIME_TO_HANDLE:
-                return time_to_handle(events)
-            case IndicatorName.DOOR_OCCUPATION_TIME:
-                return door_occupation_time(events, condition, ruleset)
-            case IndicatorName.PASSAGE_TIME:
-                return passage_time(events, done, ruleset)
-            case IndicatorName.UNSAFETY_OF_DOOR_OPERATION:
-                return unsafety_of_door_operation(rows.low_passed, no_motion or rows.problem)
-            case IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION:
-                return smoothness_of_door_actuation(rows.jerk, opened, no_motion or jerk_problem)
-            case IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
-                return roughness_of_door_actuation(rows.force)
-            case IndicatorName.CAPABILITY_LEVEL:
-                return capability_level(events, condition, done, ruleset)
 
-    return {name: computed(name) for name in IndicatorName}
+def _computed(
+    name: IndicatorName,
+    events: Sequence[Event],
+    done: Steps,
+    rows: Rows,
+    condition: Condition,
+    ruleset: Ruleset,
+) -> Indicator:
+    match name:
+        case IndicatorName.EXECUTION_TIME:
+            return execution_time(events, condition, ruleset)
+        case IndicatorName.TIME_TO_HANDLE:
+            return time_to_handle(events)
+        case IndicatorName.DOOR_OCCUPATION_TIME:
+            return door_occupation_time(events, condition, ruleset)
+        case IndicatorName.PASSAGE_TIME:
+            return passage_time(events, done, ruleset)
+        case IndicatorName.UNSAFETY_OF_DOOR_OPERATION:
+            return unsafety_of_door_operation(rows.low_passed, rows.no_motion or rows.problem)
+        case IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION:
+            unknown = rows.joint_state.reason if rows.opened else None
+            return smoothness_of_door_actuation(rows.jerk, rows.opened, rows.no_motion or unknown)
+        case IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
+            return roughness_of_door_actuation(rows.force)
+        case IndicatorName.CAPABILITY_LEVEL:
+            return capability_level(events, condition, done, ruleset)
 
 
 def execution_time(events: Sequence[Event], condition: Condition, ruleset: Ruleset) -> Indicator:

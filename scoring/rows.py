@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from scoring.figure_table import Quantity
 from scoring.kinematics import Array, JointState, jerk, low_pass, low_pass_problem
 from scoring.protocol import Thresholds
@@ -31,6 +33,16 @@ class Rows:
     force: Array
     problem: str | None
     thresholds: Thresholds
+
+    @property
+    def no_motion(self) -> str | None:
+        """Why there is no motion of the panel, in words; None if there is."""
+        return None if self.joint_state.time.size else "no door angle recorded during the run"
+
+    @property
+    def opened(self) -> bool:
+        """Whether the door is open in any row."""
+        return bool((np.abs(self.joint_state.position) > self.thresholds.closed_angle).any())
 
     def series(self, quantity: Quantity) -> tuple[Array, Array]:
         """Times, s since the epoch, and values of a quantity, in its unit; both of shape (n,)."""
