@@ -36,6 +36,7 @@ NAMES = (
     "commands",
     "live",
     "recording",
+    "replay",
     "reports",
     "scoring",
     "terminal",
