@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import results_folder, ros_domain
+from madrob_console.cli import options
 from madrob_console.config import Settings
 from madrob_console.engine.process.place import Place, known_places, place_of
 from madrob_console.engine.shown.requests import Role
@@ -51,11 +51,11 @@ def engine_place(arguments: argparse.Namespace, settings: Settings) -> Place:
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = str(named[0])
     if kind == SourceKind.ROS:
-        domain = ros_domain(arguments, settings)
+        domain = options.ros_domain(arguments, settings)
         return place_of(kind, os.environ.get("ROS_DOMAIN_ID", "0") if domain is None else domain)
     if kind == SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
         return place_of(kind, *(Path(path).expanduser().absolute() for path in named[1:]))
-    results = results_folder(arguments, settings)
+    results = options.results_folder(arguments, settings)
     return place_of(kind, results, arguments.scenario, arguments.seed, arguments.speed)
 
 
@@ -111,7 +111,7 @@ def _checked(
     engine: RemoteEngine, arguments: argparse.Namespace, settings: Settings
 ) -> RemoteEngine:
     """An engine that keeps its runs elsewhere is not the one that was meant."""
-    wanted = results_folder(arguments, settings)
+    wanted = options.results_folder(arguments, settings)
     named = arguments.testbed and arguments.testbed[0] == SourceKind.REPLAY
     if not named and engine.results != wanted:
         engine.close()
@@ -134,7 +134,7 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
                 "madrob_console.cli.main",
                 "engine",
                 "serve",
-                *_options(arguments),
+                *_testbed_options(arguments),
             ],
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -145,16 +145,16 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
         os.close(log)
 
 
-def _options(arguments: argparse.Namespace) -> list[str]:
+def _testbed_options(arguments: argparse.Namespace) -> list[str]:
     """The options of the testbed, as they were given."""
-    options: list[str] = []
+    words: list[str] = []
     for name in ("scenario", "seed", "speed", "domain", "results", "settings", "idle_time"):
         value = getattr(arguments, name)
         if value is not None:
-            options.append(f"--{name.replace('_', '-')}={value}")
+            words.append(f"--{name.replace('_', '-')}={value}")
     if arguments.testbed is not None:
-        options += ["--testbed", *arguments.testbed]
-    return options
+        words += ["--testbed", *arguments.testbed]
+    return words
 
 
 def _last_words(place: Place) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import Commands, Parser, add_settings_option, command
+from madrob_console.cli import options
 from madrob_console.cli.problems import complain
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
@@ -22,16 +22,16 @@ how to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the
 its folder holds the recording. Topics, types and units are those of the settings."""
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "calibrate",
         None,
         "a new testbed's masks, lintel height and handle, from recordings",
     )
-    parts = parser.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
-    masks = command(
+    parts = parser.add_subparsers(metavar="WHAT", required=True, parser_class=options.Parser)
+    masks = options.command(
         parts,
         "masks",
         _masks,
@@ -41,7 +41,7 @@ def add(commands: Commands) -> None:
         "stick. Several recordings count together, one a side for example.",
     )
     masks.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag or a run folder")
-    handle = command(
+    handle = options.command(
         parts,
         "handle",
         _handle,
@@ -64,7 +64,7 @@ def add(commands: Commands) -> None:
         part.add_argument(
             "--output", type=Path, default=None, metavar="FILE", help="file for the settings"
         )
-        add_settings_option(part)
+        options.add_settings(part)
 
 
 def _masks(arguments: argparse.Namespace) -> int:

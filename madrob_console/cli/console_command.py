@@ -8,13 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_idle_time_option,
-    add_testbed_options,
-    command,
-    results_folder,
-)
+from madrob_console.cli import options
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind, ThemeName
 from scoring.imports import imports_kept
@@ -32,16 +26,16 @@ _REPLAY = "A replay: nothing is recorded. Space pauses, j jumps to a time. F1 li
 _FIRST_TIME = "No run yet. To practise: `madrob console --testbed simulated`. F1 lists the keys."
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "console",
         main,
         "the referee's screens: set up, start, watch and score runs",
         "Without --testbed it takes the live testbed if one is found.",
     )
-    add_testbed_options(parser)
+    options.add_testbed(parser)
     parser.add_argument(
         "--from",
         dest="begin_at",
@@ -50,7 +44,7 @@ def add(commands: Commands) -> None:
         metavar="SECONDS",
         help="where a replay begins, from the start of its run",
     )
-    add_idle_time_option(parser)
+    options.add_idle_time(parser)
     add_look_options(parser)
 
 
@@ -92,7 +86,7 @@ def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = Non
 
     check_terminal(os.environ)
     settings = load_settings(arguments.settings)
-    results = results_folder(arguments, settings)
+    results = options.results_folder(arguments, settings)
 
     def open_client() -> EngineClient:
         client = attach(arguments, settings, role)

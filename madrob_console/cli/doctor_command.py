@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_domain_option,
-    add_settings_option,
-    command,
-    ros_domain,
-)
+from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(commands, "doctor", main, "what is installed, found and missing")
-    add_settings_option(parser)
-    add_domain_option(parser)
+    parser = options.command(commands, "doctor", main, "what is installed, found and missing")
+    options.add_settings(parser)
+    options.add_domain(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -31,7 +25,7 @@ def main(arguments: argparse.Namespace) -> int:
     for finding in doctor(
         settings.mappings(),
         settings.results.root,
-        domain=ros_domain(arguments, settings),
+        domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
     ):
         findings.append(finding)

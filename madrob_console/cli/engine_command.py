@@ -8,13 +8,7 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_idle_time_option,
-    add_testbed_options,
-    command,
-    results_folder,
-)
+from madrob_console.cli import options
 from madrob_console.cli.problems import complain
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
@@ -32,9 +26,9 @@ PRACTICE_IDLE_TIME = 20.0
 """A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "engine",
         main,
@@ -43,8 +37,8 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("action", choices=("status", "stop", "serve"))
     parser.add_argument("--force", action="store_true", help="stop: even while a run goes on")
-    add_testbed_options(parser)
-    add_idle_time_option(parser)
+    options.add_testbed(parser)
+    options.add_idle_time(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -81,7 +75,7 @@ def serve(arguments: argparse.Namespace) -> int:
             from madrob_console.engine.process.server import EngineServer
 
         engine = open_engine(arguments, settings)
-        where = [f"--results={results_folder(arguments, settings)}"]
+        where = [f"--results={options.results_folder(arguments, settings)}"]
         if arguments.settings is not None:
             where.append(f"--settings={arguments.settings}")
         papers = Papers(aside.COMMAND, lambda: engine.busy, where, reports=settings.results.reports)

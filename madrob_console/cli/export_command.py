@@ -6,21 +6,15 @@ import argparse
 import time
 from pathlib import Path
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_results_option,
-    add_settings_option,
-    command,
-    results_folder,
-)
+from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "export",
         main,
@@ -29,7 +23,7 @@ def add(commands: Commands) -> None:
         "is named, the rest is there.",
     )
     parser.add_argument("--team", type=int, required=True, help="the team's number (subject)")
-    add_results_option(parser)
+    options.add_results(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -40,7 +34,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--without-bags", action="store_true", help="leave out the recordings, the largest files"
     )
-    add_settings_option(parser)
+    options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -51,7 +45,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     settings = load_settings(arguments.settings)
     export = export_team(
-        results_folder(arguments, settings),
+        options.results_folder(arguments, settings),
         arguments.team,
         settings.mappings(),
         time.time(),

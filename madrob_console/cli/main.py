@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from madrob_console.cli.arguments import Main, Parser
+from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from recorder.errors import RecorderError
@@ -36,7 +36,7 @@ class _Version(argparse.Action):
 
 def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     """The command line with its help texts, of all commands or of some."""
-    parser = Parser(
+    parser = options.Parser(
         prog="madrob",
         description="Referee console for the MADROB robot-door benchmark.",
         epilog=_EXIT_CODES,
@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = _with_pose(sys.argv[1:] if argv is None else argv)
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     arguments = build_parser(named).parse_args(words)
-    command: Main = arguments.main
+    command: options.Main = arguments.main
     try:
         return command(arguments)
     except (MadrobError, RecorderError, ScoringError) as error:

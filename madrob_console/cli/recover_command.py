@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import Commands, command
+from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from recorder.recovery import Recovered
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "recover",
         main,

@@ -7,13 +7,7 @@ from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_condition_options,
-    add_testbed_options,
-    command,
-    condition_of,
-)
+from madrob_console.cli import options
 from madrob_console.kinds import SourceKind
 from madrob_console.names import clean_name
 from scoring.imports import imports_kept
@@ -33,9 +27,9 @@ EXIT_CODES = {
 }
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "run",
         main,
@@ -44,14 +38,14 @@ def add(commands: Commands) -> None:
         "`run folder: PATH`. Exit code 0 completed, 3 timeout, 4 aborted or invalid, "
         "5 interrupted, 2 bad input or a refusal.",
     )
-    add_testbed_options(parser)
+    options.add_testbed(parser)
     parser.add_argument("--subject", type=int, default=1, help="the robot's number")
     parser.add_argument("--team", default="", help="the team's name")
     parser.add_argument("--referee", default=None, help="the referee's name; else the settings'")
     parser.add_argument(
         "--run", type=int, default=None, help="run number; the next free one if not given"
     )
-    add_condition_options(parser)
+    options.add_condition(parser)
     parser.add_argument(
         "--start-pose",
         type=_pose,
@@ -111,7 +105,7 @@ def main(arguments: argparse.Namespace) -> int:
 def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) -> RunSetup:
     from madrob_console.referee.run import RunSetup
 
-    condition = condition_of(arguments)
+    condition = options.condition_of(arguments)
     number = arguments.run
     if number is None:
         number = engine.next_run_number(arguments.subject, condition.number)

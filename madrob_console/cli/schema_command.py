@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli.arguments import Commands, command
+from madrob_console.cli import options
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    command(commands, "schema", main, "the JSON schema of result.json")
+    options.command(commands, "schema", main, "the JSON schema of result.json")
 
 
 def main(_arguments: argparse.Namespace) -> int:

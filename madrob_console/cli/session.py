@@ -7,7 +7,7 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
-from madrob_console.cli.arguments import results_folder, ros_domain
+from madrob_console.cli import options
 from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
@@ -32,7 +32,7 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
     kind, replayed = _testbed(arguments, settings)
     types = MessageTypes()
     config = EngineConfig(
-        results=results_folder(arguments, settings),
+        results=options.results_folder(arguments, settings),
         mappings=settings.mappings(),
         thresholds=settings.scoring_thresholds(),
         limits=settings.sensor_limits(),
@@ -74,7 +74,7 @@ def _ros_source(
 ) -> Source:
     from madrob_console.testbeds.ros import RosSource
 
-    return RosSource(settings.mappings(), types, clock, ros_domain(arguments, settings))
+    return RosSource(settings.mappings(), types, clock, options.ros_domain(arguments, settings))
 
 
 def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceKind, Path | None]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli.arguments import Commands, add_settings_option, command
+from madrob_console.cli import options
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands, "settings", main, "check the settings file; print one with every default"
     )
-    add_settings_option(parser)
+    options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:

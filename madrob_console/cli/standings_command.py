@@ -9,12 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_results_option,
-    add_settings_option,
-    command,
-)
+from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -26,9 +21,9 @@ if TYPE_CHECKING:
 _STDOUT = Path("-")
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "standings",
         main,
@@ -59,8 +54,8 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--practice", action="store_true", help="the simulated runs instead, marked as such"
     )
-    add_results_option(parser)
-    add_settings_option(parser)
+    options.add_results(parser)
+    options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -5,33 +5,24 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-from madrob_console.cli.arguments import (
-    Commands,
-    add_condition_options,
-    add_domain_option,
-    add_scenario_options,
-    add_settings_option,
-    command,
-    condition_of,
-    ros_domain,
-)
+from madrob_console.cli import options
 from scoring.imports import imports_kept
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "testbed",
         main,
         "the simulated testbed as a ROS 2 node",
         "The robot sets out when /madrob/referee/state says that the run is running.",
     )
-    add_scenario_options(parser)
-    add_condition_options(parser)
-    add_domain_option(parser)
+    options.add_scenario(parser)
+    options.add_condition(parser)
+    options.add_domain(parser)
     parser.add_argument("--repeat", type=int, default=1, help="runs before it ends; 0 = no end")
-    add_settings_option(parser)
+    options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -44,10 +35,10 @@ def main(arguments: argparse.Namespace) -> int:
     settings = load_settings(arguments.settings)
     serve_testbed(
         simulated_testbed(arguments, settings),
-        condition_of(arguments),
+        options.condition_of(arguments),
         arguments.repeat,
         say=partial(print, flush=True),
-        domain=ros_domain(arguments, settings),
+        domain=options.ros_domain(arguments, settings),
         mappings=settings.mappings(),
     )
     return 0

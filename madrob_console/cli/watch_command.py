@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from madrob_console.cli.arguments import Commands, add_testbed_options, command
+from madrob_console.cli import options
 from madrob_console.cli.console_command import add_look_options, show
 
 
-def add(commands: Commands) -> None:
+def add(commands: options.Commands) -> None:
     """Its command line."""
-    parser = command(
+    parser = options.command(
         commands,
         "watch",
         main,
         "the same screens for spectators: they show everything and can do nothing",
         "Attaches to the engine of the testbed that is named, or to the only one that runs.",
     )
-    add_testbed_options(parser)
+    options.add_testbed(parser)
     add_look_options(parser)
 
 

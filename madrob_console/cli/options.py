@@ -1,4 +1,4 @@
-"""What several commands take, and what it comes to with the settings."""
+"""The options that several commands have, and what they come to with the settings."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def command(
     return parser
 
 
-def add_testbed_options(parser: argparse.ArgumentParser) -> None:
+def add_testbed(parser: argparse.ArgumentParser) -> None:
     """Where the data come from and the results go."""
     parser.add_argument(
         "--testbed",
@@ -60,19 +60,19 @@ def add_testbed_options(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="where the data come from: `ros`, `simulated`, or `replay` and the path of a bag",
     )
-    add_scenario_options(parser)
+    add_scenario(parser)
     parser.add_argument(
         "--speed",
         type=float,
         default=1.0,
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     )
-    add_domain_option(parser)
-    add_results_option(parser)
-    add_settings_option(parser)
+    add_domain(parser)
+    add_results(parser)
+    add_settings(parser)
 
 
-def add_domain_option(parser: argparse.ArgumentParser) -> None:
+def add_domain(parser: argparse.ArgumentParser) -> None:
     """The ROS domain."""
     parser.add_argument("--domain", type=int, default=None, help="ROS domain")
 
@@ -83,7 +83,7 @@ def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:
     return settings.testbed.domain if chosen is None else chosen
 
 
-def add_results_option(parser: argparse.ArgumentParser) -> None:
+def add_results(parser: argparse.ArgumentParser) -> None:
     """The results folder."""
     parser.add_argument("--results", type=Path, default=None, help="results folder")
 
@@ -94,12 +94,12 @@ def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
     return chosen.expanduser().absolute()
 
 
-def add_settings_option(parser: argparse.ArgumentParser) -> None:
+def add_settings(parser: argparse.ArgumentParser) -> None:
     """The settings file."""
     parser.add_argument("--settings", type=Path, default=None, help="settings file (TOML)")
 
 
-def add_idle_time_option(parser: argparse.ArgumentParser) -> None:
+def add_idle_time(parser: argparse.ArgumentParser) -> None:
     """How long an engine stays that nobody needs."""
     parser.add_argument(
         "--idle-time",
@@ -109,7 +109,7 @@ def add_idle_time_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: argparse.ArgumentParser) -> None:
     """What the simulated robot does."""
     parser.add_argument(
         "--scenario",
@@ -120,7 +120,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the simulation")
 
 
-def add_condition_options(parser: argparse.ArgumentParser) -> None:
+def add_condition(parser: argparse.ArgumentParser) -> None:
     """The condition, in its three parts (protocol section 1)."""
     sides = list(Side)
     parser.add_argument("--opening-side", type=Side, choices=sides, default=Side.CCW)
