@@ -23,12 +23,12 @@ from madrob_console.engine.live.event_log import EventLog
 from madrob_console.engine.live.fault_notes import FaultNotes
 from madrob_console.engine.live.observation import Observation
 from madrob_console.engine.live.pre_start import PreStart
-from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.replay import DECIDED_ANEW, NO_ACTS, OWN_RUN, Replay
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.live.run_recorder import RunRecorder
 from madrob_console.engine.live.view import NO_STEPS, elapsed, faults, question, remaining
 from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
-from madrob_console.engine.shown.snapshot import ExportView, RecorderView, Snapshot
+from madrob_console.engine.shown.snapshot import ExportView, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ACTS, Act, Consequence, Situation, act_details, refusals
@@ -76,14 +76,12 @@ class Engine:
         self._replay = replay
         self._chronicle = Chronicle(source, clock, types)
         self._fault_notes = FaultNotes()
-        self._recording: Recording | None = None
-        self._recorder_view = RecorderView("closed")
+        self._recorder = RunRecorder(source, config, self._chronicle)
         self._record: RunRecord | None = None
         self._folder: Path | None = None
         self._opened: OpenedRun | None = None
         self._unfinished: tuple[Unfinished, ...] = ()
         self._kept_zero = 0.0
-        self._lost_before: dict[str, int] = {}
         self._decided: float | None = None
         self._scored: Scored | None = None
         self.on_result: Callable[[Path, Scored], None] | None = None
@@ -144,7 +142,7 @@ class Engine:
     @property
     def busy(self) -> bool:
         """Whether a run goes on or is still being recorded; nothing is lost with a replay."""
-        return self._replay is None and (self._run.active or self._recording is not None)
+        return self._replay is None and (self._run.active or self._recorder.recording)
 
     @property
     def replay(self) -> Replay | None:
@@ -183,7 +181,7 @@ class Engine:
         """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
         if self.busy and self._run.active:
             self._interrupt("the console was closed during the run")
-        if self._recording is not None:
+        if self._recorder.recording:
             self._finish()
         self._try_again(self.now())
         self._chronicle.close()
@@ -250,10 +248,9 @@ class Engine:
     # ------------------------------------------------------------------ messages
 
     def _receive(self, messages: Sequence[RawMessage]) -> None:
-        recorded = self._recording is not None or self._replay is not None
+        recorded = self._recorder.recording or self._replay is not None
         for message in messages:
-            if self._recording is not None:
-                self._recording.put(message)
+            self._recorder.put(message)
             self._observation.receive(message, recorded=recorded)
 
     # ------------------------------------------------------------------ acts
@@ -307,11 +304,13 @@ class Engine:
         before, run = self._run, act.apply(situation, at)
         try:
             if Consequence.RECORDING in brings:
-                self._open_recording(run)
+                self._record, self._folder = self._recorder.start(run)
             self._write_act(act, run, at)
         except MadrobError:
             if Consequence.RECORDING in brings:
-                self._discard_recording()
+                self._recorder.discard()
+                self._record = self._folder = None
+                self._clock.release()
             raise
         if Consequence.HANDLE_ZERO in brings:
             self._kept_zero = run.handle_zero
@@ -338,51 +337,17 @@ class Engine:
         self._scored = None
         self._decided = None
         self._fault_notes.clear()
-        self._recorder_view = RecorderView("closed")
-
-    def _open_recording(self, run: Run) -> None:
-        assert run.setup is not None
-        assert run.start is not None
-        record = RunRecord(
-            setup=run.setup,
-            handle_zero=run.handle_zero,
-            thresholds=self.config.thresholds,
-            mappings=self.config.mappings,
-            source=self.source.kind,
-            competition=self.config.competition,
-            version=self.config.version,
-        )
-        recording = Recording(
-            self.config.results,
-            record,
-            run.start,
-            self.source.topics(),
-            lossless=self.config.lossless,
-        )
-        try:
-            self._chronicle.attach(recording)
-        except MadrobError:
-            recording.close()
-            raise
-        self._recording, self._record, self._folder = recording, record, recording.folder
-        self._lost_before = self._lost()
-
-    def _discard_recording(self) -> None:
-        """A start that could not take effect: its folder stays, its number is used."""
-        self._chronicle.detach()
-        if self._recording is not None:
-            self._recording.close()
-        self._recording = self._record = self._folder = None
-        self._clock.release()
+        self._recorder.clear()
 
     # ------------------------------------------------------------------ what time brings
 
     def _advance(self) -> None:
         now = self.now()
-        if self._recording is not None:
+        if self._recorder.recording:
             self._watch(now)
         self._go_on(*self._observation.advance(self._run, now))
-        if self._decided is not None and now >= self._decided + POST_ROLL and self._recording:
+        over = self._decided is not None and now >= self._decided + POST_ROLL
+        if over and self._recorder.recording:
             self._finish()
         if self._keeper.due(now):
             self._try_again(now)
@@ -392,8 +357,7 @@ class Engine:
         if 0 <= now - self._watched < WATCH_PERIOD:
             return
         self._watched = now
-        assert self._recording is not None
-        self._recording.add_topics(self.source.topics())
+        self._recorder.look()
         troubles = self._sensors.troubles(self.source.status(), self._sensors_now)
         for words in self._fault_notes.due(troubles, now):
             self._note(_fault(words, now))
@@ -446,26 +410,18 @@ class Engine:
 
     def _finish(self) -> None:
         """The post-roll is over: close the bag, score, write."""
-        assert self._recording is not None
         self._receive(self.source.take(0.0))  # what is still on its way
-        recording, self._recording = self._recording, None
-        self._chronicle.detach()
-        recording.close()
-        self._recorder_view = recording.view()
+        missing = self._recorder.finish()
         self._clock.release()
         self._run = replace(self._run, issue=1)
-        self._score(recording.remarks())
+        self._score(missing)
 
-    def _score(self, missing: Sequence[str] | None = None, *, write: bool = True) -> None:
+    def _score(self, missing: Sequence[str] = (), *, write: bool = True) -> None:
         run, record, assessment = self._run, self._record, self._observation.assessment
         assert record is not None
         assert assessment is not None
-        for remark in missing or ():
+        for remark in missing:
             assessment.report_problem(remark)
-        if missing is not None:
-            for topic, count in self._lost().items():
-                if lost := count - self._lost_before.get(topic, 0):
-                    assessment.report_problem(f"{topic}: {lost} messages were lost on the way")
         scored = self._observation.score(record, run)
         if write:
             assert self._folder is not None
@@ -479,10 +435,6 @@ class Engine:
     def _tell(self, folder: Path, scored: Scored) -> None:
         if self.on_result is not None:
             self.on_result(folder, scored)
-
-    def _lost(self) -> dict[str, int]:
-        """Messages lost on the way since the source was opened, where that is known."""
-        return {status.topic: status.lost or 0 for status in self.source.status()}
 
     def _note(self, happened: Happening) -> None:
         """Write a line that takes effect whatever the disk says."""
@@ -543,12 +495,10 @@ class Engine:
             problem: why there is no report of the last result, in words.
         """
         now, seen, run = self.now(), self._sensors_now, self._run
-        sensors, recording, replay = self._sensors, self._recording, self._replay
+        sensors, replay = self._sensors, self._replay
         procedure, assessment = self._observation.procedure, self._observation.assessment
-        recorder = recording.view() if recording else self._recorder_view
-        topics = sensors.topics(
-            self.source.status(), recording.dropped() if recording else {}, seen
-        )
+        recorder = self._recorder.view()
+        topics = sensors.topics(self.source.status(), self._recorder.dropped(), seen)
         door, latch = sensors.door_view(seen), sensors.latch_view(seen)
         scored, situation = self._scored, None if replay else self.situation()
         result = scored.result if scored else None
