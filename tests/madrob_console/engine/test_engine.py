@@ -42,6 +42,7 @@ from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.testbeds.truth import truth_of_testbed
 from tests.slowly import slow_but_for
 
@@ -163,18 +164,9 @@ def test_a_declared_timeout_is_valid_and_counts_from_its_instant(tmp_path: Path)
     assert values(folder_of(drive))["execution_time"] == pytest.approx(5.0, abs=0.05)
 
 
-def closing_time(tmp_path: Path) -> float:
-    """How long the nominal robot takes, s."""
-    drive = Drive(tmp_path / "measured")
-    drive.whole_run(make_setup())
-    assert drive.engine.scored is not None
-    value = drive.engine.scored.result.indicators[IndicatorName.EXECUTION_TIME].value
-    assert value is not None
-    return value
-
-
 def test_a_timeout_within_the_settle_time_waits_for_its_end(tmp_path: Path) -> None:
-    needed = closing_time(tmp_path)
+    needed = values(completed())[IndicatorName.EXECUTION_TIME]
+    assert isinstance(needed, float)
     drive = Drive(tmp_path)
     drive.whole_run(make_setup(timeout=needed + 0.5))
     assert drive.engine.run.outcome is Outcome.COMPLETED
