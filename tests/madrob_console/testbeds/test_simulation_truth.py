@@ -44,8 +44,18 @@ def test_the_truth_is_what_is_seen_every_millisecond(
     check(plan, timeout=round(plan.end + 2.0, 3))
 
 
-@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 210), marks=pytest.mark.slow)])
-def test_so_it_is_for_robots_of_every_kind_and_at_every_timeout(seeds: range) -> None:
+def test_so_it_is_for_robots_of_every_kind_and_at_every_timeout() -> None:
+    check_robots(range(3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(2))
+def test_so_it_is_for_many_robots(part: int, request: pytest.FixtureRequest) -> None:
+    """With `--runs 20` two hundred."""
+    check_robots(range(3 + part, 3 + 10 * request.config.getoption("--runs"), 2))
+
+
+def check_robots(seeds: range) -> None:
     for seed in seeds:
         plan = plan_run(Scenario.RANDOM, None, GEOMETRY, Random(seed), latch=seed % 3 == 0)
         for timeout in (plan.end + 2.0, *(Random(seed).uniform(2.0, plan.end) for _ in range(2))):
