@@ -283,7 +283,7 @@ def run_stepped_by(tmp_path: Path, jump: int) -> dict[str, float]:
         document = engine.result()
         run_folder = engine.folder
         engine.wait_for(lambda s: abs(s.time - real_time.time() - jump) < 5.0)  # it did jump
-    rescored = msgspec.to_builtins(score(run_folder)[0].result)
+    rescored = msgspec.json.decode(msgspec.json.encode(score(run_folder)[0].result))
     for part in ("indicators", "events", "steps", "quality", "outcome", "stop"):
         assert rescored[part] == document[part]
     check_log_times(run_folder)

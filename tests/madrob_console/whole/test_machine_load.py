@@ -58,7 +58,8 @@ def run_through(
     assert (shown.recorder.dropped, shown.faults) == (0, ())
     assert (document["outcome"], document["quality"]["remarks"]) == ("completed", [])
     assert read_bag(folder).complete
-    assert msgspec.to_builtins(score(folder)[0].result)["events"] == document["events"]
+    rescored = msgspec.json.encode(score(folder)[0].result)
+    assert msgspec.json.decode(rescored)["events"] == document["events"]
     return document
 
 
