@@ -31,9 +31,10 @@ _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 
 _QOS_LIMIT = 64 * 1024
+"""The most characters of QoS that are parsed; one publisher has about 400."""
+
 _MOST_LEVELS = 2000
 """libyaml walks nested collections on the machine's stack, which has room for far more of them."""
-"""The most characters of QoS that are parsed; one publisher has about 400."""
 
 
 class Reliability(StrEnum):

@@ -4,6 +4,9 @@ A publisher sends the same names and lengths again and again; only numbers chang
 read once tells where they stand. The next message is taken apart by one `struct.Struct`, several
 times as fast, if every length and every text in it is the same. If not, rosbags reads it again: it
 alone decides what is a message.
+
+A live testbed does not need it; archives and jumps in a replay do, where decoding by rosbags would
+take most of the time.
 """
 
 from __future__ import annotations

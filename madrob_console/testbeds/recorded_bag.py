@@ -25,7 +25,7 @@ from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
 from scoring.protocol import Condition
 
-_MOST_KEPT = 150_000
+MOST_KEPT = 150_000
 """So many messages, of seven minutes, are kept in memory; of a longer bag none, it is read again
 whenever it begins anew."""
 
@@ -200,7 +200,7 @@ def _survey(bag: Bag, own: frozenset[str], types: MessageTypes) -> _Survey | Non
         end_ns = max(end_ns, at)
         if messages is not None and message.topic not in own:
             messages.append(message)
-            if len(messages) > _MOST_KEPT:
+            if len(messages) > MOST_KEPT:
                 messages = None
         if message.topic == REFEREE_EVENT_TOPIC:
             try:

@@ -15,6 +15,7 @@ from madrob_console.messages.codec import (
     describe_topic,
     referee_topics,
 )
+from madrob_console.testbeds import recorded_bag
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -119,6 +120,17 @@ def test_it_begins_anew_as_often_as_it_is_opened(bag: Path, recorded: list[RawMe
     source.clock.go_to(0)
     source.open()
     assert all_of(source) == of_the_testbed(recorded)
+
+
+def test_a_bag_too_long_for_the_memory_is_read_again(
+    bag: Path, recorded: list[RawMessage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded_bag, "MOST_KEPT", 10)
+    source = replay(bag)
+    for _ in range(2):
+        assert all_of(source) == of_the_testbed(recorded)
+        source.clock.go_to(0)
+        source.open()
 
 
 def test_it_knows_when_the_recording_begins_and_ends(bag: Path, recorded: list[RawMessage]) -> None:
