@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.archive.result_reader import ListedResult, UnusableResultError, read_result
@@ -17,37 +16,24 @@ EQUAL = "equals the stored result to the last digit"
 _DIGITS = (2, 3, 6)
 
 
-@dataclass(frozen=True, slots=True)
-class Stored:
-    """The stored result of a run.
-
-    Attributes:
-        result: as it is on disk; None where there is none.
-        problem: why there is nothing to compare with, in words; empty where there is.
-    """
-
-    result: ListedResult | None
-    problem: str = ""
-
-    @classmethod
-    def read(cls, path: Path) -> Stored:
-        """The result in a run folder; a bag alone has none."""
-        try:
-            return cls(read_result(str(path))[0])
-        except (FileNotFoundError, NotADirectoryError):
-            return cls(None, "no stored result lies beside the recording")
-        except UnusableResultError as error:
-            return cls(None, terminal_safe(str(error)))
+def stored_result(path: Path) -> ListedResult | str:
+    """The stored result of a run folder, or why there is none, in words; a bag alone has none."""
+    try:
+        return read_result(str(path))[0]
+    except FileNotFoundError:
+        return "no stored result lies beside the recording"
+    except UnusableResultError as error:
+        return terminal_safe(str(error))
 
 
-def compared(stored: Stored, result: Result) -> str:
-    """What a result is beside the stored one, in words.
+def compared(stored: ListedResult | str, result: Result) -> str:
+    """What a result is beside the stored one, in words; why there is none, where there is none.
 
     Digits are given until they tell two values apart.
     """
-    if stored.result is None:
-        return stored.problem
-    found = tuple(_differences(stored.result, result))
+    if isinstance(stored, str):
+        return stored
+    found = tuple(_differences(stored, result))
     return f"differs from the stored result: {'; '.join(found)}" if found else EQUAL
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 
-from madrob_console.archive.comparison import Stored, compared
+from madrob_console.archive.comparison import compared, stored_result
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import (
     keep_stored_remarks,
@@ -95,7 +95,7 @@ class Replay:
         self._times = tuple(accumulate((_instant(entry.time) for entry in entries), max))
         self.source.clock.stop_at(self._times)
         self._begin = seconds(self.source.begin_ns) - start
-        self._stored = Stored.read(path)
+        self._stored = stored_result(path)
         self._lost = tuple(_lost_lines(entries, self.source.journal_lines))
         self.begin()
 
