@@ -20,7 +20,7 @@ from madrob_console.engine.shown.requests import Perform, Role
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from tests.madrob_console.engine.drive import make_setup
 from tests.watching import until
@@ -29,9 +29,9 @@ SPEED = 8.0
 """Times as fast as a run of a competition."""
 
 
-def simulated(results: Path, speed: float = SPEED) -> Engine:
+def simulated(results: Path, speed: float = SPEED, scenario: Scenario = Scenario.NOMINAL) -> Engine:
     clock, types = SystemClock(speed), MessageTypes()
-    source = SimulatedSource(SimulatedTestbed(), clock, types)
+    source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
     return Engine(source, clock, EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0), types)
 
 
@@ -80,7 +80,7 @@ def act(client: EngineClient, act: Act) -> str | None:
 
 def start(client: EngineClient) -> None:
     """A run goes on."""
-    assert act(client, SetUp(make_setup(countdown=5.0))) is None
+    assert act(client, SetUp(make_setup(countdown=5.0, timeout=600.0))) is None
     until(lambda: client.snapshot().handle.force is not None)
     fresh = client.snapshot().time
     until(lambda: client.snapshot().time > fresh + 1.1)  # the handle's zero is the mean of a second

@@ -38,6 +38,7 @@ from madrob_console.engine.shown.requests import (
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
@@ -66,8 +67,8 @@ EXAMPLES: tuple[Request[Any], ...] = (
 
 
 @pytest.fixture
-def engine(tmp_path: Path) -> Engine:
-    return simulated(tmp_path / "runs")
+def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Engine:
+    return simulated(tmp_path / "runs", scenario=getattr(request, "param", Scenario.NOMINAL))
 
 
 @pytest.fixture(params=WAYS)
@@ -100,6 +101,7 @@ def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None
     assert len(curves.events) > 5
 
 
+@pytest.mark.parametrize("engine", [Scenario.NO_TOUCH], indirect=True)
 def test_what_was_done_shows_in_the_next_snapshot(client: EngineClient) -> None:
     start(client)
     assert act(client, Abort("enough")) is None

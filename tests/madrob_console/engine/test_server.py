@@ -42,9 +42,10 @@ from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, SetUp, Start
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.served import Served, act, start
+from tests.madrob_console.engine.served import Served, act, simulated, start
 from tests.watching import until
 
 if TYPE_CHECKING:
@@ -53,9 +54,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.machine
 
 
+ENDLESS = pytest.mark.parametrize("served", [Scenario.NO_TOUCH], indirect=True)
+"""The run is still there, however busy the machine is."""
+
+
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
-    served = Served(tmp_path)
+def served(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Served]:
+    scenario = getattr(request, "param", Scenario.NOMINAL)
+    served = Served(tmp_path, engine=simulated(tmp_path / "runs", scenario=scenario))
     yield served
     served.close()
 
@@ -72,6 +78,7 @@ def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> 
         assert client.results == served.local.results
 
 
+@ENDLESS
 def test_a_run_goes_on_when_its_screen_has_gone_and_another_one_finds_it(served: Served) -> None:
     client = served.attach()
     start(client)
@@ -102,6 +109,7 @@ def test_the_right_to_act_is_free_when_its_console_has_gone(served: Served) -> N
         assert act(bo, SetUp(make_setup())) is None
 
 
+@ENDLESS
 def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
     watchers = [served.attach(Role.WATCH) for _ in range(5)]
     with closing(served.attach()) as client:

@@ -321,11 +321,13 @@ def test_in_real_time_messages_come_as_time_passes() -> None:
     clock = SystemClock()
     clock.hold()
     source = simulated(clock=clock)
-    began = time.monotonic()
+    began, began_ns = time.monotonic(), clock.now_ns()
     messages = source.take(0.2)
     took = time.monotonic() - began
     assert 0.2 <= took < 2.0
-    assert 0.5 * took * 300 < len(messages) <= 1.1 * took * 300 + 6
+    passed = seconds(messages[-1].receive_ns - began_ns)
+    assert 0.15 < passed <= took
+    assert len(messages) == pytest.approx(passed * 300, rel=0.1, abs=6)
     assert all(m.receive_ns <= clock.now_ns() for m in messages)
 
 

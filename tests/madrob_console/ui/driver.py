@@ -13,6 +13,7 @@ from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
+from tests.madrob_console.ui.drawn import drawn
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SMALL = (80, 24)
@@ -65,7 +66,7 @@ class Driver:
         await self.pilot.pause()
         if isinstance(self.app.screen, ConsoleScreen):  # else the palette is in front
             self.console.poll()
-        await self.pilot.pause()
+        await drawn(self.pilot)
 
     def rows(self) -> Sequence[str]:
         """The screen as text."""

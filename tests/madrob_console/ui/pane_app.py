@@ -17,6 +17,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.panes.history_pane import HistoryPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
+from tests.madrob_console.ui.drawn import drawn
 
 PANE = (80, 19)
 """What a terminal of 80x24 leaves to a pane."""
@@ -69,7 +70,7 @@ class Shown:
         """What is being read is shown."""
         await self.app.workers.wait_for_complete()
         await self.pilot.pause()
-        await self.pilot.pause()
+        await drawn(self.pilot)
 
     async def press(self, *keys: str) -> None:
         """Press keys and let the pane follow."""
