@@ -12,9 +12,8 @@ from textual.widgets import Input
 
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
 from madrob_console.ui.keys.asks import Wish
-from madrob_console.ui.look.words import wrapped
 
 
 class Prompt(Lines, can_focus=True):
@@ -35,32 +34,27 @@ class Prompt(Lines, can_focus=True):
 
     def lines(self, width: int) -> Sequence[Line]:
         """All rows but the text field."""
-        rows = [line(Span(row, Tone.STRONG)) for row in wrapped(self._title, width)]
+        rows = paragraph(self._title, width, Tone.STRONG)
         if self._about:
             rows[-1] = line(*rows[-1], Span(f"  {self._about}", Tone.DIM))
         if said := ", ".join(filter(None, self.answers)):
             rows.append(line(Span(f"chosen: {said}", Tone.WARN)))
         match self.question:
             case Pick(text, options):
-                rows += [line(row) for row in wrapped(text, width)]
+                rows += paragraph(text, width)
                 rows += [
                     _option(option, number == self.cursor) for number, option in enumerate(options)
                 ]
                 rows.append(_hint("its key, or arrows and Enter; Escape closes: nothing happens"))
             case Sure(text):
-                rows += [line(Span(row, Tone.STRONG)) for row in wrapped(text, width)]
-                rows.append(
-                    line(
-                        Span("y", Tone.CAP),
-                        " yes   ",
-                        Span("n", Tone.CAP),
-                        " no (also Enter, Escape)",
-                    )
-                )
+                rows += paragraph(text, width, Tone.STRONG)
+                no = (Span("n", Tone.CAP), " no (also Enter, Escape)")
+                rows.append(line(Span("y", Tone.CAP), " yes   ", *no))
             case Write(text):
                 rows.append(_hint("Enter goes on; Escape closes: nothing happens"))
-                rows += [line(Span(row, Tone.BAD)) for row in wrapped(self.complaint, width) if row]
-                rows += [line(row) for row in wrapped(text, width)]
+                if self.complaint:
+                    rows += paragraph(self.complaint, width, Tone.BAD)
+                rows += paragraph(text, width)
         return rows
 
 

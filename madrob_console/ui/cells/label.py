@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from rich.cells import cell_len
 from textual.geometry import Size
 
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
-from madrob_console.ui.look.words import wrapped
+from madrob_console.ui.cells.lines import Line, Lines, Tone, paragraph
 
 
 class Label(Lines):
@@ -39,4 +38,4 @@ class Label(Lines):
 
     def lines(self, width: int) -> Sequence[Line]:
         """The text, wrapped."""
-        return [line(Span(row, self.tone)) for row in wrapped(self._text, width)]
+        return paragraph(self._text, width, self.tone)

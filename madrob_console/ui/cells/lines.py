@@ -22,6 +22,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from madrob_console.names import terminal_safe
+from madrob_console.ui.look.words import wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -65,6 +66,13 @@ def line(*parts: str | Span) -> Line:
 def width_of(spans: Line) -> int:
     """The cells that a line takes."""
     return sum(cell_len(terminal_safe(span.text)) for span in spans)
+
+
+def paragraph(text: str, width: int, tone: Tone = Tone.PLAIN, head: Line = ()) -> list[Line]:
+    """A text on as many rows of `width` cells as it needs; with a head, all of it beside that."""
+    indent = width_of(head)
+    first, *more = wrapped(text, max(10, width - indent) if head else width)
+    return [(*head, Span(first, tone)), *(line(" " * indent, Span(row, tone)) for row in more)]
 
 
 class Lines(Widget):

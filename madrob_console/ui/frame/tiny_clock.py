@@ -6,13 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
-
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.playback_bar import state_span
-from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped
+from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened, wrapped
 from madrob_console.ui.panes.banner import banner
 from madrob_console.ui.panes.run_status import phase_span
 
@@ -99,7 +97,7 @@ def _packed(spans: Iterable[Span], width: int) -> list[Line]:
     """Spans on as few rows as they need."""
     lines: list[Line] = []
     for text, tone in spans:
-        span = Span(text if cell_len(text) <= width else fitted(text, width), tone)
+        span = Span(shortened(text, width), tone)
         if lines and width_of((*lines[-1], _GAP, span)) <= width:
             lines[-1] = (*lines[-1], _GAP, span)
         else:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
-
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
-from madrob_console.ui.look.words import fitted, size_text, time_of_day
+from madrob_console.ui.look.words import fitted, shortened, size_text, time_of_day
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import RecorderView, Snapshot, TopicView
@@ -59,12 +57,8 @@ def source_badge(snapshot: Snapshot, room: int) -> Span:
     """The source's label in at most `room` cells: LIVE and others differ in word and mark."""
     label = snapshot.source_label
     if snapshot.source_kind is SourceKind.ROS:
-        return Span(f" {_cut(label, room - 2)} ", Tone.LIVE)
-    return Span(f" ~~ {_cut(label, room - 8)} ~~ ", Tone.NOTICE)
-
-
-def _cut(text: str, room: int) -> str:
-    return text if cell_len(text) <= room else fitted(text, max(1, room))
+        return Span(f" {shortened(label, max(1, room - 2))} ", Tone.LIVE)
+    return Span(f" ~~ {shortened(label, max(1, room - 8))} ~~ ", Tone.NOTICE)
 
 
 def recorder_spans(recorder: RecorderView) -> Line:

@@ -7,7 +7,7 @@ import time
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
+from rich.cells import cell_len, chop_cells
 
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
@@ -115,14 +115,5 @@ def wrapped(text: str, width: int) -> list[str]:
         if lines and cell_len(lines[-1]) + 1 + cell_len(word) <= width:
             lines[-1] += f" {word}"
         else:
-            lines.extend(_pieces(word, max(2, width)))
+            lines += chop_cells(word, max(2, width))
     return lines or [""]
-
-
-def _pieces(word: str, width: int) -> list[str]:
-    pieces = [""]
-    for char in word:
-        if cell_len(pieces[-1] + char) > width:
-            pieces.append("")
-        pieces[-1] += char
-    return pieces

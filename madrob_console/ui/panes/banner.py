@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.acts import Start
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import wrapped
+from madrob_console.ui.cells.lines import Line, Tone, View, paragraph
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -20,7 +19,7 @@ class Banner(View):
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """The text on as many rows as it needs."""
         text, tone = banner(snapshot)
-        return [line(Span(row, tone)) for row in wrapped(text, width)]
+        return paragraph(text, width, tone)
 
 
 def banner(snapshot: Snapshot) -> tuple[str, Tone]:

@@ -10,8 +10,8 @@ from textual.message import Message
 
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.run import CheckName
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import fitted, wrapped
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
+from madrob_console.ui.look.words import fitted
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -22,7 +22,6 @@ _MARKS = {
     CheckState.NO_DATA: ("?", Tone.BAD),
     CheckState.WAIVED: ("~", Tone.WARN),
 }
-_INDENT = 27
 
 
 class CheckList(View, can_focus=True):
@@ -53,12 +52,10 @@ class CheckList(View, can_focus=True):
         lines = [_header(snapshot.checks, focused=self.has_focus)]
         for number, check in enumerate(snapshot.checks):
             at_cursor = self.has_focus and number == self._cursor
-            mark, tone = _MARKS[check.state]
-            lines += _entry(mark, tone, check, width, at_cursor=at_cursor)
+            lines += _entry(check, width, at_cursor=at_cursor)
         if snapshot.sides_problem is not None:
-            texts = wrapped(snapshot.sides_problem, max(10, width - _INDENT))
-            lines.append(line(Span(f"  ! {'sides':<16}{'note':<6} ", Tone.WARN), texts[0]))
-            lines += [line(" " * _INDENT, text) for text in texts[1:]]
+            head = line(Span(f"  ! {'sides':<16}{'note':<6} ", Tone.WARN))
+            lines += paragraph(snapshot.sides_problem, width, head=head)
         return lines
 
     def action_move(self, step: int) -> None:
@@ -96,15 +93,14 @@ def _header(checks: Sequence[Check], *, focused: bool) -> Line:
     )
 
 
-def _entry(mark: str, tone: Tone, check: Check, width: int, *, at_cursor: bool) -> list[Line]:
-    ok = check.state is CheckState.OK
-    room = max(10, width - _INDENT)
-    texts = [fitted(check.reason, room)] if ok else wrapped(check.reason, room)
-    first = line(
+def _entry(check: Check, width: int, *, at_cursor: bool) -> list[Line]:
+    mark, tone = _MARKS[check.state]
+    head = line(
         Span("> " if at_cursor else "  ", Tone.STRONG),
         Span(f"{mark} ", tone),
         Span(f"{check.name:<15} ", Tone.CURSOR if at_cursor else Tone.PLAIN),
-        Span(f"{check.state:<6}", tone),
-        Span(f" {texts[0]}", Tone.DIM if ok else Tone.PLAIN),
+        Span(f"{check.state:<6} ", tone),
     )
-    return [first, *(line(" " * _INDENT, text) for text in texts[1:])]
+    if check.state is CheckState.OK:
+        return [(*head, Span(fitted(check.reason, max(10, width - width_of(head))), Tone.DIM))]
+    return paragraph(check.reason, width, head=head)

@@ -13,9 +13,8 @@ from textual.message import Message
 
 from madrob_console.errors import MadrobError
 from madrob_console.ui.cells.axes import Window
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
+from madrob_console.ui.cells.lines import Line, Lines, Tone, paragraph
 from madrob_console.ui.cells.plot import ASCII, BRAILLE
-from madrob_console.ui.look.words import wrapped
 from madrob_console.ui.panes.figure import FIGURES, Sheet
 from scoring.protocol import Outcome
 
@@ -44,7 +43,7 @@ class FigureView(Lines):
             ink = ASCII if self.ascii_only else BRAILLE
             return self.content.lines(width, self.content_size.height, ink)
         text, tone = self.content
-        return [line(Span(row, tone)) for row in wrapped(text, width)]
+        return paragraph(text, width, tone)
 
 
 class FiguresPane(Vertical, can_focus=True):

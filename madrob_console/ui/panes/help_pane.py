@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.look.words import wrapped
 from madrob_console.ui.panes.passage import LEGEND
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ class HelpText(Lines):
             for key in (*(PLAYBACK_KEYS if self.of_replay else ()), *FUNCTION_KEYS, *LETTER_KEYS)
         ]
         for text in _TEXT.splitlines():
-            rows += [line(), *(line(row) for row in wrapped(text, width))]
+            rows += [line(), *paragraph(text, width)]
         rows += [line(), line(Span("Passage sensors", Tone.STRONG))]
         rows += [line(Span(f"{mark:>4}  ", Tone.STRONG), meaning) for mark, meaning in LEGEND]
         rows.append(

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import wrapped
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -26,18 +25,14 @@ class QualityTable(View):
         if snapshot.result is None:
             return ()
         quality = snapshot.result.quality
-        rows = [_row(signal) for signal in quality.signals]
-        remarks = [
-            line(Span(r, Tone.WARN)) for text in quality.remarks for r in wrapped(text, width)
-        ]
         return [
             line(
                 Span("data quality", Tone.STRONG),
                 Span("  largest gap, jitter and skew in ms", Tone.DIM),
             ),
             line(Span(_HEAD, Tone.DIM)),
-            *rows,
-            *remarks,
+            *map(_row, quality.signals),
+            *(row for text in quality.remarks for row in paragraph(text, width, Tone.WARN)),
         ]
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
-from madrob_console.ui.look.words import OUTCOMES, wrapped
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
+from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.run_status import TONES, what_text
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ class ResultHead(View):
         if denied := [str(int(s.step)) for s in result.steps if s.denied]:
             outcome += f"; the referee denies step {', '.join(denied)}"
         return [
-            *_marked([line(Span(row, tone)) for row in wrapped(outcome, width)], snapshot, width),
-            *(line(row) for row in wrapped(what_text(snapshot.run), width)),
+            *_marked(paragraph(outcome, width, tone), snapshot, width),
+            *paragraph(what_text(snapshot.run), width),
             *_state(snapshot, result, width),
         ]
 
@@ -66,10 +66,10 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         note = f" ({closure.note})" if closure.note else ""
         text = f"{issue}, final: {closure.team_word} by the team{note}, signed {closure.referee}"
         tone = Tone.GOOD
-    lines = [line(Span(row, tone)) for row in wrapped(text, width)]
+    lines = paragraph(text, width, tone)
     if (playback := snapshot.playback) is not None:
         tone = Tone.DIM if playback.agrees else Tone.BAD
-        lines += [line(Span(row, tone)) for row in wrapped(playback.comparison, width)]
+        lines += paragraph(playback.comparison, width, tone)
     if snapshot.opened:
         day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
         lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))

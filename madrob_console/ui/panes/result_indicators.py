@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import fitted, wrapped
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
+from madrob_console.ui.look.words import fitted
 from scoring.result import value_text
 
 if TYPE_CHECKING:
@@ -53,13 +53,12 @@ def _rows(
     name: IndicatorName, indicator: Indicator, mean: tuple[float, int] | None, width: int
 ) -> list[Line]:
     title = name.words + (" *" if name.spec.with_the_start else "")
+    head = line(f"{title:<{_NAME}}")
     if indicator.value is None:
-        texts = wrapped(f"none: {indicator.reason}", max(10, width - _NAME))
-        first = line(f"{title:<{_NAME}}", Span(texts[0], Tone.WARN))
-        return [first, *(line(" " * _NAME, Span(text, Tone.WARN)) for text in texts[1:])]
+        return paragraph(f"none: {indicator.reason}", width, Tone.WARN, head)
     return [
         line(
-            f"{title:<{_NAME}}",
+            *head,
             Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
             Span(f" {indicator.unit:<8}", Tone.DIM),
             _compared(indicator.value, mean, width >= _ROOMY),

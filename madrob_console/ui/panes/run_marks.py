@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import Run
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
-from madrob_console.ui.look.words import wrapped
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, paragraph
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
-
-_INDENT = 18
 
 
 class RunMarks(View):
@@ -52,6 +49,4 @@ def _at(time: float, run: Run) -> str:
 
 
 def _entry(name: str, words: str, width: int, tone: Tone = Tone.PLAIN) -> list[Line]:
-    texts = wrapped(words, max(10, width - _INDENT))
-    first = line(Span(f"{name:<{_INDENT}}", Tone.DIM), Span(texts[0], tone))
-    return [first, *(line(" " * _INDENT, Span(text, tone)) for text in texts[1:])]
+    return paragraph(words, width, tone, head=(Span(f"{name:<18}", Tone.DIM),))
