@@ -38,9 +38,8 @@ if TYPE_CHECKING:
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList
-    from madrob_console.ui.panes.history_pane import HistoryPane
+    from madrob_console.ui.panes.runs_pane import RunsPane
     from madrob_console.ui.panes.setup_pane import SetupPane
-    from madrob_console.ui.panes.standings_pane import StandingsPane
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
@@ -303,9 +302,15 @@ class MadrobApp(App[None], inherit_bindings=False):
         """The last field of the set-up asks for the next run."""
         await self._next_run()
 
-    async def on_history_pane_opened(self, event: HistoryPane.Opened) -> None:
-        """Show an earlier run; reading its bag takes a moment."""
-        await self._open_run(OpenRun(event.summary.folder))
+    async def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
+        """Show an earlier run, whose bag takes a moment to read, or the runs behind a standing."""
+        from madrob_console.standings.tally import Standing
+        from madrob_console.ui.panes.standings_pane import filter_for
+
+        if isinstance(event.row, Standing):
+            self._console.show_runs(filter_for(event.row))
+        else:
+            await self._open_run(OpenRun(event.row.folder))
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
@@ -314,12 +319,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.say(
                 "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
             )
-
-    def on_standings_pane_opened(self, event: StandingsPane.Opened) -> None:
-        """Show the runs behind a standing."""
-        from madrob_console.ui.panes.standings_pane import filter_for
-
-        self._console.show_runs(filter_for(event.standing))
 
     def on_number_field_refused(self, event: NumberField.Refused) -> None:
         """A letter typed into a number."""

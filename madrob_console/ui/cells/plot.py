@@ -233,8 +233,7 @@ def _crossed(
     first, last = math.floor(x), math.floor(next_x)
     if first == last:
         return
-    slope = (next_y - y) / (next_x - x)
     for column in range(max(0, first), min(columns, last + 1)):
-        ends = (y + (at - x) * slope for at in (max(x, column), min(next_x, column + 1)))
-        bottom, top = sorted(ends)
+        shares = ((at - x) / (next_x - x) for at in (max(x, column), min(next_x, column + 1)))
+        bottom, top = sorted(y + share * (next_y - y) for share in shares)
         yield column, bottom, top

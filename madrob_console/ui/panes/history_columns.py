@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.kinds import SourceKind
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
-from madrob_console.ui.panes.indicator_columns import MISSING, indicator_column
+from madrob_console.ui.panes.run_columns import (
+    MISSING,
+    indicator_column,
+    number_column,
+    text_column,
+)
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
@@ -40,48 +45,25 @@ def columns() -> list[Column[RunSummary]]:
             "started", "start", lambda r: Span(r.started_text), lambda r: r.started, 12,
             falling=True,
         ),
-        _number("sub", "subject", lambda r: r.subject, 4),
-        Column(
-            "team", "team", lambda r: Span(r.team), lambda r: r.team.casefold() or None, 9,
-            ample=18,
-        ),
-        _number("run", "run number", lambda r: r.run_number, 4),
-        _number("cond", "condition", lambda r: r.condition, 5),
-        Column(
-            "task", "task", lambda r: Span(_way(r)), lambda r: _way(r) or None, 20, comfort=True,
-        ),
+        number_column("sub", "subject", lambda r: r.subject, 4),
+        text_column("team", "team", lambda r: r.team, 9, ample=18),
+        number_column("run", "run number", lambda r: r.run_number, 4),
+        number_column("cond", "condition", lambda r: r.condition, 5),
+        text_column("task", "task", lambda r: condition_words(r.condition).way, 20, comfort=True),
         Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), 12),
         Column("src", "source", _source, lambda r: r.source, 3),
         *first,
         *indicators.values(),
-        Column("door", "benchmark type", lambda r: Span(_door(r)), lambda r: _door(r) or None, 14),
-        _number("issue", "issue of the result", lambda r: r.issue or None, 6),
+        text_column("door", "benchmark type", lambda r: condition_words(r.condition).door, 14),
+        number_column("issue", "issue of the result", lambda r: r.issue or None, 6),
         Column("closed", "what is final", _closing, lambda r: r.closing, 9),
-        Column("ruleset", "ruleset", lambda r: Span(r.ruleset), lambda r: r.ruleset or None, 14),
+        text_column("ruleset", "ruleset", lambda r: r.ruleset, 14),
         Column("folder", "folder", lambda r: Span(r.folder, Tone.DIM), lambda r: r.folder, 44),
     ]  # fmt: skip
 
 
 def _indicator(name: IndicatorName) -> Column[RunSummary]:
     return indicator_column(name, lambda run: run.values.get(name))
-
-
-def _number(
-    title: str, meaning: str, value: Callable[[RunSummary], int | None], width: int
-) -> Column[RunSummary]:
-    def cell(run: RunSummary) -> Span:
-        found = value(run)
-        return MISSING if found is None else Span(str(found))
-
-    return Column(title, meaning, cell, value, width, right=True)
-
-
-def _way(run: RunSummary) -> str:
-    return condition_words(run.condition).way
-
-
-def _door(run: RunSummary) -> str:
-    return condition_words(run.condition).door
 
 
 def _outcome(run: RunSummary) -> Span:

@@ -11,7 +11,6 @@ from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
-from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.archive.history import RunSummary, condition_words, matches
@@ -57,7 +56,7 @@ class FilterField(Field):
         self.post_message(self.Submitted(self, ""))
 
 
-class HistoryPane(RunsPane[Sequence[RunSummary]]):
+class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
     """Newest first; a filter and `v` choose which."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -66,34 +65,20 @@ class HistoryPane(RunsPane[Sequence[RunSummary]]):
         Binding("escape", "unfilter", show=False),
     ]
 
-    class Opened(Message):
-        """The referee wants to see a run."""
-
-        def __init__(self, summary: RunSummary) -> None:
-            super().__init__()
-            self.summary = summary
-
     def __init__(self, load: Load) -> None:
-        self._table = Table(columns(), lambda run: run.folder, fixed=5)
-        super().__init__(load, self._table, id="history")
+        super().__init__(load, Table(columns(), lambda run: run.folder, fixed=5), id="history")
         self._runs: Sequence[RunSummary] = ()
         self._which = Which.ALL
         self._field = FilterField(id="history-filter")
         self._row = Horizontal(Label("filter", id="filter-name"), self._field, id="filter-row")
-        self._about = Label(id="history-about")
 
     def compose(self) -> ComposeResult:
         """What is shown, the filter, the table, the marked run, the keys."""
         yield self.head
         yield self._row
-        yield self._table
-        yield self._about
+        yield self.table
+        yield self.about
         yield Label(KEYS)
-
-    @property
-    def selected(self) -> RunSummary | None:
-        """The marked run."""
-        return self._table.selected
 
     def look_for(self, text: str) -> None:
         """Show the runs that pass a filter, as if it had been typed."""
@@ -139,30 +124,23 @@ class HistoryPane(RunsPane[Sequence[RunSummary]]):
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """The filter stays as it is."""
         event.stop()
-        self.screen.set_focus(self._table)
+        self.screen.set_focus(self.table)
 
     def on_input_blurred(self, event: Input.Blurred) -> None:
         """The field goes, its text stays in the head line."""
         event.stop()
         self._row.display = False
 
-    def on_table_marked(self, event: Table.Marked) -> None:
-        """Say what does not fit into the row."""
-        event.stop()
-        run = self.selected
-        self._about.say("" if run is None else about(run), Tone.WARN if _odd(run) else Tone.DIM)
-
-    def on_table_chosen(self, event: Table.Chosen) -> None:
-        """Open the marked run."""
-        event.stop()
-        if self.selected is not None:
-            self.post_message(self.Opened(self.selected))
+    def words_about(self, row: RunSummary) -> tuple[str, Tone]:
+        """The condition of a run, and what is wrong with it."""
+        odd = row.problem is not None or row.outcome is None
+        return about(row), Tone.WARN if odd else Tone.DIM
 
     def _show_rows(self, *, from_top: bool = True) -> None:
         text = self._field.value
         shown = [run for run in self._runs if self._which.takes(run) and matches(run, text)]
-        self._table.empty = "no run passes the filter" if self._runs else "no runs yet"
-        self._table.set_rows(shown, from_top=from_top)
+        self.table.empty = "no run passes the filter" if self._runs else "no runs yet"
+        self.table.set_rows(shown, from_top=from_top)
         if len(shown) == len(self._runs) and self._which is Which.ALL and not text.strip():
             self.say(summary(self._runs))
             return
@@ -195,7 +173,3 @@ def about(run: RunSummary) -> str:
         told += [f"issue {run.issue}", run.closing, run.ruleset]
     team = f"{run.team}: " if run.team else ""
     return f"{team}{'; '.join(told)}; {run.folder}"
-
-
-def _odd(run: RunSummary | None) -> bool:
-    return run is not None and (run.problem is not None or run.outcome is None)

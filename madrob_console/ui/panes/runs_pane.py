@@ -13,28 +13,40 @@ from textual.message import Message
 from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Lines, Tone
+from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.table import Table
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.standings.tally import Standing
 
 Content = TypeVar("Content")
+Row = TypeVar("Row", bound="RunSummary | Standing")
 
 Load = Callable[[], Sequence[RunSummary]]
 """Reads all runs; may take a while and may raise `MadrobError`."""
 
 
-class RunsPane(Vertical, Generic[Content]):
+class RunsPane(Vertical, Generic[Content, Row]):
     """Reads all runs when it comes into view and whenever a result changes.
 
     Args:
         load: called in a thread.
-        focus: what has the focus in the pane.
+        table: of what is read; it has the focus.
         id: of the pane.
 
     Attributes:
+        table: as given.
         head: says what is shown, or what is wrong.
+        about: says what does not fit into the marked row.
     """
+
+    class Opened(Message):
+        """The referee wants to see the run, or the runs, of a row."""
+
+        def __init__(self, row: RunSummary | Standing) -> None:
+            super().__init__()
+            self.row = row
 
     class Read(Message):
         """The runs are read, or a problem in words."""
@@ -45,14 +57,15 @@ class RunsPane(Vertical, Generic[Content]):
             self.content = content
             self.problem = problem
 
-    def __init__(self, load: Load, focus: Lines, *, id: str) -> None:  # noqa: A002 - textual's name
+    def __init__(self, load: Load, table: Table[Row], *, id: str) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
         self._load = load
-        self._focus = focus
+        self.table = table
         self._number = 0
         self._reading = False
         self._seen: object = None
         self.head = Label(id=f"{id}-head")
+        self.about = Label(id=f"{id}-about")
 
     @abstractmethod
     def prepare(self, runs: Sequence[RunSummary]) -> Content:
@@ -62,9 +75,30 @@ class RunsPane(Vertical, Generic[Content]):
     def take(self, content: Content) -> None:
         """Show what was prepared."""
 
+    @abstractmethod
+    def words_about(self, row: Row) -> tuple[str, Tone]:
+        """What does not fit into a row."""
+
+    @property
+    def selected(self) -> Row | None:
+        """The marked row."""
+        return self.table.selected
+
+    def on_table_marked(self, event: Table.Marked) -> None:
+        """Say what does not fit into the marked row."""
+        event.stop()
+        row = self.selected
+        self.about.say(*("", Tone.DIM) if row is None else self.words_about(row))
+
+    def on_table_chosen(self, event: Table.Chosen) -> None:
+        """Ask for the marked row."""
+        event.stop()
+        if self.selected is not None:
+            self.post_message(self.Opened(self.selected))
+
     def enter(self) -> None:
         """Take the focus and read."""
-        self.screen.set_focus(self._focus)
+        self.screen.set_focus(self.table)
         self._seen = None
         self.reload()
 

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.message import Message
 
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.indicator_columns import indicator_column
+from madrob_console.ui.panes.run_columns import indicator_column, number_column, text_column
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
 from scoring.indicator_table import IndicatorName
 
@@ -25,7 +24,7 @@ PRACTICE_BANNER = "SIMULATED runs: not official"
 
 
 class Shown(StrEnum):
-    """Which number of an aggregate is shown."""
+    """Which number of an aggregate is shown; named as its attributes are."""
 
     MEAN = "mean"
     MEDIAN = "median"
@@ -49,7 +48,7 @@ class Tables:
     damaged: int
 
 
-class StandingsPane(RunsPane[Tables]):
+class StandingsPane(RunsPane[Tables, Standing]):
     """Official runs first; practice runs are never among them.
 
     Args:
@@ -63,37 +62,23 @@ class StandingsPane(RunsPane[Tables]):
         Binding("b", "best", show=False),
     ]
 
-    class Opened(Message):
-        """The referee wants to see the runs of a standing."""
-
-        def __init__(self, standing: Standing) -> None:
-            super().__init__()
-            self.standing = standing
-
     def __init__(self, load: Load, best: int) -> None:
-        self._table = Table(self._columns(), _key, fixed=3)
-        super().__init__(load, self._table, id="standings")
+        super().__init__(load, Table(self._columns(), _key, fixed=3), id="standings")
         self._best = best
         self._only_best = best > 0
         self._official: bool | None = None
         self._shown = Shown.MEAN
         self._tables = Tables({}, any_official=False, damaged=0)
         self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
-        self._about = Label(id="standings-about")
 
     def compose(self) -> ComposeResult:
         """What is shown, the table, the marked team, the keys."""
         yield self._banner
         yield self.head
-        yield self._table
-        yield self._about
+        yield self.table
+        yield self.about
         best = f", b best {self._best}" if self._best else ""
         yield Label(f"Enter its runs, v SIMULATED, c mean/std{best}, o O sort, <- -> columns")
-
-    @property
-    def selected(self) -> Standing | None:
-        """The marked team in its condition."""
-        return self._table.selected
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
         """All standings that the keys can ask for."""
@@ -128,16 +113,9 @@ class StandingsPane(RunsPane[Tables]):
         self._only_best = not self._only_best and self._best > 0
         self._show_rows()
 
-    def on_table_marked(self, event: Table.Marked) -> None:
-        """Say what does not fit into the row."""
-        event.stop()
-        self._about.say("" if self.selected is None else about(self.selected), Tone.DIM)
-
-    def on_table_chosen(self, event: Table.Chosen) -> None:
-        """Ask for the runs of the marked row."""
-        event.stop()
-        if self.selected is not None:
-            self.post_message(self.Opened(self.selected))
+    def words_about(self, row: Standing) -> tuple[str, Tone]:
+        """The counts and the condition of a team."""
+        return about(row), Tone.DIM
 
     @property
     def _is_official(self) -> bool:
@@ -146,8 +124,8 @@ class StandingsPane(RunsPane[Tables]):
     def _show_rows(self) -> None:
         official = self._is_official
         self._banner.display = not official
-        self._table.empty = "no official runs yet" if official else "no SIMULATED runs yet"
-        self._table.set_rows(self._tables.of.get((official, self._only_best), ()))
+        self.table.empty = "no official runs yet" if official else "no SIMULATED runs yet"
+        self.table.set_rows(self._tables.of.get((official, self._only_best), ()))
         which = f"the best {self._best}" if self._only_best else "all"
         text = f"{self._shown} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
@@ -156,29 +134,20 @@ class StandingsPane(RunsPane[Tables]):
 
     def _columns(self) -> list[Column[Standing]]:
         return [
-            _count("sub", "subject", lambda s: s.subject, 4),
-            Column(
-                "team", "team", lambda s: Span(s.team), lambda s: s.team.casefold() or None, 10,
-                ample=18,
+            number_column("sub", "subject", lambda s: s.subject, 4),
+            text_column("team", "team", lambda s: s.team, 10, ample=18),
+            number_column("cond", "condition", lambda s: s.condition, 5),
+            text_column(
+                "task", "task", lambda s: condition_words(s.condition).way, 20, comfort=True
             ),
-            _count("cond", "condition", lambda s: s.condition, 5),
-            Column(
-                "task", "task", lambda s: Span(condition_words(s.condition).way),
-                lambda s: condition_words(s.condition).way or None, 20, comfort=True,
-            ),
-            _count("compl", "completed runs", lambda s: s.completed, 6),
-            _count("timeo", "timed-out runs", lambda s: s.timeout, 6),
-            _count("inval", "invalid runs", lambda s: s.aborted, 6),
+            number_column("compl", "completed runs", lambda s: s.completed, 6),
+            number_column("timeo", "timed-out runs", lambda s: s.timeout, 6),
+            number_column("inval", "invalid runs", lambda s: s.aborted, 6),
             *(self._indicator(name) for name in IndicatorName),
-            Column(
-                "door", "benchmark type", lambda s: Span(condition_words(s.condition).door),
-                lambda s: condition_words(s.condition).door or None, 14,
-            ),
-            _count("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
-            Column(
-                "ruleset", "ruleset", lambda s: Span(s.ruleset), lambda s: s.ruleset or None, 14
-            ),
-        ]  # fmt: skip
+            text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
+            number_column("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
+            text_column("ruleset", "ruleset", lambda s: s.ruleset, 14),
+        ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
         return indicator_column(name, lambda standing: number_of(standing, name, self._shown))
@@ -187,19 +156,8 @@ class StandingsPane(RunsPane[Tables]):
 def number_of(standing: Standing, name: IndicatorName, shown: Shown) -> float | None:
     """One number of a standing; None where there is none."""
     aggregate = standing.aggregates.get(name)
-    if aggregate is None:
-        return None
-    match shown:
-        case Shown.MEAN:
-            return aggregate.mean
-        case Shown.MEDIAN:
-            return aggregate.median
-        case Shown.DEVIATION:
-            return aggregate.deviation
-        case Shown.SMALLEST:
-            return aggregate.smallest
-        case Shown.LARGEST:
-            return aggregate.largest
+    number: float | None = None if aggregate is None else getattr(aggregate, shown.name.lower())
+    return number
 
 
 def about(standing: Standing) -> str:
@@ -222,9 +180,3 @@ def filter_for(standing: Standing) -> str:
 
 def _key(standing: Standing) -> str:
     return f"{standing.subject}/{standing.condition}/{standing.ruleset}/{standing.team}"
-
-
-def _count(
-    title: str, meaning: str, value: Callable[[Standing], int], width: int
-) -> Column[Standing]:
-    return Column(title, meaning, lambda s: Span(str(value(s))), value, width, right=True)

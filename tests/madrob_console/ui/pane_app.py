@@ -16,6 +16,7 @@ from textual.screen import Screen
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.runs_pane import RunsPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
 from tests.madrob_console.ui.drawn import drawn
 
@@ -52,10 +53,7 @@ class PaneApp(App[None]):
     def get_default_screen(self) -> Screen[None]:
         return self.pane_screen
 
-    def on_history_pane_opened(self, event: HistoryPane.Opened) -> None:
-        self.sent.append(event)
-
-    def on_standings_pane_opened(self, event: StandingsPane.Opened) -> None:
+    def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
         self.sent.append(event)
 
 

@@ -155,7 +155,7 @@ def test_enter_opens_the_marked_run() -> None:
             await shown.press("down", "down", "enter")
             (sent,) = shown.app.sent
             assert isinstance(sent, HistoryPane.Opened)
-            assert sent.summary == pane.selected == RUNS[5]
+            assert sent.row == pane.selected == RUNS[5]
 
     asyncio.run(drive())
 

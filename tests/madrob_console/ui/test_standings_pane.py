@@ -167,8 +167,9 @@ def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
             await shown.press("down", "enter")
             (sent,) = shown.app.sent
             assert isinstance(sent, StandingsPane.Opened)
-            assert sent.standing == pane.selected
-            wanted = filter_for(sent.standing)
+            assert pane.selected is not None
+            assert sent.row == pane.selected
+            wanted = filter_for(pane.selected)
             assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
 
     asyncio.run(drive())

@@ -14,7 +14,7 @@ from textual.screen import Screen
 from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_out
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, width_of
 from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.indicator_columns import indicator_column, number_text
+from madrob_console.ui.panes.run_columns import indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 
 Pair = tuple[str, int | None]

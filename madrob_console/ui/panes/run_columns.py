@@ -1,4 +1,4 @@
-"""The indicators as columns of a table."""
+"""Columns that the history and the standings share: numbers, names, indicators."""
 
 from __future__ import annotations
 
@@ -10,6 +10,39 @@ from scoring.indicator_table import IndicatorName
 
 MISSING = Span("-", Tone.DIM)
 """Where there is no value."""
+
+
+def number_column(
+    title: str, meaning: str, value: Callable[[Row], int | None], width: int
+) -> Column[Row]:
+    """The column of a whole number."""
+
+    def cell(row: Row) -> Span:
+        found = value(row)
+        return MISSING if found is None else Span(str(found))
+
+    return Column(title, meaning, cell, value, width, right=True)
+
+
+def text_column(
+    title: str,
+    meaning: str,
+    value: Callable[[Row], str],
+    width: int,
+    *,
+    ample: int = 0,
+    comfort: bool = False,
+) -> Column[Row]:
+    """The column of a text, sorted without regard to case; an empty one comes last."""
+    return Column(
+        title,
+        meaning,
+        lambda row: Span(value(row)),
+        lambda row: value(row).casefold() or None,
+        width,
+        ample,
+        comfort=comfort,
+    )
 
 
 def indicator_column(name: IndicatorName, value: Callable[[Row], float | None]) -> Column[Row]:
