@@ -71,15 +71,17 @@ def serve(arguments: argparse.Namespace) -> int:
             from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
             from madrob_console.engine.process.local import LocalEngine
-            from madrob_console.engine.process.reporting import Papers
+            from madrob_console.engine.process.reporting import Reporting
             from madrob_console.engine.process.server import EngineServer
 
         engine = open_engine(arguments, settings)
         where = [f"--results={options.results_folder(arguments, settings)}"]
         if arguments.settings is not None:
             where.append(f"--settings={arguments.settings}")
-        papers = Papers(aside.COMMAND, lambda: engine.busy, where, reports=settings.results.reports)
-        local = LocalEngine(engine, papers)
+        reporting = Reporting(
+            aside.COMMAND, lambda: engine.busy, where, reports=settings.results.reports
+        )
+        local = LocalEngine(engine, reporting)
         try:
             idle_time = arguments.idle_time or settings.engine.idle_time
             if arguments.idle_time is None and engine.source.kind is not SourceKind.ROS:
@@ -88,7 +90,7 @@ def serve(arguments: argparse.Namespace) -> int:
             asyncio.run(_serve(server, place.socket))
         finally:
             local.close()
-    papers.close()  # another engine may begin meanwhile
+    reporting.close()  # another engine may begin meanwhile
     return 0
 
 

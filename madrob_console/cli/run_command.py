@@ -86,7 +86,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.session import open_engine
         from madrob_console.cli.unattended import UnattendedRun, print_replay
         from madrob_console.config import load_settings
-        from madrob_console.engine.process.reporting import Papers
+        from madrob_console.engine.process.reporting import Reporting
 
     settings = load_settings(arguments.settings)
     engine = open_engine(arguments, settings)
@@ -94,8 +94,8 @@ def main(arguments: argparse.Namespace) -> int:
         return EXIT_CODES[print_replay(engine, engine.replay)]
     live = engine.source.kind is SourceKind.ROS
     reports = settings.results.reports and not arguments.no_report
-    papers = Papers(aside.COMMAND, lambda: engine.busy) if reports else None
-    run = UnattendedRun(engine, papers)
+    reporting = Reporting(aside.COMMAND, lambda: engine.busy) if reports else None
+    run = UnattendedRun(engine, reporting)
     alone = engine_place(arguments, settings).taken() if live else nullcontext()
     with alone, run.stopping_on_signals():
         setup = partial(_setup, arguments, settings, engine)

@@ -12,7 +12,7 @@ from madrob_console.cli.score_table import result_lines
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.event_log import EventLog
 from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.preflight import blocking
@@ -81,14 +81,14 @@ class UnattendedRun:
 
     Args:
         engine: not opened yet.
-        papers: they make the report; None = there shall be none.
+        reporting: makes the report; None = there shall be none.
     """
 
-    def __init__(self, engine: Engine, papers: Papers | None) -> None:
+    def __init__(self, engine: Engine, reporting: Reporting | None) -> None:
         self._engine = engine
-        self._papers = papers
-        if papers is not None:
-            engine.on_result = papers.report
+        self._reporting = reporting
+        if reporting is not None:
+            engine.on_result = reporting.report
         self._log = _LogPrinter(engine.log)
         self._signal: int | None = None
 
@@ -188,15 +188,15 @@ class UnattendedRun:
             print(line)
         if self._engine.result_problem:
             print(self._engine.result_problem)
-        if self._papers is not None:
-            self._wait_for_report(self._papers)
+        if self._reporting is not None:
+            self._wait_for_report(self._reporting)
         print(f"run folder: {self._engine.folder}", flush=True)
         return scored.result.outcome
 
-    def _wait_for_report(self, papers: Papers) -> None:
+    def _wait_for_report(self, reporting: Reporting) -> None:
         """Wait until the report is made; a signal ends the waiting, and it gets ready alone."""
         self._signal = None
-        while not papers.wait(_LOOK_PERIOD) and self._signal is None:
+        while not reporting.wait(_LOOK_PERIOD) and self._signal is None:
             pass
-        if papers.problem is not None:
-            print(papers.problem)
+        if reporting.problem is not None:
+            print(reporting.problem)

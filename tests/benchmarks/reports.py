@@ -10,7 +10,7 @@ from pathlib import Path
 
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli import aside
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns
 from tests.benchmarks.report import Baseline, Figure, Goal
@@ -54,13 +54,13 @@ def _each_more(many: Sequence[float], one: Sequence[float]) -> list[float]:
 def _by_itself(run: Path) -> float:
     """From the result to the page; the process is of low priority, the engine does not wait."""
     scored = score_opened(run)
-    papers = Papers(aside.COMMAND, lambda: False)
+    reporting = Reporting(aside.COMMAND, lambda: False)
     began = time.perf_counter()
-    papers.report(run, scored)
-    assert papers.wait(60.0)
+    reporting.report(run, scored)
+    assert reporting.wait(60.0)
     took = time.perf_counter() - began
-    assert papers.problem is None
-    papers.close()
+    assert reporting.problem is None
+    reporting.close()
     return took
 
 

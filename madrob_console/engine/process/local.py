@@ -15,7 +15,7 @@ from typing import Any, cast
 from madrob_console.archive.folders import parse_folder_name
 from madrob_console.archive.scored import open_run
 from madrob_console.engine.live.core import Engine
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.shown.curves import Curves, curves_of
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import (
@@ -52,17 +52,17 @@ class LocalEngine:
 
     Args:
         engine: not opened yet.
-        papers: what makes reports and exports, closed by the caller; None = nobody does.
+        reporting: what makes reports and exports, closed by the caller; None = nobody does.
 
     Raises:
         MadrobError: the testbed cannot be reached.
     """
 
-    def __init__(self, engine: Engine, papers: Papers | None = None) -> None:
+    def __init__(self, engine: Engine, reporting: Reporting | None = None) -> None:
         self._engine = engine
-        self._papers = papers
-        if papers is not None:
-            engine.on_result = papers.report
+        self._reporting = reporting
+        if reporting is not None:
+            engine.on_result = reporting.report
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._stop = threading.Event()
         self._ended = False
@@ -139,11 +139,11 @@ class LocalEngine:
 
     def _look(self) -> None:
         """Make a new snapshot, in the engine's thread."""
-        papers = self._papers
+        reporting = self._reporting
         self._snapshot = (
             self._engine.snapshot()
-            if papers is None
-            else self._engine.snapshot(papers.exported, papers.problem)
+            if reporting is None
+            else self._engine.snapshot(reporting.exported, reporting.problem)
         )
 
     def ask(self, request: Request[T], deadline: float = math.inf) -> T:
@@ -194,10 +194,10 @@ class LocalEngine:
         return self._call(lambda: self._engine.open_run(opened, invalid=invalid), deadline)
 
     def _export(self, subject: int, deadline: float) -> str | None:
-        papers = self._papers
-        if papers is None:
+        reporting = self._reporting
+        if reporting is None:
             return "nobody packs runs here: use `madrob export`"
-        return self._call(lambda: papers.export(subject), deadline)
+        return self._call(lambda: reporting.export(subject), deadline)
 
     def _curves(self) -> Curves | None:
         scored = self._engine.scored  # immutable: may be read from any thread

@@ -18,7 +18,7 @@ CLOSING_TIME = 3.0
 """An engine that ends waits so long for what is being made; it gets ready without it, too, s."""
 
 
-class Papers:
+class Reporting:
     """Makes them in the background, never during a run.
 
     Args:

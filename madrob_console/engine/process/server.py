@@ -131,11 +131,11 @@ class EngineServer:
                 writer.close()
         else:
             screen = _Screen(hello.role, terminal_safe(hello.who)[:100], writer)
-            await self._entertain(screen, reader)
+            await self._serve_screen(screen, reader)
         finally:
             self._attending.discard(task)
 
-    async def _entertain(self, screen: _Screen, reader: asyncio.StreamReader) -> None:
+    async def _serve_screen(self, screen: _Screen, reader: asyncio.StreamReader) -> None:
         if screen.role is Role.REFEREE and self._referee is None:
             self._referee = screen
         self._screens.add(screen)

@@ -13,7 +13,7 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.process.server import EngineServer
 from madrob_console.engine.shown.client import EngineClient
 from madrob_console.engine.shown.requests import Perform, Role
@@ -43,11 +43,11 @@ class Served:
         folder: Path,
         idle_time: float = 60.0,
         engine: Engine | None = None,
-        papers: Papers | None = None,
+        reporting: Reporting | None = None,
     ) -> None:
         engine = engine or simulated(folder / "runs")
-        self.papers = papers
-        self.local = LocalEngine(engine, papers)
+        self.reporting = reporting
+        self.local = LocalEngine(engine, reporting)
         self.path = folder / "s.sock"
         self.server = EngineServer(self.local, engine.source.label, idle_time, time.monotonic)
         self._loop = asyncio.new_event_loop()
@@ -69,8 +69,8 @@ class Served:
             self._loop.call_soon_threadsafe(self.server.stop)
         self.thread.join()
         self.local.close()
-        if self.papers is not None:
-            self.papers.close()
+        if self.reporting is not None:
+            self.reporting.close()
 
 
 def act(client: EngineClient, act: Act) -> str | None:

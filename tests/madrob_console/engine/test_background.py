@@ -16,7 +16,7 @@ from madrob_console.archive.scored import Scored
 from madrob_console.cli import aside
 from madrob_console.engine.process import background
 from madrob_console.engine.process.background import Background, Finished
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.files.whole import whole_file
 from tests.watching import PATIENCE, until
@@ -150,26 +150,26 @@ def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_i
 
 
 def test_a_process_that_cannot_be_started_is_told_in_words() -> None:
-    papers = Papers(["/no/such/python"], lambda: False)
-    papers.report(Path("/results/run"), cast(Scored, "a result"))
-    papers.export(3)
-    assert papers.wait(PATIENCE)
-    assert papers.problem is not None
-    assert "no report of run: no process could be started" in papers.problem
-    assert papers.exported is not None
-    assert "no process could be started" in papers.exported.problem
-    papers.close(PATIENCE)
+    reporting = Reporting(["/no/such/python"], lambda: False)
+    reporting.report(Path("/results/run"), cast(Scored, "a result"))
+    reporting.export(3)
+    assert reporting.wait(PATIENCE)
+    assert reporting.problem is not None
+    assert "no report of run: no process could be started" in reporting.problem
+    assert reporting.exported is not None
+    assert "no process could be started" in reporting.exported.problem
+    reporting.close(PATIENCE)
 
 
 def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
-    papers = Papers(aside.COMMAND, lambda: False, [f"--results={tmp_path}"])
-    papers.export(3)
-    assert papers.exported == ExportView(3)
-    papers.close(PATIENCE)
-    assert papers.problem is None
-    assert papers.exported is not None
-    assert papers.exported.path == ""
-    assert "team 3 has no runs" in papers.exported.problem
+    reporting = Reporting(aside.COMMAND, lambda: False, [f"--results={tmp_path}"])
+    reporting.export(3)
+    assert reporting.exported == ExportView(3)
+    reporting.close(PATIENCE)
+    assert reporting.problem is None
+    assert reporting.exported is not None
+    assert reporting.exported.path == ""
+    assert "team 3 has no runs" in reporting.exported.problem
 
 
 def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from madrob_console.archive.scored import Scored, open_run, score_opened
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
-from madrob_console.engine.process.reporting import Papers
+from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.shown.requests import ExportTeam, Role
 from madrob_console.referee.acts import (
     Abort,
@@ -76,8 +76,8 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
 @pytest.mark.machine
 def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
-    papers = Papers(aside.COMMAND, lambda: False)
-    drive.engine.on_result = papers.report
+    reporting = Reporting(aside.COMMAND, lambda: False)
+    drive.engine.on_result = reporting.report
     drive.whole_run(make_setup(timeout=20.0))
     drive.act(
         Rule(Step.CROSS, confirmed=False, reason="one foot stayed"),
@@ -85,9 +85,9 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
         Reissue("video"),
     )
     drive.engine.close()
-    assert papers.wait(60.0)
-    assert papers.problem is None
-    papers.close()
+    assert reporting.wait(60.0)
+    assert reporting.problem is None
+    reporting.close()
     assert drive.engine.folder is not None
     page = drive.engine.folder / "report.html"
     assert page.read_text() == report_html(score_opened(drive.engine.folder), software_version())
@@ -110,9 +110,9 @@ def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
     engine = simulated(tmp_path / "runs")
-    papers = Papers(aside.COMMAND, lambda: engine.busy, [f"--results={tmp_path / 'runs'}"])
+    reporting = Reporting(aside.COMMAND, lambda: engine.busy, [f"--results={tmp_path / 'runs'}"])
     with (
-        closing(Served(tmp_path, engine=engine, papers=papers)) as served,
+        closing(Served(tmp_path, engine=engine, reporting=reporting)) as served,
         closing(served.attach()) as console,
         closing(served.attach(Role.WATCH)) as watcher,
     ):
