@@ -30,6 +30,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-screens", action="store_true", help="store the screens as they are")
 
 
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """What only computes takes a process for each core; screens and DDS mostly wait."""
+    cores = len(os.sched_getaffinity(0))
+    return cores if config.getoption("-m") == "pure" else max(6, cores)
+
+
 @pytest.hookimpl(tryfirst=True)  # before `-m` picks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Each test is in a ring; the slow ones run when `-m` asks for them."""
