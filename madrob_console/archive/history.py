@@ -44,12 +44,14 @@ INDEX_FILE = ".history.json"
 _INDEX_VERSION = (2, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 _VALID = (Outcome.COMPLETED, Outcome.TIMEOUT)
-_WORDS = {
+
+OUTCOME_WORDS = {
     Outcome.COMPLETED: "completed",
     Outcome.TIMEOUT: "timeout",
     Outcome.ABORTED: "INVALID",
     Outcome.INTERRUPTED: "INTERRUPTED",
 }
+"""In capitals where a run does not count."""
 
 
 class ConditionWords(NamedTuple):
@@ -127,7 +129,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """How it ended, in a word; in capitals where it does not count."""
         if self.problem is not None:
             return "DAMAGED"
-        return "unfinished" if self.outcome is None else _WORDS[self.outcome]
+        return "unfinished" if self.outcome is None else OUTCOME_WORDS[self.outcome]
 
     @property
     def closing(self) -> str:

@@ -80,13 +80,8 @@ class Settings(SettingsTable, frozen=True):
     def sensor_limits(self) -> SensorLimits:
         """The limits of a healthy testbed as the engine takes them."""
         c = self.checks
-        return SensorLimits(
-            fresh=self.freshness.fresh,
-            lost=self.freshness.lost,
-            rate=c.rate,
-            least_rate=c.least_rate,
-            most_rate=c.most_rate,
-        )
+        rates = {"rate": c.rate, "least_rate": c.least_rate, "most_rate": c.most_rate}
+        return SensorLimits(**asdict(self.freshness), **rates)
 
     def mappings(self) -> tuple[TopicMapping, ...]:
         """The topics of protocol section 3, with [[topics]] put over them.

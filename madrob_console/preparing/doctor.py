@@ -136,9 +136,7 @@ def _requirements() -> Sequence[str] | None:
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
     """The results folder: whether it can be written, and how much fits."""
-    place = folder
-    while not place.exists() and place != place.parent:
-        place = place.parent
+    place = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         yield Finding(
             Severity.ERROR, "results", f"{folder} cannot be written: set results.folder to another"

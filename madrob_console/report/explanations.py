@@ -17,13 +17,6 @@ MANUAL_START = (
     f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
 )
 
-OUTCOMES: Mapping[Outcome, str] = {
-    Outcome.COMPLETED: "COMPLETED",
-    Outcome.TIMEOUT: "TIMEOUT",
-    Outcome.ABORTED: "INVALID",
-    Outcome.INTERRUPTED: "INTERRUPTED",
-}
-
 INVALID: Mapping[Outcome, str] = {
     Outcome.ABORTED: (
         "INVALID: the referee aborted this run. It has no indicators and counts for nothing; it "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable
+from importlib.resources import files
 from typing import TypeAlias
 
 from madrob_console.names import terminal_safe
@@ -21,6 +22,25 @@ NOTHING = Markup()
 
 _VOID = frozenset({"br", "meta"})
 _INLINE = frozenset({"b", "bdi", "del", "small", "span", "strong"})
+
+
+def page(title: str, *body: Content, style: str = "") -> str:
+    """A whole page without scripts, and nothing from elsewhere.
+
+    Args:
+        title: in the browser's tab.
+        body: of the page.
+        style: CSS for this kind of page, beyond what all have.
+    """
+    css = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", title),
+        element("style", Markup(css + style)),
+    )
+    return "<!DOCTYPE html>\n" + element("html", head, element("body", body), lang="en")
 
 
 def element(tag: str, *content: Content, **attributes: str) -> Markup:

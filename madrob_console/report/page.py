@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.resources import files
 
 from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.history import OUTCOME_WORDS
 from madrob_console.archive.scored import Scored
 from madrob_console.report import sections
 from madrob_console.report.explanations import (
     INVALID,
-    OUTCOMES,
     UNOFFICIAL,
     date_text,
     since,
     task_text,
 )
-from madrob_console.report.markup import Content, Markup, element, said
+from madrob_console.report.markup import Content, Markup, element, page, said
 
 
 def report_html(scored: Scored, software: str = "") -> str:
@@ -31,7 +30,10 @@ def report_html(scored: Scored, software: str = "") -> str:
     from madrob_console.report.pictures import figures  # it loads matplotlib
 
     record, run, result = scored.record, scored.run, scored.result
-    body = [
+    setup = record.setup
+    title = f"MADROB run {setup.run_number} of subject {setup.subject} {setup.team}".rstrip()
+    return page(
+        f"{title}: {OUTCOME_WORDS[result.outcome].lower()}",
         _top(scored),
         sections.indicators(result),
         sections.steps(result),
@@ -41,21 +43,6 @@ def report_html(scored: Scored, software: str = "") -> str:
         sections.set_up(record, result),
         sections.data_quality(run, result),
         _foot(scored, software),
-    ]
-    page = element("html", _head(scored), element("body", body), lang="en")
-    return f"<!DOCTYPE html>\n{page}"
-
-
-def _head(scored: Scored) -> Markup:
-    setup = scored.record.setup
-    title = f"MADROB run {setup.run_number} of subject {setup.subject} {setup.team}".rstrip()
-    style = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
-    return element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("title", f"{title}: {OUTCOMES[scored.result.outcome].lower()}"),
-        element("style", Markup(style)),
     )
 
 
@@ -64,6 +51,7 @@ def _top(scored: Scored) -> Markup:
     record, result = scored.record, scored.result
     setup = record.setup
     condition, task = setup.condition, task_text(setup.condition)
+    ended = OUTCOME_WORDS[result.outcome].upper()
     warnings = (UNOFFICIAL.get(record.source), INVALID.get(result.outcome))
     team = (" · ", said(setup.team)) if setup.team else ()
     reason = (": ", said(result.outcome_reason)) if result.outcome_reason else ()
@@ -74,7 +62,7 @@ def _top(scored: Scored) -> Markup:
         element("h1", f"Run {setup.run_number} of subject {setup.subject}", team),
         element("p", f"Condition {condition.number}, {condition.benchmark_type}: {task}"),
         element("p", f"Started {date_text(result.start)}"),
-        element("p", element("strong", OUTCOMES[result.outcome]), reason, class_="outcome"),
+        element("p", element("strong", ended), reason, class_="outcome"),
         element("p", _summary(scored)),
     )
 

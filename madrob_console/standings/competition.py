@@ -9,13 +9,7 @@ from typing import NamedTuple
 from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.standings.tally import (
-    Aggregate,
-    Overall,
-    Standing,
-    overall,
-    standings,
-)
+from madrob_console.standings.tally import Aggregate, Overall, Standing, overall, standings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -12,12 +12,7 @@ import msgspec
 from madrob_console.kinds import SourceKind
 from madrob_console.names import terminal_safe
 from madrob_console.report.explanations import UNOFFICIAL
-from madrob_console.standings.competition import (
-    NOTES,
-    CompetitionStandings,
-    RulesetStandings,
-    figures,
-)
+from madrob_console.standings.competition import NOTES, CompetitionStandings, figures
 from madrob_console.standings.tally import Tally
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
@@ -47,11 +42,14 @@ def standings_csv(found: CompetitionStandings) -> str:
     a formula gets an apostrophe before it.
     """
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
     for group in found.groups:
-        for condition, tally in _tallies(group):
-            writer.writerows(_rows(found, condition, tally))
+        for team in group.overall:
+            writer.writerows(_rows(found, {"condition": ALL}, team))
+        for condition, standings in group.conditions.items():
+            for standing in standings:
+                writer.writerows(_rows(found, _condition(condition), standing))
     return text.getvalue()
 
 
@@ -81,13 +79,7 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
                     {"conditions": tally.conditions, **_tally(tally)} for tally in group.overall
                 ],
                 "conditions": [
-                    {
-                        "condition": condition.number,
-                        "benchmark_type": condition.benchmark_type,
-                        "opening_side": condition.opening_side,
-                        "starting_side": condition.starting_side,
-                        "teams": [_tally(standing) for standing in standings],
-                    }
+                    {**_condition(condition), "teams": [_tally(team) for team in standings]}
                     for condition, standings in group.conditions.items()
                 ],
             }
@@ -111,29 +103,23 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
     return msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n"
 
 
-def _tallies(group: RulesetStandings) -> Iterator[tuple[Condition | None, Tally]]:
-    """Every team in all conditions together, then in each."""
-    for tally in group.overall:
-        yield None, tally
-    for condition, standings in group.conditions.items():
-        for standing in standings:
-            yield condition, standing
-
-
 def _rows(
-    found: CompetitionStandings, condition: Condition | None, tally: Tally
-) -> Iterator[list[object]]:
-    number: tuple[object, ...] = (ALL, "", "", "")
-    if condition is not None:
-        sides = condition.opening_side, condition.starting_side
-        number = (condition.number, condition.benchmark_type, *sides)
-    of = [_source(found), _cell(tally.ruleset), *number, tally.subject, _cell(tally.team)]
-    of += [tally.completed, tally.timeout, tally.aborted, tally.interrupted]
-    for name in IndicatorName:
-        aggregate = tally.aggregates.get(name)
-        values = figures(aggregate, name)
-        numbers = [values.get(column) for column in COLUMNS[-5:]]
-        yield [*of, name, name.spec.unit, aggregate.count if aggregate else 0, *numbers]
+    found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
+) -> Iterator[dict[str, object]]:
+    """The cells by column, and more that the csv file has no column for."""
+    names = {"ruleset": _cell(tally.ruleset), "team": _cell(tally.team)}
+    told = {**_tally(tally), "source": _source(found), **names, **condition}
+    for indicator, numbers in told["indicators"].items():
+        yield {**told, "indicator": indicator, **numbers}
+
+
+def _condition(condition: Condition) -> dict[str, object]:
+    return {
+        "condition": condition.number,
+        "benchmark_type": condition.benchmark_type,
+        "opening_side": condition.opening_side,
+        "starting_side": condition.starting_side,
+    }
 
 
 def _tally(tally: Tally) -> dict[str, Any]:

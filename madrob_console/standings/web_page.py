@@ -19,6 +19,7 @@ from madrob_console.report.markup import (
     Markup,
     element,
     listed,
+    page,
     said,
     section,
     table,
@@ -34,8 +35,6 @@ from madrob_console.standings.tally import Overall, Tally
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.result import value_text
 
-_STYLES = (("madrob_console.report", "report.css"), (__package__, "standings.css"))
-
 
 def standings_html(found: CompetitionStandings, software: str) -> str:
     """The standings as a page, readable on a phone and on paper.
@@ -45,26 +44,15 @@ def standings_html(found: CompetitionStandings, software: str) -> str:
         software: the version that makes the page.
     """
     several = len(found.groups) > 1
-    body = [
+    kind = "standings" if found.official else "SIMULATED standings"
+    return page(
+        f"MADROB {kind} {found.title}".rstrip(),
         _top(found),
         [_group(group, several=several) for group in found.groups],
         element("p", "No run counts yet.") if not found.groups else (),
         section("Runs that do not count", listed(_left_out(found), "None.")),
         _foot(software),
-    ]
-    page = element("html", _head(found), element("body", body), lang="en")
-    return f"<!DOCTYPE html>\n{page}"
-
-
-def _head(found: CompetitionStandings) -> Markup:
-    style = "".join(files(room).joinpath(name).read_text("utf-8") for room, name in _STYLES)
-    kind = "standings" if found.official else "SIMULATED standings"
-    return element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("title", f"MADROB {kind} {found.title}".rstrip()),
-        element("style", Markup(style)),
+        style=files(__package__).joinpath("standings.css").read_text(encoding="utf-8"),
     )
 
 

@@ -6,12 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from madrob_console.config.tables import (
-    DEFAULT_START_POSES,
-    RunDefaults,
-    StartPoseSetting,
-    start_pose_on,
-)
+from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
@@ -51,7 +46,3 @@ class ConsoleDefaults:
     start_pose: StartPose | None = None
     poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     run: RunDefaults = field(default_factory=RunDefaults)
-
-    def preset(self, side: Side) -> StartPose:
-        """The first start pose to choose from on `side`; the usual one if there is none."""
-        return start_pose_on(side, self.poses)

@@ -11,6 +11,7 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
+from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.shown.requests import NextRunNumber, Perform
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp, Start
@@ -213,7 +214,7 @@ class SetupPane(Vertical):
             team=known.team or self._teams.get(known.subject, ""),
             run_number=1,
             condition=condition,
-            start_pose=known.start_pose or known.preset(condition.starting_side),
+            start_pose=known.start_pose or start_pose_on(condition.starting_side, known.poses),
             referee=known.referee,
             timeout=known.run.timeout,
             countdown=known.run.countdown,
