@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from madrob_console.standings.tally import Standing
 
 Content = TypeVar("Content")
-Row = TypeVar("Row", bound="RunSummary | Standing")
+_Row = TypeVar("_Row", bound="RunSummary | Standing")
 
 Load = Callable[[], Sequence[RunSummary]]
 """Reads all runs; may take a while and may raise `MadrobError`."""
 
 
-class RunsPane(Vertical, Generic[Content, Row]):
+class RunsPane(Vertical, Generic[Content, _Row]):
     """Reads all runs when it comes into view and whenever a result changes.
 
     Args:
@@ -57,7 +57,7 @@ class RunsPane(Vertical, Generic[Content, Row]):
             self.content = content
             self.problem = problem
 
-    def __init__(self, load: Load, table: Table[Row], *, id: str) -> None:  # noqa: A002 - textual's name
+    def __init__(self, load: Load, table: Table[_Row], *, id: str) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
         self._load = load
         self.table = table
@@ -76,11 +76,11 @@ class RunsPane(Vertical, Generic[Content, Row]):
         """Show what was prepared."""
 
     @abstractmethod
-    def words_about(self, row: Row) -> tuple[str, Tone]:
+    def words_about(self, row: _Row) -> tuple[str, Tone]:
         """What does not fit into a row."""
 
     @property
-    def selected(self) -> Row | None:
+    def selected(self) -> _Row | None:
         """The marked row."""
         return self.table.selected
 
