@@ -49,6 +49,20 @@ class SignalQuality:
     begins_late: float = 0.0
     ends_early: float = 0.0
 
+    def cells(self) -> tuple[str, ...]:
+        """Samples, rate, largest gap, gaps, jitter, skew, dropped, shifted, without a reading.
+
+        As tables show them: intervals in ms, a dash for null.
+        """
+
+        def text(value: float | None, scale: float = 1000) -> str:
+            return "-" if value is None else f"{value * scale:.1f}"
+
+        gaps = (text(self.largest_gap), str(self.gaps))
+        counts = map(str, (self.dropped, self.shifted, self.no_reading))
+        rate = text(self.rate, 1)
+        return (str(self.samples), rate, *gaps, text(self.jitter), text(self.skew), *counts)
+
     def remarks(self, largest_skew: float) -> list[str]:
         """What to know of the signal, in words; empty for a good one.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
@@ -31,7 +31,6 @@ from madrob_console.report.markup import (
 )
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.procedure import Ruling, StepRecord
-from scoring.quality import SignalQuality
 from scoring.result import Indicator, Result, value_text
 from scoring.rulesets import ruleset
 
@@ -144,27 +143,12 @@ def data_quality(run: Run, result: Result) -> Markup:
     quality = result.quality
     told = set(run.remarks())  # they stand among the decisions
     remarks = [remark for remark in quality.remarks if remark not in told]
-    rows = map(_signal, quality.signals)
+    rows = ((q.signal.value, *q.cells()) for q in quality.signals)
     return section(
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
     )
-
-
-def _signal(q: SignalQuality) -> Iterator[Content]:
-    yield q.signal.value
-    yield str(q.samples)
-    yield _number(q.rate, 1)
-    yield _number(q.largest_gap, 1000)
-    yield str(q.gaps)
-    yield _number(q.jitter, 1000)
-    yield _number(q.skew, 1000)
-    yield from map(str, (q.dropped, q.shifted, q.no_reading))
-
-
-def _number(value: float | None, scale: float) -> str:
-    return NONE if value is None else f"{value * scale:.1f}"
 
 
 def _marks(title: str, marks: Iterable[Content]) -> Markup:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+from madrob_console.ui.frame.top_line import ROOMY
 from madrob_console.ui.look.words import fitted, wrapped
 
 if TYPE_CHECKING:
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 3
 """Rows that faults may take from the screen."""
-
-
-_ROOMY = 100
 
 
 class FaultLine(View):
@@ -36,8 +34,8 @@ class FaultLine(View):
         if self.trouble is not None:
             faults.insert(0, self.trouble)
         if not faults:
-            roomy = width >= _ROOMY  # else the top line has no room for it
-            where = "" if roomy else fitted(self._where, min(cell_len(self._where), width - 10))
+            room = 0 if width >= ROOMY else min(cell_len(self._where), width - 10)
+            where = fitted(self._where, room)  # the top line has no room for it
             left = fitted("no faults", width - cell_len(where))
             return [line(Span(left + where, Tone.DIM))]
         rows: list[str] = []

@@ -10,8 +10,9 @@ from madrob_console.referee.acts import Abort
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.frame.playback_bar import state_span
-from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened, wrapped
+from madrob_console.ui.look.words import fitted, minutes_text, shortened, wrapped
 from madrob_console.ui.panes.banner import banner
+from madrob_console.ui.panes.run_clock import clock_span
 from madrob_console.ui.panes.run_status import phase_span
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> l
     urgent = tone in (Tone.ALARM, Tone.NOTICE)
     head = {
         Part.PHASE: phase_span(snapshot.run),
-        Part.CLOCK: _clock(snapshot),
+        Part.CLOCK: clock_span(snapshot),
         Part.LEFT: Span(_left(snapshot)),
     }
     lines = _packed((span for part, span in head.items() if part in kept and span.text), width)
@@ -111,13 +112,6 @@ def _wrapped(text: str, tone: Tone, width: int, most: int) -> list[Line]:
     if len(rows) > most:
         rows = [*rows[: most - 1], fitted(" ".join(rows[most - 1 :]), width)]
     return [line(Span(row, tone)) for row in rows]
-
-
-def _clock(snapshot: Snapshot) -> Span:
-    if snapshot.elapsed is None:
-        return Span("-:--.-", Tone.STRONG)
-    tone = Tone.WARN if snapshot.elapsed < 0 else Tone.STRONG
-    return Span(clock_text(snapshot.elapsed), tone)
 
 
 def _left(snapshot: Snapshot) -> str:

@@ -17,7 +17,7 @@ LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
 
 _LEAST_LABEL = 18
-_ROOMY = 100
+ROOMY = 100
 """With fewer cells the row below tells competition and machine."""
 
 _STATES = {"finished": "done"}
@@ -49,7 +49,7 @@ class TopLine(View):
         right = next((r for r in rights if width_of(r) + _LEAST_LABEL <= width), rights[-1])
         badge = source_badge(snapshot, max(4, width - width_of(right)))
         room = max(0, width - width_of((badge,)) - width_of(right))
-        where = f" {self._where}" if width >= _ROOMY else ""
+        where = f" {self._where}" if width >= ROOMY else ""
         return [line(badge, Span(fitted(where, room), Tone.STRONG), *right)]
 
 

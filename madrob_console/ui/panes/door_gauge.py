@@ -62,23 +62,15 @@ def _latch(latch: LatchView) -> Line:
 
 def _scale(door: DoorView, opening: Side | None, width: int) -> Line:
     middle = column(0.0, _LIMIT, width)
-    allowed, other = "=", "-"
-    cw = allowed if opening is Side.CW else other
-    ccw = allowed if opening is Side.CCW else other
+    cw, ccw = ("=" if side is opening else "-" for side in (Side.CW, Side.CCW))
     track = cw * middle + "|" + ccw * (width - middle - 1)
     zone = max(1, round(door.closed_angle / _LIMIT * (width - 1) / 2))
     marks = [(middle - zone, "[", Tone.PLAIN), (middle + zone, "]", Tone.PLAIN)]
     if door.angle is not None:
-        closed = abs(door.angle) < door.closed_angle
-        cell = (
-            middle
-            if closed
-            else _outside(column(door.angle, _LIMIT, width), middle, zone, door.angle)
-        )
-        marks.append((cell, "●", Tone.GOOD if closed else Tone.WARN))
+        cell = column(door.angle, _LIMIT, width)
+        if abs(door.angle) < door.closed_angle:
+            marks.append((middle, "●", Tone.GOOD))
+        else:  # an open door never shows inside the brackets
+            outside = max(cell, marks[1][0] + 1) if door.angle > 0 else min(cell, marks[0][0] - 1)
+            marks.append((outside, "●", Tone.WARN))
     return scale(track, marks)
-
-
-def _outside(cell: int, middle: int, zone: int, angle: float) -> int:
-    """An open door never shows inside the brackets."""
-    return max(cell, middle + zone + 1) if angle > 0 else min(cell, middle - zone - 1)

@@ -9,7 +9,7 @@ from madrob_console.referee.health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot, TopicView
+    from madrob_console.engine.shown.snapshot import Snapshot
 
 _NAMES = {
     "time_to_handle": "to handle",
@@ -35,9 +35,6 @@ class Provisional(View):
         if snapshot.recorder.problem:
             rows.append(line(Span(snapshot.recorder.problem, Tone.BAD)))
         elif silent:
-            rows.append(line(Span("  ".join(map(_silence, silent)), Tone.BAD)))
+            words = "  ".join(f"{topic.topic} {topic.freshness}" for topic in silent)
+            rows.append(line(Span(words, Tone.BAD)))
         return rows
-
-
-def _silence(topic: TopicView) -> str:
-    return f"{topic.topic} {topic.freshness}"

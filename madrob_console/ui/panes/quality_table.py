@@ -11,10 +11,8 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from scoring.quality import SignalQuality
 
-_HEAD = (
-    f"{'':17}{'samples':>8}{'Hz':>6}{'gap':>8}{'gaps':>5}"
-    f"{'jitter':>7}{'skew':>7}{'drop':>5}{'shift':>6}{'none':>5}"
-)
+_NAMES = ("samples", "Hz", "gap", "gaps", "jitter", "skew", "drop", "shift", "none")
+_WIDTHS = (8, 6, 8, 5, 7, 7, 5, 6, 5)
 
 
 class QualityTable(View):
@@ -30,21 +28,17 @@ class QualityTable(View):
                 Span("data quality", Tone.STRONG),
                 Span("  largest gap, jitter and skew in ms", Tone.DIM),
             ),
-            line(Span(_HEAD, Tone.DIM)),
+            line(Span(" " * 17 + _aligned(_NAMES), Tone.DIM)),
             *map(_row, quality.signals),
             *(row for text in quality.remarks for row in paragraph(text, width, Tone.WARN)),
         ]
 
 
 def _row(q: SignalQuality) -> Line:
-    numbers = (
-        f"{q.samples:>8}{_number(q.rate, 1):>6}{_number(q.largest_gap, 1000):>8}{q.gaps:>5}"
-        f"{_number(q.jitter, 1000):>7}{_number(q.skew, 1000):>7}"
-        f"{q.dropped:>5}{q.shifted:>6}{q.no_reading:>5}"
-    )
     poor = q.gaps or q.dropped or q.shifted or not q.samples
-    return line(f"{q.signal.value:<17}", Span(numbers, Tone.WARN if poor else Tone.PLAIN))
+    tone = Tone.WARN if poor else Tone.PLAIN
+    return line(f"{q.signal.value:<17}", Span(_aligned(q.cells()), tone))
 
 
-def _number(value: float | None, scale: float) -> str:
-    return "-" if value is None else f"{value * scale:.1f}"
+def _aligned(cells: Sequence[str]) -> str:
+    return "".join(f"{cell:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=True))

@@ -52,11 +52,11 @@ class RunClock(View):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Three rows, to the right; plain digits where there is no room for large ones."""
-        seconds, _ = _split(snapshot)
-        rows = large_digits(seconds, ascii_only=self.ascii_only)
+        text, tone = clock_span(snapshot)
+        rows = large_digits(text[:-2], ascii_only=self.ascii_only)
         if len(rows[0]) > width:
-            rows = ("", seconds, "")
-        return [line(Span(f"{row:>{width}}", _tone(snapshot))) for row in rows]
+            rows = ("", text[:-2], "")
+        return [line(Span(f"{row:>{width}}", tone)) for row in rows]
 
 
 class RunTenths(View):
@@ -64,18 +64,16 @@ class RunTenths(View):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Three rows."""
-        _, tenths = _split(snapshot)
-        rows = large_digits(tenths, ascii_only=self.ascii_only)
-        return [line(Span(f" {row}", _tone(snapshot))) for row in rows]
+        text, tone = clock_span(snapshot)
+        rows = large_digits(text[-2:], ascii_only=self.ascii_only)
+        return [line(Span(f" {row}", tone)) for row in rows]
 
 
-def _split(snapshot: Snapshot) -> tuple[str, str]:
-    text = "-:--.-" if snapshot.elapsed is None else clock_text(snapshot.elapsed)
-    return text[:-2], text[-2:]
-
-
-def _tone(snapshot: Snapshot) -> Tone:
-    return Tone.WARN if snapshot.elapsed is not None and snapshot.elapsed < 0 else Tone.STRONG
+def clock_span(snapshot: Snapshot) -> Span:
+    """The clock in ordinary digits."""
+    if snapshot.elapsed is None:
+        return Span("-:--.-", Tone.STRONG)
+    return Span(clock_text(snapshot.elapsed), Tone.WARN if snapshot.elapsed < 0 else Tone.STRONG)
 
 
 def large_digits(text: str, *, ascii_only: bool = False) -> tuple[str, str, str]:

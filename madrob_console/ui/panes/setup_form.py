@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from enum import StrEnum
 from typing import TypeVar
@@ -195,14 +196,10 @@ def _row(name: str, *parts: Widget | str) -> Widget:
     return Horizontal(label, *widgets, classes="field")
 
 
-def _short(text: str) -> str:
-    return shortened(text, 20)
-
-
 def _whole(field: Field, name: str) -> int:
     text = field.value.strip()
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise MadrobError(f"{name} '{_short(text)}': use a whole number")
+        raise MadrobError(f"{name} '{shortened(text, 20)}': use a whole number")
     return int(text)
 
 
@@ -211,7 +208,7 @@ def _number(field: Field, name: str, unit: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5") from None
+        value = math.nan
     if not abs(value) < 1e9:
-        raise MadrobError(f"{name} '{_short(text)}': use a number of {unit}, as 1.5")
+        raise MadrobError(f"{name} '{shortened(text, 20)}': use a number of {unit}, as 1.5")
     return value

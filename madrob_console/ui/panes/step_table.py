@@ -35,37 +35,30 @@ class StepTable(View):
 
 def step_lines(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
     """The table; times in s since `start`. With room, a column says why a step is not done."""
-    if width < _NARROW:
-        return _compact(steps, start, width)
-    room = width - _NARROW - 2
+    narrow, room = width < _NARROW, width - _NARROW - 2
     why = "  why not" if room >= 14 else ""
     head = f"    {'step':<19} {'sensors':>7}  {'referee':<9} {'final':>7}{why}"
+    if narrow:
+        head = f"    {'step':<19}{'final':>7}"
     pending = next((record.step for record in steps if not record.done), None)
     rows = [line(Span(fitted(head, width), Tone.DIM))]
     for record in steps:
-        row = _row(record, start, is_next=record.step is pending)
+        row = (_compact if narrow else _row)(record, start, is_next=record.step is pending)
         if why and record.reason:
             row = line(*row, Span(f"  {fitted(record.reason, room)}", Tone.DIM))
         rows.append(row)
     return rows
 
 
-def _compact(steps: Sequence[StepRecord], start: float | None, width: int) -> list[Line]:
+def _compact(record: StepRecord, start: float | None, *, is_next: bool) -> Line:
     """What counts, and whether the referee said so; the result has all columns."""
-    rows = [line(Span(fitted(f"    {'step':<19}{'final':>7}", width), Tone.DIM))]
-    pending = next((record.step for record in steps if not record.done), None)
-    for record in steps:
-        final = relative_text(record.final, start) if record.done else "no"
-        tone = Tone.GOOD if record.done else Tone.DIM
-        rows.append(
-            line(
-                Span("✓ " if record.done else "> " if record.step is pending else "  ", tone),
-                f"{record.step} {record.step.text:<18}",
-                Span(f"{final:>7}", tone),
-                Span(" ref" if record.referee is not None else "", Tone.WARN),
-            )
-        )
-    return rows
+    final = _final(record, start)
+    return line(
+        Span("✓ " if record.done else "> " if is_next else "  ", final.tone),
+        f"{record.step} {record.step.text:<18}",
+        final,
+        Span(" ref" if record.referee is not None else "", Tone.WARN),
+    )
 
 
 def _row(record: StepRecord, start: float | None, *, is_next: bool) -> Line:
@@ -75,11 +68,16 @@ def _row(record: StepRecord, start: float | None, *, is_next: bool) -> Line:
     tone = Tone.STRONG if is_next else Tone.DIM
     if record.done:
         mark, tone = "✓", Tone.PLAIN
-    final = relative_text(record.final, start) if record.done else "no"
     return line(
         Span(f"{mark} ", Tone.GOOD if record.done else Tone.BAD if mark == "x" else Tone.STRONG),
         Span(f"{record.step} {record.step.text:<19} ", tone),
         Span(f"{relative_text(record.sensors, start):>7}  ", tone),
         Span(f"{said:<9} ", Tone.WARN if ruling is not None else Tone.DIM),
-        Span(f"{final:>7}", Tone.GOOD if record.done else Tone.DIM),
+        _final(record, start),
     )
+
+
+def _final(record: StepRecord, start: float | None) -> Span:
+    if record.done:
+        return Span(f"{relative_text(record.final, start):>7}", Tone.GOOD)
+    return Span(f"{'no':>7}", Tone.DIM)
