@@ -157,7 +157,7 @@ def competition_standings(
     )
 
 
-def figures(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
+def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
     """EUROBENCH's aggregates of an indicator by name, `min` and `max` where it has them."""
     a = aggregate
     found = {

@@ -12,7 +12,7 @@ import msgspec
 from madrob_console.kinds import SourceKind
 from madrob_console.names import terminal_safe
 from madrob_console.report.explanations import UNOFFICIAL
-from madrob_console.standings.competition import NOTES, CompetitionStandings, figures
+from madrob_console.standings.competition import NOTES, CompetitionStandings, statistics_of
 from madrob_console.standings.tally import Tally
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
@@ -135,7 +135,7 @@ def _tally(tally: Tally) -> dict[str, Any]:
             name: {
                 "unit": name.spec.unit,
                 "runs": aggregate.count if aggregate else 0,
-                **figures(aggregate, name),
+                **statistics_of(aggregate, name),
             }
             for name in IndicatorName
             for aggregate in [tally.aggregates.get(name)]

@@ -10,10 +10,10 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
-    figures,
+    statistics_of,
 )
 from madrob_console.standings.tally import Tally
-from madrob_console.standings.web_page import counts, which
+from madrob_console.standings.web_page import counts, run_words
 from scoring.indicator_table import IndicatorName
 
 _ACROSS = 8
@@ -37,7 +37,7 @@ def standings_lines(found: CompetitionStandings) -> Iterator[str]:
         yield ""
         yield "Runs that do not count:"
     for run, why in found.left_out:
-        yield f"  {which(run)}: {run.outcome_word}: {why}"
+        yield f"  {run_words(run)}: {run.outcome_word}: {why}"
     if found.groups:
         yield ""
         yield from NOTES
@@ -65,7 +65,7 @@ def _lines_of(names: Sequence[IndicatorName], tallies: Iterable[Tally]) -> Itera
     yield _columns("", (name.spec.unit for name in names))
     for tally in tallies:
         yield f"{tally.subject} {tally.team}: {', '.join(counts(tally))}"
-        rows = {name: figures(tally.aggregates.get(name), name) for name in names}
+        rows = {name: statistics_of(tally.aggregates.get(name), name) for name in names}
         for word in ("mean", "median", "std", "min", "max"):
             numbers = [rows[name].get(word) for name in names]
             if any(number is not None for number in numbers):

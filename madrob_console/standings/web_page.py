@@ -29,7 +29,7 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
-    figures,
+    statistics_of,
 )
 from madrob_console.standings.tally import Overall, Tally
 from scoring.indicator_table import IndicatorName, unit_text
@@ -114,7 +114,7 @@ def _indicator(tally: Tally, name: IndicatorName) -> Content:
     aggregate = tally.aggregates.get(name)
     if aggregate is None:
         return NONE
-    found = figures(aggregate, name)
+    found = statistics_of(aggregate, name)
     lines = [f"median {value_text(aggregate.median)}"]
     if aggregate.deviation is not None:
         lines.append(f"std {value_text(aggregate.deviation)}")
@@ -126,10 +126,10 @@ def _indicator(tally: Tally, name: IndicatorName) -> Content:
 
 def _left_out(found: CompetitionStandings) -> Iterator[Content]:
     for run, why in found.left_out:
-        yield f"{which(run)}: ", element("strong", run.outcome_word), ": ", said(why)
+        yield f"{run_words(run)}: ", element("strong", run.outcome_word), ": ", said(why)
 
 
-def which(run: RunSummary) -> str:
+def run_words(run: RunSummary) -> str:
     """A run in words: `run 2 of subject 3 in condition 7, 21 Nov 14:28`."""
     of = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
     return f"{of}, {run.started_text}"

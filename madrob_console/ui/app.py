@@ -24,7 +24,7 @@ from madrob_console.referee.questions import Ask
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.asks import Leave, Wish
+from madrob_console.ui.keys.asks import Intent, Leave
 from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key, bindings
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.look.glyphs import ASCII, uses_ascii
@@ -213,30 +213,30 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.say("A question is open: answer it, or Escape closes it.", Tone.WARN)
         return False
 
-    async def _ask(self, key: Key, wish: Wish | Ask[Wish]) -> None:
+    async def _ask(self, key: Key, intent: Intent | Ask[Intent]) -> None:
         """Do at once what a key brings about, or ask first."""
-        if isinstance(wish, Ask):
-            await self._console.open(key.name, wish.shortest if self._console.tiny else wish)
+        if isinstance(intent, Ask):
+            await self._console.open(key.name, intent.shortest if self._console.tiny else intent)
         else:
-            await self._do(wish, key.name, key.act)
+            await self._do(intent, key.name, key.act)
 
-    async def _do(self, wish: Wish, name: str, what: str) -> None:
+    async def _do(self, intent: Intent, name: str, what: str) -> None:
         """Do what a key or a dialog of that name brings about; `what` a refusal is of."""
-        match wish:
+        match intent:
             case Leave():
                 self.exit()
             case str():
-                self._refuse(what, wish)
+                self._refuse(what, intent)
             case OpenRun():
-                await self._open_run(wish)
+                await self._open_run(intent)
             case PlaybackCommand():
-                await self._request(wish, "")  # its bar shows what became of it
+                await self._request(intent, "")  # its bar shows what became of it
             case TakeOver():
-                await self._request(wish, "This console has the right to act now.")
+                await self._request(intent, "This console has the right to act now.")
             case ExportTeam():
-                await self._request(wish)  # the snapshot says when the zip is there
+                await self._request(intent)  # the snapshot says when the zip is there
             case Act():
-                await self._act(wish, name)
+                await self._act(intent, name)
 
     async def _act(self, act: Act, name: str) -> None:
         if not await self._request(Perform.of(act), done_text(act)):

@@ -13,13 +13,13 @@ from textual.widgets import Input
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
-from madrob_console.ui.keys.asks import Wish
+from madrob_console.ui.keys.asks import Intent
 
 
 class Prompt(Lines, can_focus=True):
     """Title, answers so far, and the question."""
 
-    def __init__(self, ask: Ask[Wish], about: str) -> None:
+    def __init__(self, ask: Ask[Intent], about: str) -> None:
         super().__init__()
         self._title = ask.title
         self._about = about
@@ -79,7 +79,7 @@ class Dialog(Vertical):
             super().__init__()
             self.dialog = dialog
 
-    def __init__(self, name: str, ask: Ask[Wish], about: str = "") -> None:
+    def __init__(self, name: str, ask: Ask[Intent], about: str = "") -> None:
         super().__init__(name=name)
         self.ask = ask
         self._open = list(ask.questions)

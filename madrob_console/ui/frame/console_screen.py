@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from madrob_console.referee.questions import Ask
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.defaults import ConsoleDefaults
-    from madrob_console.ui.keys.asks import Wish
+    from madrob_console.ui.keys.asks import Intent
     from madrob_console.ui.keys.console_app import ConsoleApp
     from madrob_console.ui.link import EngineLink
     from madrob_console.ui.panes.all_panes import Panes
@@ -257,7 +257,7 @@ class ConsoleScreen(Screen[None]):
             return
         self.panes[self.pane].enter()
 
-    async def open(self, name: str, ask: Ask[Wish]) -> None:
+    async def open(self, name: str, ask: Ask[Intent]) -> None:
         """Open a dialog in front of everything."""
         from madrob_console.ui.cells.dialog import Dialog
 

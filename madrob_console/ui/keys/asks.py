@@ -23,7 +23,7 @@ class Leave:
     """Leave the console."""
 
 
-Wish = Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | Leave | str
+Intent = Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | Leave | str
 """What a key or the answers to a dialog bring about; a text says why nothing."""
 
 

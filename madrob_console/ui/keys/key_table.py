@@ -29,7 +29,7 @@ from madrob_console.ui.keys import asks
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.questions import Ask
-    from madrob_console.ui.keys.asks import Wish
+    from madrob_console.ui.keys.asks import Intent
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Key:
     label: str
     help: str
     act: str = ""
-    ask: Callable[[Snapshot, str], Wish | Ask[Wish]] | None = None
+    ask: Callable[[Snapshot, str], Intent | Ask[Intent]] | None = None
     pane: str = ""
     where: frozenset[str] = frozenset()
     commits: bool = False

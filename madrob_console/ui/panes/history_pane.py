@@ -24,7 +24,7 @@ from madrob_console.ui.panes.runs_pane import Load, RunsPane
 KEYS = "Enter opens, x next like it, / filter, v which, o O sort, <- -> more, * open"
 
 
-class Which(StrEnum):
+class RunFilter(StrEnum):
     """Which runs are shown."""
 
     ALL = "all"
@@ -34,11 +34,11 @@ class Which(StrEnum):
     def takes(self, run: RunSummary) -> bool:
         """Whether it shows a run."""
         match self:
-            case Which.ALL:
+            case RunFilter.ALL:
                 return True
-            case Which.OPEN:
+            case RunFilter.OPEN:
                 return not run.final
-            case Which.NOT_COUNTED:
+            case RunFilter.NOT_COUNTED:
                 return not run.valid
 
 
@@ -68,7 +68,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
     def __init__(self, load: Load) -> None:
         super().__init__(load, Table(columns(), lambda run: run.folder, fixed=5), id="history")
         self._runs: Sequence[RunSummary] = ()
-        self._which = Which.ALL
+        self._which = RunFilter.ALL
         self._field = FilterField(id="history-filter")
         self._row = Horizontal(Label("filter", id="filter-name"), self._field, id="filter-row")
 
@@ -83,7 +83,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
     def look_for(self, text: str) -> None:
         """Show the runs that pass a filter, as if it had been typed."""
         self._field.value = text
-        self._which = Which.ALL
+        self._which = RunFilter.ALL
         self._show_rows()
 
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
@@ -102,7 +102,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
 
     def action_which(self) -> None:
         """All, those not final, those that do not count."""
-        order = list(Which)
+        order = list(RunFilter)
         self._which = order[(order.index(self._which) + 1) % len(order)]
         self._show_rows()
 
@@ -112,7 +112,7 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         Raises:
             SkipAction: all are shown; the key goes on.
         """
-        if not self._field.value.strip() and self._which is Which.ALL:
+        if not self._field.value.strip() and self._which is RunFilter.ALL:
             raise SkipAction
         self.look_for("")
 
@@ -141,10 +141,10 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         shown = [run for run in self._runs if self._which.takes(run) and matches(run, text)]
         self.table.empty = "no run passes the filter" if self._runs else "no runs yet"
         self.table.set_rows(shown, from_top=from_top)
-        if len(shown) == len(self._runs) and self._which is Which.ALL and not text.strip():
+        if len(shown) == len(self._runs) and self._which is RunFilter.ALL and not text.strip():
             self.say(summary(self._runs))
             return
-        wanted = [] if self._which is Which.ALL else [str(self._which)]
+        wanted = [] if self._which is RunFilter.ALL else [str(self._which)]
         wanted += [f"filter '{text.strip()}' (Escape clears it)"] if text.strip() else []
         self.say(f"{len(shown)} of {len(self._runs)} runs: {', '.join(wanted)}", Tone.STRONG)
 

@@ -19,7 +19,7 @@ from madrob_console.referee.run import Phase, RunSetup
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Tone
-from madrob_console.ui.cells.press import Press
+from madrob_console.ui.cells.push_button import PushButton
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.panes.checklist import CheckList
@@ -63,14 +63,14 @@ class SetupPane(Vertical):
         self._no_number = ""
         self._untouched: RunSetup | str = ""
         self._form = SetupForm(defaults)
-        self._press = Press("Set up this run", id="set-up")
+        self._button = PushButton("Set up this run", id="set-up")
         self._state = Label(id="setup-state")
         self._checks = CheckList()
 
     def compose(self) -> ComposeResult:
         """Fields, what becomes of them, checks."""
         yield self._form
-        yield Horizontal(self._press, self._state, id="setup-row")
+        yield Horizontal(self._button, self._state, id="setup-row")
         yield self._checks
 
     def enter(self) -> None:
@@ -92,7 +92,7 @@ class SetupPane(Vertical):
         """Show a newer snapshot."""
         self.follow(snapshot)
         run = snapshot.run
-        self._press.say("Set up this run" if run.phase in _OPEN else "Set up the next run")
+        self._button.say("Set up this run" if run.phase in _OPEN else "Set up the next run")
         self._state.say(*self._state_text(snapshot))
         self._checks.show(snapshot)
 
@@ -163,7 +163,7 @@ class SetupPane(Vertical):
         self._form.show_derived()
         self.commit()
 
-    def on_press_pressed(self, _event: Press.Pressed) -> None:
+    def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
         """Set up, or ask for the next run."""
         if self._snapshot is not None and self._snapshot.run.phase in _OPEN:
             self.commit()

@@ -23,7 +23,7 @@ from scoring.indicator_table import IndicatorName
 PRACTICE_BANNER = "SIMULATED runs: not official"
 
 
-class Shown(StrEnum):
+class Statistic(StrEnum):
     """Which number of an aggregate is shown; named as its attributes are."""
 
     MEAN = "mean"
@@ -67,7 +67,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
         self._best = best
         self._only_best = best > 0
         self._official: bool | None = None
-        self._shown = Shown.MEAN
+        self._statistic = Statistic.MEAN
         self._tables = Tables({}, any_official=False, damaged=0)
         self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
 
@@ -104,8 +104,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def action_number(self) -> None:
         """Mean, median, standard deviation, smallest, largest."""
-        order = list(Shown)
-        self._shown = order[(order.index(self._shown) + 1) % len(order)]
+        order = list(Statistic)
+        self._statistic = order[(order.index(self._statistic) + 1) % len(order)]
         self._show_rows()
 
     def action_best(self) -> None:
@@ -127,7 +127,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
         self.table.empty = "no official runs yet" if official else "no SIMULATED runs yet"
         self.table.set_rows(self._tables.of.get((official, self._only_best), ()))
         which = f"the best {self._best}" if self._only_best else "all"
-        text = f"{self._shown} over {which} valid runs (exec s: completed ones)"
+        text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
             text += f"; {self._tables.damaged} DAMAGED left out"
         self.say(text)
@@ -150,13 +150,13 @@ class StandingsPane(RunsPane[Tables, Standing]):
         ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
-        return indicator_column(name, lambda standing: number_of(standing, name, self._shown))
+        return indicator_column(name, lambda standing: number_of(standing, name, self._statistic))
 
 
-def number_of(standing: Standing, name: IndicatorName, shown: Shown) -> float | None:
+def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
     """One number of a standing; None where there is none."""
     aggregate = standing.aggregates.get(name)
-    number: float | None = None if aggregate is None else getattr(aggregate, shown.name.lower())
+    number: float | None = None if aggregate is None else getattr(aggregate, statistic.name.lower())
     return number
 
 

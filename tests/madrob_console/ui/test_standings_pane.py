@@ -11,8 +11,8 @@ from madrob_console.archive.history import RunSummary, matches
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,
-    Shown,
     StandingsPane,
+    Statistic,
     about,
     filter_for,
     number_of,
@@ -175,8 +175,8 @@ def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
     asyncio.run(drive())
 
 
-@pytest.mark.parametrize("shown", list(Shown))
-def test_where_there_is_no_value_there_is_no_number(shown: Shown) -> None:
+@pytest.mark.parametrize("shown", list(Statistic))
+def test_where_there_is_no_value_there_is_no_number(shown: Statistic) -> None:
     standing = Standing(subject=1, team="Delft", condition=7, ruleset="protocol", aborted=1)
     assert number_of(standing, IndicatorName.EXECUTION_TIME, shown) is None
 

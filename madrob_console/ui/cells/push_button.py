@@ -1,4 +1,4 @@
-"""Something to press, on one line."""
+"""A button on one line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from textual.message import Message
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
 
 
-class Press(Lines, can_focus=True):
+class PushButton(Lines, can_focus=True):
     """Enter or space presses it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter,space", "press", show=False)]
