@@ -8,6 +8,7 @@ import resource
 import shutil
 import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,14 +60,18 @@ class Killed(BaseException):
 
 @contextmanager
 def killed_after(steps: int) -> Iterator[None]:
-    """Let a number of calls that change the disk happen, and none after them."""
-    left = [steps]
+    """Let a number of calls that change the disk happen, and none after them.
+
+    Only those of this thread count: the writer that a test before gave up on may still be at work.
+    """
+    left, here = [steps], threading.get_ident()
 
     def guarded(real: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - it stands for any call
-            if left[0] == 0:
-                raise Killed
-            left[0] -= 1
+            if threading.get_ident() == here:
+                if left[0] == 0:
+                    raise Killed
+                left[0] -= 1
             return real(*arguments, **named)
 
         return call
