@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -25,8 +25,11 @@ from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
+    from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.questions import Ask
+    from madrob_console.referee.run import RunSetup
+    from madrob_console.standings.tally import Standing
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.defaults import ConsoleDefaults
     from madrob_console.ui.keys.asks import Intent
@@ -46,13 +49,6 @@ _MAIN = ("setup", "live", "results")
 
 _WRITTEN = "The result is written: f finalises it, x the next run, PgDn shows more."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn shows more."
-
-
-class _OfTeam(Protocol):
-    """What tells a team by its number."""
-
-    @property
-    def subject(self) -> int: ...
 
 
 class ConsoleScreen(Screen[None]):
@@ -131,7 +127,7 @@ class ConsoleScreen(Screen[None]):
         """The number of the marked team, or of that whose run is shown; else why there is none."""
         match self.pane:
             case "history":
-                shown: _OfTeam | None = self.panes.history.selected
+                shown: RunSummary | Standing | RunSetup | None = self.panes.history.selected
             case "standings":
                 shown = self.panes.standings.selected
             case _:

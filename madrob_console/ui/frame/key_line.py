@@ -9,7 +9,7 @@ from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
+    pass
 
 _ROOMY = 100
 _ALWAYS_NAMED = ("start", "abort", "timeout", "leave")
@@ -30,15 +30,9 @@ class KeyLine(View):
 
     def lines(self, width: int) -> Sequence[Line]:
         """Function keys and letters; all dim before there is an engine."""
-        return [self._functions(self._snapshot, width), self._letters(self._snapshot, width)]
+        return [self._named(FUNCTION_KEYS, width, _ALWAYS_NAMED), self._letters(width)]
 
-    def _functions(self, snapshot: Snapshot | None, width: int) -> Line:
-        row = self._row(FUNCTION_KEYS, snapshot, width)
-        if width_of(row) <= width:
-            return row
-        return self._row(FUNCTION_KEYS, snapshot, width, _ALWAYS_NAMED)
-
-    def _letters(self, snapshot: Snapshot | None, width: int) -> Line:
+    def _letters(self, width: int) -> Line:
         if self.typing:
             return line(
                 Span("letters type: ", Tone.STRONG),
@@ -47,23 +41,22 @@ class KeyLine(View):
                 Span(" work"),
             )
         keys: tuple[Key, ...] = LETTER_KEYS
+        snapshot = self._snapshot
         if snapshot is not None and snapshot.playback is not None:
             played = (key for key in PLAYBACK_KEYS if self.pane in key.where)
             keys = (*played, *(key for key in LETTER_KEYS if not key.act))
-        row = self._row(keys, snapshot, width)
+        row = self._row(keys, width)
         if width_of(row) <= width:
             return row
         here = [key for key in keys if not key.where or self.pane in key.where]
-        row = self._row(here, snapshot, width)
-        return row if width_of(row) <= width else self._row(here, snapshot, width, _PLAYBACK_NAMES)
+        return self._named(here, width, _PLAYBACK_NAMES)
 
-    def _row(
-        self,
-        keys: Sequence[Key],
-        snapshot: Snapshot | None,
-        width: int,
-        named: Sequence[str] | None = None,
-    ) -> Line:
+    def _named(self, keys: Sequence[Key], width: int, most: Sequence[str]) -> Line:
+        """The keys with their names; only those in `most` where there is no room for all."""
+        row = self._row(keys, width)
+        return row if width_of(row) <= width else self._row(keys, width, most)
+
+    def _row(self, keys: Sequence[Key], width: int, named: Sequence[str] | None = None) -> Line:
         """The keys; only those in `named` with their names, None = all."""
         roomy = width >= _ROOMY
         spans: list[Span] = []
@@ -72,7 +65,7 @@ class KeyLine(View):
                 spans.append(Span("  " if roomy else " "))
             label = key.label if named is None or key.name in named else ""
             space = " " if roomy and not label.startswith(" ") else ""
-            if snapshot is None or key.refusal(snapshot) is not None:
+            if self._snapshot is None or key.refusal(self._snapshot) is not None:
                 spans.append(Span(f"{key.cap}{space}{label}", Tone.DIM))
                 continue
             tone = Tone.STRONG if key.pane and key.pane == self.pane else Tone.PLAIN

@@ -42,77 +42,33 @@ class _Palette(NamedTuple):
     thumb: str
 
 
-_PALETTES = {
-    ThemeName.DARK: _Palette(
-        background="#121212",
-        surface="#1c1c1c",
-        panel="#262626",
-        focus="#444444",
-        foreground="#e4e4e4",
-        muted="#a8a8a8",
-        good="#87d787",
-        warning="#ffd75f",
-        bad="#ff8787",
-        accent="#5fafff",
-        thumb="#767676",
-    ),
-    ThemeName.LIGHT: _Palette(
-        background="#ffffff",
-        surface="#f2f2f2",
-        panel="#e8e8e8",
-        focus="#c6c6c6",
-        foreground="#1c1c1c",
-        muted="#4e4e4e",
-        good="#005f00",
-        warning="#875f00",
-        bad="#af0000",
-        accent="#005faf",
-        thumb="#767676",
-    ),
-    ThemeName.HIGH_CONTRAST: _Palette(
-        background="#000000",
-        surface="#000000",
-        panel="#1c1c1c",
-        focus="#00005f",
-        foreground="#ffffff",
-        muted="#d0d0d0",
-        good="#5fff5f",
-        warning="#ffff00",
-        bad="#ff8787",
-        accent="#5fffff",
-        thumb="#d0d0d0",
-    ),
+_COLUMNS = (ThemeName.DARK, ThemeName.LIGHT, ThemeName.HIGH_CONTRAST)
+_COLOURS = {
+    "background": ("#121212", "#ffffff", "#000000"),
+    "surface": ("#1c1c1c", "#f2f2f2", "#000000"),
+    "panel": ("#262626", "#e8e8e8", "#1c1c1c"),
+    "focus": ("#444444", "#c6c6c6", "#00005f"),
+    "foreground": ("#e4e4e4", "#1c1c1c", "#ffffff"),
+    "muted": ("#a8a8a8", "#4e4e4e", "#d0d0d0"),
+    "good": ("#87d787", "#005f00", "#5fff5f"),
+    "warning": ("#ffd75f", "#875f00", "#ffff00"),
+    "bad": ("#ff8787", "#af0000", "#ff8787"),
+    "accent": ("#5fafff", "#005faf", "#5fffff"),
+    "thumb": ("#767676", "#767676", "#d0d0d0"),
 }
-
-_ON_BLACK = _Palette(
-    background="ansi_black",
-    surface="ansi_black",
-    panel="ansi_black",
-    focus="ansi_black",
-    foreground="ansi_bright_white",
-    muted="ansi_white",
-    good="ansi_bright_green",
-    warning="ansi_bright_yellow",
-    bad="ansi_bright_red",
-    accent="ansi_bright_cyan",
-    thumb="ansi_white",
-)
-_PALETTES_OF_16 = {
-    ThemeName.DARK: _ON_BLACK,
-    ThemeName.LIGHT: _Palette(
-        background="ansi_bright_white",
-        surface="ansi_bright_white",
-        panel="ansi_bright_white",
-        focus="ansi_bright_white",
-        foreground="ansi_black",
-        muted="ansi_black",  # greys, greens and yellows of most palettes are faint on white
-        good="ansi_blue",
-        warning="ansi_magenta",
-        bad="ansi_red",
-        accent="ansi_blue",
-        thumb="ansi_bright_black",
-    ),
-    ThemeName.HIGH_CONTRAST: _ON_BLACK._replace(muted="ansi_bright_white"),
+_COLOURS_OF_16 = {
+    "background": ("ansi_black", "ansi_bright_white", "ansi_black"),
+    "surface": ("ansi_black", "ansi_bright_white", "ansi_black"),
+    "panel": ("ansi_black", "ansi_bright_white", "ansi_black"),
+    "focus": ("ansi_black", "ansi_bright_white", "ansi_black"),
+    "foreground": ("ansi_bright_white", "ansi_black", "ansi_bright_white"),
+    # greys, greens and yellows of most palettes are faint on white
+    "muted": ("ansi_white", "ansi_black", "ansi_bright_white"),
+    "good": ("ansi_bright_green", "ansi_blue", "ansi_bright_green"),
+    "warning": ("ansi_bright_yellow", "ansi_magenta", "ansi_bright_yellow"),
+    "bad": ("ansi_bright_red", "ansi_red", "ansi_bright_red"),
+    "accent": ("ansi_bright_cyan", "ansi_blue", "ansi_bright_cyan"),
+    "thumb": ("ansi_white", "ansi_bright_black", "ansi_white"),
 }
 
 
@@ -209,10 +165,11 @@ def _theme(name: str, palette: _Palette, *, dark: bool, ansi: bool) -> Theme:
 
 
 def _all() -> Iterator[Theme]:
-    for name in ThemeName:
-        dark = name is not ThemeName.LIGHT
-        yield _theme(name.value, _PALETTES[name], dark=dark, ansi=False)
-        yield _theme(f"{name}{_OF_16}", _PALETTES_OF_16[name], dark=dark, ansi=True)
+    for suffix, table in (("", _COLOURS), (_OF_16, _COLOURS_OF_16)):
+        for column, name in enumerate(_COLUMNS):
+            palette = _Palette(**{part: colours[column] for part, colours in table.items()})
+            dark = name is not ThemeName.LIGHT
+            yield _theme(f"{name}{suffix}", palette, dark=dark, ansi=bool(suffix))
     terminals_own = _Palette(*["ansi_default"] * len(_Palette._fields))
     yield _theme(COLOURLESS, terminals_own, dark=True, ansi=True)
 

@@ -48,15 +48,6 @@ class RunsPane(Vertical, Generic[Content, _Row]):
             super().__init__()
             self.row = row
 
-    class Read(Message):
-        """The runs are read, or a problem in words."""
-
-        def __init__(self, number: int, content: object, problem: str = "") -> None:
-            super().__init__()
-            self.number = number
-            self.content = content
-            self.problem = problem
-
     def __init__(self, load: Load, table: Table[_Row], *, id: str) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id)
         self._load = load
@@ -122,20 +113,16 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         if not self._reading:
             self.head.say(text, tone)
 
-    def on_runs_pane_read(self, event: Read) -> None:
-        """Show what was read last; what an earlier reading brings is old."""
-        event.stop()
-        if event.number != self._number:
-            return
-        self._reading = False
-        if event.problem:
-            self.head.say(event.problem, Tone.BAD)
-        else:
-            self.take(event.content)  # type: ignore[arg-type]  # what `prepare` made
-
     def _read(self, number: int) -> None:
+        """In the thread: it must not wait for the screens."""
         try:
-            read = self.Read(number, self.prepare(self._load()))
+            show = partial(self.take, self.prepare(self._load()))
         except MadrobError as error:
-            read = self.Read(number, None, str(error))
-        self.post_message(read)
+            show = partial(self.head.say, str(error), Tone.BAD)
+        self.call_later(self._show_read, number, show)
+
+    def _show_read(self, number: int, show: Callable[[], None]) -> None:
+        """Show what was read last; what an earlier reading brings is old."""
+        if number == self._number:
+            self._reading = False
+            show()
