@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
-from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from scoring.protocol import BenchmarkType, Condition, Side
 
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
-"""Condition 1."""
+"""Condition 1: what the first run's set-up proposes, for subject 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +24,8 @@ class ConsoleDefaults:
         best_runs: as many of a team's runs count in the standings; 0 = all.
         hint: what the first message says.
         problems: what is wrong with the teams file, one line each.
-        subject, team, referee: who.
+        team, referee: who.
         teams: subject -> team's name, as far as known.
-        condition: benchmark type, opening side and starting side.
-        start_pose: None = the first of the starting side.
         poses: start poses to choose from.
         run: timeout, countdown, ruleset and what decides step 6.
     """
@@ -38,11 +36,8 @@ class ConsoleDefaults:
     best_runs: int = 0
     hint: str = "F1 lists the keys."
     problems: tuple[str, ...] = ()
-    subject: int = 1
     team: str = ""
     referee: str = ""
     teams: Mapping[int, str] = field(default_factory=dict)
-    condition: Condition = FIRST_CONDITION
-    start_pose: StartPose | None = None
     poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     run: RunDefaults = field(default_factory=RunDefaults)

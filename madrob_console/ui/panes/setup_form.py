@@ -17,7 +17,7 @@ from madrob_console.referee.run import RunSetup
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
@@ -33,7 +33,7 @@ class SetupForm(Horizontal):
     def __init__(self, defaults: ConsoleDefaults) -> None:
         super().__init__(id="setup-form")
         self._poses = {preset.name: preset.pose for preset in defaults.poses}
-        condition = defaults.condition
+        condition = FIRST_CONDITION
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
         self.run_number = NumberField(id="run-number")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from msgspec.structs import asdict
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -20,7 +21,7 @@ from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.push_button import PushButton
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.panes.checklist import CheckList
 from madrob_console.ui.panes.setup_form import SetupForm
@@ -208,18 +209,14 @@ class SetupPane(Vertical):
 
     def _first_setup(self) -> RunSetup:
         known = self._defaults
-        condition = known.condition
         return RunSetup(
-            subject=known.subject,
-            team=known.team or self._teams.get(known.subject, ""),
+            subject=1,
+            team=known.team or self._teams.get(1, ""),
             run_number=1,
-            condition=condition,
-            start_pose=known.start_pose or start_pose_on(condition.starting_side, known.poses),
+            condition=FIRST_CONDITION,
+            start_pose=start_pose_on(FIRST_CONDITION.starting_side, known.poses),
             referee=known.referee,
-            timeout=known.run.timeout,
-            countdown=known.run.countdown,
-            ruleset=known.run.ruleset,
-            lock_detection=known.run.lock_detection,
+            **asdict(known.run),
         )
 
     def _propose(self, *, again: bool = False) -> None:
