@@ -5,6 +5,7 @@ What goes on now is in engine; what teams take home is in report, export and sta
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +14,16 @@ if TYPE_CHECKING:
     from scoring.rulesets import RulesetName
 
 
-def score(path: Path | str, rules: RulesetName | None = None) -> tuple[ScoredPath, ...]:
-    """Score a bag, or every run of a folder.
+def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[ScoredPath]:
+    """Score a bag, or every run of a folder, one after the other.
 
     Args:
         path: a bag, a run folder, a results folder, or a folder of published EUROBENCH files.
         rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files.
 
     Returns:
-        for each run its `result`, which is what `result.json` says of it, and the pre-processed
-        data behind it as `rows`.
+        for each run, scored when it is asked for, its `result`, which is what `result.json` says
+        of it, and the pre-processed data behind it as `rows`.
 
     Raises:
         MadrobError: a run cannot be scored; the message names path and remedy.
@@ -31,4 +32,4 @@ def score(path: Path | str, rules: RulesetName | None = None) -> tuple[ScoredPat
     from madrob_console.archive.run_paths import runs_at
     from madrob_console.archive.scored import score_run
 
-    return tuple(score_run(run, (rules,))[0] for run in runs_at(Path(path)))
+    return (score_run(run, (rules,))[0] for run in runs_at(Path(path)))

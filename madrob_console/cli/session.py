@@ -6,6 +6,7 @@ import argparse
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import assert_never
 
 from madrob_console.cli import options
 from madrob_console.clock import Clock, SystemClock, VirtualClock
@@ -42,20 +43,24 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
     )
     if arguments.speed < 0 or arguments.speed > 1000:
         raise MadrobError(f"--speed {arguments.speed:g}: use 0 to 1000")
-    if kind is SourceKind.REPLAY:
-        assert replayed is not None
-        return Engine.of_recording(Replay(replayed, types, arguments.speed), config, types)
-    if kind is SourceKind.SIMULATED:
-        clock: Clock = VirtualClock(time.time_ns())
-        if arguments.speed > 0:
-            clock = SystemClock(arguments.speed)
-        testbed = simulated_testbed(arguments, settings)
-        simulated = SimulatedSource(testbed, clock, types, config.mappings)
-        return Engine(simulated, clock, config, types)
-    if arguments.speed != 1:
-        raise MadrobError("--speed: a live testbed has its own; leave the option out")
-    clock = SystemClock()
-    return Engine(_ros_source(arguments, settings, types, clock), clock, config, types)
+    match kind:
+        case SourceKind.REPLAY:
+            assert replayed is not None
+            return Engine.of_recording(Replay(replayed, types, arguments.speed), config, types)
+        case SourceKind.SIMULATED:
+            clock: Clock = VirtualClock(time.time_ns())
+            if arguments.speed > 0:
+                clock = SystemClock(arguments.speed)
+            testbed = simulated_testbed(arguments, settings)
+            simulated = SimulatedSource(testbed, clock, types, config.mappings)
+            return Engine(simulated, clock, config, types)
+        case SourceKind.ROS:
+            if arguments.speed != 1:
+                raise MadrobError("--speed: a live testbed has its own; leave the option out")
+            clock = SystemClock()
+            return Engine(_ros_source(arguments, settings, types, clock), clock, config, types)
+        case _:
+            assert_never(kind)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

@@ -13,7 +13,7 @@ from scoring.protocol import Condition, LockDetection, Outcome
 NONE = "-"
 """Where there is nothing to say."""
 
-MANUAL_START = (
+MANUAL_START_NOTE = (
     f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
 )
 

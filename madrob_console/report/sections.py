@@ -10,7 +10,7 @@ from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
 from madrob_console.report.explanations import (
     LOCKED_BY,
-    MANUAL_START,
+    MANUAL_START_NOTE,
     NONE,
     SOURCES,
     TEAM_WORDS,
@@ -88,7 +88,7 @@ def indicators(result: Result) -> Markup:
     return section(
         "Indicators",
         table(("indicator", "value"), rows, class_="indicators"),
-        element("p", MANUAL_START),
+        element("p", MANUAL_START_NOTE),
     )
 
 

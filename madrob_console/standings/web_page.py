@@ -8,7 +8,7 @@ from importlib.resources import files
 from madrob_console.archive.history import RunSummary
 from madrob_console.kinds import SourceKind
 from madrob_console.report.explanations import (
-    MANUAL_START,
+    MANUAL_START_NOTE,
     NONE,
     UNOFFICIAL,
     date_text,
@@ -67,7 +67,7 @@ def _top(found: CompetitionStandings) -> Markup:
         [element("p", element("strong", said(remark))) for remark in found.remarks],
         element("p", found.basis),
         element("p", "Bold: the mean. n: how many runs have a value, where not all have."),
-        [element("p", note) for note in (*NOTES, MANUAL_START)],
+        [element("p", note) for note in (*NOTES, MANUAL_START_NOTE)],
     )
 
 

@@ -26,7 +26,7 @@ from madrob_console.engine.shown.snapshot import RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
-SNAPSHOT_PERIOD = 0.1
+SENDING_PERIOD = 0.1
 """Between two looks at the engine, s."""
 
 _CREDENTIALS = struct.Struct("3i")
@@ -171,7 +171,7 @@ class EngineServer:
                 self.stop()
                 return
             self._show_all()
-            await asyncio.sleep(SNAPSHOT_PERIOD)
+            await asyncio.sleep(SENDING_PERIOD)
 
     def _show_all(self) -> None:
         """Send what is new to all screens but those that stall: they get the latest later."""

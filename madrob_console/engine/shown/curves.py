@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-MOST_POINTS = 20_000
+MOST_CURVE_POINTS = 20_000
 """Points that all stretches of one quantity may have together."""
 
 
@@ -76,7 +76,7 @@ class Curves:
 
 
 def curves_of(result: Result, rows: Rows) -> Curves:
-    """The curves of a scored run, thinned to `MOST_POINTS` each so that no extreme is lost.
+    """The curves of a scored run, thinned to `MOST_CURVE_POINTS` each so that no extreme is lost.
 
     Args:
         result: of the run.
@@ -96,5 +96,5 @@ def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, 
     """A quantity's stretches, with times since the start."""
     from scoring.figures.stretches import stretches
 
-    found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_POINTS)
+    found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
     return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in found)

@@ -29,7 +29,7 @@ def test_a_run_folder_and_its_bag_give_the_result_of_the_run() -> None:
 
 def test_a_results_folder_gives_every_run_by_the_rules_that_were_asked_for(tmp_path: Path) -> None:
     names = [copy_run(tmp_path, number).name for number in (1, 2)]
-    scored = score(tmp_path, RulesetName.EUROBENCH_2020)
+    scored = list(score(tmp_path, RulesetName.EUROBENCH_2020))
     assert [run.path.name for run in scored] == names
     assert {run.result.ruleset for run in scored} == {RulesetName.EUROBENCH_2020}
 
@@ -43,4 +43,4 @@ def test_published_files_are_scored_as_they_stand(tmp_path: Path) -> None:
 
 def test_what_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(MadrobError, match="nothing"):
-        score(tmp_path / "nothing")
+        next(score(tmp_path / "nothing"))

@@ -157,7 +157,7 @@ class FaultyDrive(Drive):
     def rescored(self) -> Result:
         """What `madrob score` says of the run."""
         assert self.engine.folder is not None
-        return score(self.engine.folder)[0].result
+        return next(score(self.engine.folder)).result
 
     def recorded(self, topic: str) -> list[bytes]:
         """What the bag holds of a topic."""

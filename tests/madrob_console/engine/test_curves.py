@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.archive.scored import Scored
-from madrob_console.engine.shown.curves import MOST_POINTS, Curve, Curves, curves_of
+from madrob_console.engine.shown.curves import MOST_CURVE_POINTS, Curve, Curves, curves_of
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import Quantity
@@ -156,9 +156,9 @@ def test_curves_cross_a_socket_unchanged(tmp_path: Path) -> None:
 
 
 @given(
-    count=st.integers(MOST_POINTS - 1, 4 * MOST_POINTS + 7),
+    count=st.integers(MOST_CURVE_POINTS - 1, 4 * MOST_CURVE_POINTS + 7),
     spikes=st.lists(st.tuples(st.floats(0, 1), st.floats(-1e6, 1e6)), max_size=5),
-    gap=st.integers(0, MOST_POINTS),
+    gap=st.integers(0, MOST_CURVE_POINTS),
 )
 @settings(max_examples=20, deadline=None)
 def test_a_long_run_is_thinned_and_keeps_its_extremes(
@@ -171,7 +171,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
         value[round(place * (count - 1))] = height
     force = curves_of(a_result(), some_rows(time, value)).of(Quantity.FORCE)
     kept = values(force)
-    assert len(kept) <= MOST_POINTS
+    assert len(kept) <= MOST_CURVE_POINTS
     assert max(kept) == value.max()
     assert min(kept) == value.min()
     times = [at for stretch in force for at in stretch.time]

@@ -104,13 +104,13 @@ def test_bag_replay_and_live_run_give_the_same_digits(
     live, folder = drive.engine.scored, folder_of(drive)
     assert live is not None
     drive.engine.close()
-    again = score(folder)[0].result
+    again = next(score(folder)).result
     assert again == live.result
     bag_alone = tmp_path / "elsewhere"
     bag_alone.mkdir()
     for name in (f"{folder.name}_0.mcap", "metadata.yaml"):
         (bag_alone / name).write_bytes((folder / name).read_bytes())
-    assert score(bag_alone)[0].result == live.result
+    assert next(score(bag_alone)).result == live.result
     assert replayed(folder) == live.result
     assert replayed(bag_alone) == live.result
 
@@ -229,7 +229,7 @@ def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
     scored = drive.engine.scored
     assert scored is not None
     assert scored.result.outcome is Outcome.COMPLETED
-    assert score(folder_of(drive))[0].result == scored.result
+    assert next(score(folder_of(drive))).result == scored.result
 
 
 def test_what_was_up_before_the_countdown_is_no_false_start(tmp_path: Path) -> None:
@@ -290,7 +290,7 @@ def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_f
     assert document["indicators"]["capability_level"]["value"] == 3
     assert step["sensors"] is not None
     assert (step["referee"]["reason"], step["final"]) == ("arm only", None)
-    assert score(folder_of(drive))[0].result == drive.engine.scored.result  # type: ignore[union-attr]
+    assert next(score(folder_of(drive))).result == drive.engine.scored.result  # type: ignore[union-attr]
 
 
 def test_a_reissue_gets_a_number_and_the_old_result_stays(tmp_path: Path) -> None:
@@ -393,7 +393,7 @@ def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
     assert document["indicators"]["time_to_handle"]["value"] is not None
     assert document["indicators"]["execution_time"]["reason"] == "no benchmark stop"
     assert read_bag(folder_of(drive)).complete
-    assert score(folder_of(drive))[0].result == drive.engine.scored.result  # type: ignore[union-attr]
+    assert next(score(folder_of(drive))).result == drive.engine.scored.result  # type: ignore[union-attr]
 
 
 def replayed(folder: Path) -> Result:
@@ -414,7 +414,7 @@ def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_pat
     cut = tmp_path / "cut"
     shutil.copytree(folder_of(drive), cut)  # what a kill at this moment leaves behind
     drive.engine.close()
-    scored = score(cut)[0].result
+    scored = next(score(cut)).result
     assert scored.outcome is Outcome.INTERRUPTED
     assert replayed(cut) == scored
     assert scored.indicators[IndicatorName.EXECUTION_TIME].value is None
@@ -463,7 +463,9 @@ def test_undecodable_bytes_are_recorded_named_and_counted(tmp_path: Path) -> Non
     assert any("/madrob/handle/force" in r and "times" in r for r in remarks)
     junk = [m for m in read_bag(folder_of(drive)).messages() if m.data.endswith(b"junk")]
     assert len(junk) > 100
-    assert score(folder_of(drive))[0].result.indicators == (drive.engine.scored.result.indicators)
+    assert next(score(folder_of(drive))).result.indicators == (
+        drive.engine.scored.result.indicators
+    )
 
 
 def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(tmp_path: Path) -> None:

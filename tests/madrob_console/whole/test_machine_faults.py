@@ -110,7 +110,7 @@ def check_scored_again(machine: Machine) -> None:
     """`madrob score` reads what is left: a bag that ends early, or the result's tables alone."""
     scored = machine.drive.engine.scored
     assert scored is not None
-    live, again = scored.result, score(machine.folder)[0].result
+    live, again = scored.result, next(score(machine.folder)).result
     if machine.fault in DELETED:
         assert again.events == live.events
     else:

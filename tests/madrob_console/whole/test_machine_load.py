@@ -58,7 +58,7 @@ def run_through(
     assert (shown.recorder.dropped, shown.faults) == (0, ())
     assert (document["outcome"], document["quality"]["remarks"]) == ("completed", [])
     assert read_bag(folder).complete
-    rescored = msgspec.json.encode(score(folder)[0].result)
+    rescored = msgspec.json.encode(next(score(folder)).result)
     assert msgspec.json.decode(rescored)["events"] == document["events"]
     return document
 
