@@ -11,6 +11,9 @@ from enum import Enum, IntEnum, StrEnum
 
 from scoring.errors import ScoringError
 
+POST_ROLL = 1.0
+"""Recording goes on this long after the stop is decided, s (section 3)."""
+
 GRAM_FORCE = 0.00980665
 """Newtons in one gram-force."""
 

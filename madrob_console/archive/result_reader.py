@@ -143,6 +143,8 @@ def _read(folder: str) -> tuple[bytes, Stamp]:
         data, stamp = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
     except FileNotFoundError:
         raise
+    except NotADirectoryError as error:  # the file of a bag alone
+        raise FileNotFoundError(*error.args) from None
     except OSError as error:
         raise UnusableResultError(
             f"{RESULT_FILE} cannot be read ({refusal(error)}): put a readable file in its place"

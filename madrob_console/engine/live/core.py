@@ -38,10 +38,7 @@ from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from madrob_console.testbeds.source import Source
 from recorder.message import RawMessage
-from scoring.protocol import Outcome
-
-POST_ROLL = 1.0
-"""Recording goes on this long after the stop is decided, s (protocol section 3)."""
+from scoring.protocol import POST_ROLL, Outcome
 
 WATCH_PERIOD = 0.1
 """Between two looks at the topics in a run, s."""

@@ -12,10 +12,7 @@ from itertools import pairwise
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.motion import Levels
 from madrob_console.testbeds.simulated.plan import MotionPlan
-from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Side
-
-POST_ROLL = 1.0
-"""s of recording after the stop is decided (protocol section 3)."""
+from scoring.protocol import PASSAGE_SENSORS, POST_ROLL, PassageSensor, Side
 
 _MARGIN = 0.06
 """s that must lie between two events whose order matters: two samples, their jitter, and more."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 from madrob_console.clock import seconds
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.perception import POST_ROLL, Perception, Switch, observe
+from madrob_console.testbeds.simulated.perception import Perception, Switch, observe
 from madrob_console.testbeds.simulated.plan import MotionPlan
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
-from scoring.protocol import Condition, Event, EventName, Outcome, Side, Step
+from scoring.protocol import POST_ROLL, Condition, Event, EventName, Outcome, Side, Step
 
 
 @dataclass(frozen=True, slots=True)
