@@ -12,12 +12,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
+import pytest
 
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import RunSetup
 from madrob_console.testbeds.simulated import Scenario
+from recorder.mcap_file import McapFile
 from recorder.message import RawMessage
 from recorder.reader import read_bag
 from scoring.result import Result
@@ -55,12 +57,32 @@ WORDS = {
 }
 
 
+class Syncs:
+    """Counts the times that the recorder has brought everything to the disk."""
+
+    def __init__(self) -> None:
+        self.ended = 0
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        sync = McapFile.sync
+
+        def count(file: McapFile) -> None:
+            sync(file)
+            self.ended += 1
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(McapFile, "sync", count)
+            yield
+
+
 class Machine:
     """An engine whose results lie on a small disk."""
 
-    def __init__(self, fault: Fault, disk: SmallDisk, stop: Stop) -> None:
+    def __init__(self, fault: Fault, disk: SmallDisk, stop: Stop, syncs: Syncs) -> None:
         self.fault = fault
         self.disk = disk
+        self.syncs = syncs
         self.drive = Recorded(disk.folder / "results", scenario_of(stop))
 
     @property
@@ -98,13 +120,18 @@ class Machine:
         while WORDS[self.fault] not in self.words:
             self.drive.engine.step(STEP)
             time.sleep(STEP)
-            assert time.monotonic() - began < NAMED_WITHIN, "nothing was named"
+            assert time.monotonic() - began < NAMED_WITHIN, (
+                f"{self.fault} was not named: {self.words}"
+            )
         return time.monotonic() - began
 
     def wait_for_sync(self) -> None:
         """Until everything handed in is on the disk."""
         newest = max(message.receive_ns for message in self.drive.taken)
         until(lambda: any(m.receive_ns >= newest for m in read_bag(self.folder).messages()))
+        # It is in the file; the sync that brings it to the disk is the second to end from now.
+        before = self.syncs.ended
+        until(lambda: self.syncs.ended >= before + 2)
 
     @property
     def words(self) -> str:
@@ -154,7 +181,9 @@ def setup_of(stop: Stop, run_number: int = 1) -> RunSetup:
 def spoiled(fault: Fault, folder: Path, stop: Stop) -> Iterator[Machine]:
     with ExitStack() as stack:
         kind = memory_disk if fault in (Fault.FULL, *DELETED) else disk_image
-        machine = Machine(fault, stack.enter_context(kind(folder)), stop)
+        syncs = Syncs()
+        stack.enter_context(syncs.counted())
+        machine = Machine(fault, stack.enter_context(kind(folder)), stop, syncs)
         try:
             yield machine
         finally:
