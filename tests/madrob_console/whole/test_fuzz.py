@@ -143,7 +143,7 @@ def _csv(place: Place, examples: int) -> None:
             folder = place.copied("*.csv", "*.yaml")
             (folder / "metadata.yaml").unlink()
             (folder / name).write_bytes(content)
-            only_words(lambda: score(folder))
+            only_words(lambda: list(score(folder)))
 
         in_each(place, examples // 3 + 1, file.read_bytes(), check)
 
@@ -156,7 +156,7 @@ def _yaml(place: Place, examples: int) -> None:
         def check(content: bytes, name: str = file.name, rest: tuple[str, ...] = rest) -> None:
             folder = place.copied("run_info*.yaml", "condition*.yaml", *rest)
             (folder / name).write_bytes(content)
-            only_words(lambda: score(folder))
+            only_words(lambda: list(score(folder)))
 
         in_each(place, examples // 3 + 1, file.read_bytes(), check)
 
