@@ -36,6 +36,9 @@ _QOS_LIMIT = 64 * 1024
 _MOST_LEVELS = 2000
 """libyaml walks nested collections on the machine's stack, which has room for far more of them."""
 
+_INDENTED = re.compile(r"[ \t?:-]+")
+"""What nests blocks of YAML stands before them, in one line."""
+
 
 class Reliability(StrEnum):
     """DDS reliability, as rosbag2 spells it."""
@@ -102,16 +105,15 @@ def qos_text(qos: Qos) -> str:
 
 
 def load_yaml(text: str) -> object:
-    """What a YAML text says: plain values only.
-
-    By libyaml, ten times as fast, unless the text could be nested without bounds.
+    """What a YAML text says: plain values only; by libyaml where it is there, ten times as fast.
 
     Raises:
-        YAML_PROBLEMS: it is damaged.
+        YAML_PROBLEMS: it is damaged, or nested without bounds.
     """
-    levels = sum(map(text.count, "[{-?:"))
-    quick = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    return yaml.load(text, quick if levels < _MOST_LEVELS else yaml.SafeLoader)
+    blocks = max(map(len, _INDENTED.findall(text)), default=0)
+    if text.count("[") + text.count("{") + 2 * blocks >= _MOST_LEVELS:
+        raise yaml.YAMLError("nested without bounds")
+    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def parse_qos(text: str) -> Qos:

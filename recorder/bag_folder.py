@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from recorder.bag import METADATA_FILE, BagInformation, Topic, bag_file_name
-from recorder.errors import RecorderError
+from recorder.errors import RecorderError, remedy
 from recorder.mcap_file import McapFile
 
 METADATA_PART = f"{METADATA_FILE}.part"
@@ -41,6 +41,7 @@ class BagFolder:
         except OSError as error:
             raise _cannot_record(folder, error) from None
         name = bag_file_name(folder.name)
+        self._folder, self._name = folder, name
         with ExitStack() as undo:
             undo.callback(_remove, folder, name)
             try:
@@ -66,6 +67,11 @@ class BagFolder:
             self.file.close()
         with suppress(OSError):
             os.close(self._fd)
+
+    def remove(self) -> None:
+        """Close it and take it away again, as long as nothing was recorded."""
+        self.close()
+        _remove(self._folder, self._name)
 
     def _write_metadata(self) -> None:
         prepare_metadata(self._fd, self.file.information())
@@ -97,10 +103,9 @@ def put_metadata(folder_fd: int) -> None:
 
 
 def _cannot_record(folder: Path, error: OSError) -> RecorderError:
-    return RecorderError(
-        f"cannot record to {folder}: {error.strerror or error}; "
-        "choose a folder that exists and can be written, on a disk with room"
-    )
+    otherwise = "choose a folder that exists and can be written, on a disk with room"
+    hint = remedy(error) or otherwise
+    return RecorderError(f"cannot record to {folder}: {error.strerror or error}; {hint}")
 
 
 def _remove(folder: Path, name: str) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path, PurePath
@@ -192,9 +194,11 @@ def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
 
 
 def _open(path: Path) -> BinaryIO:
-    if path.exists() and not path.is_file():
-        raise ForeignError(f"{path.name} is not a file")
-    return path.open("rb")
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
+    if stat.S_ISREG(os.fstat(number).st_mode):
+        return os.fdopen(number, "rb")
+    os.close(number)
+    raise ForeignError(f"{path.name} is not a file")
 
 
 def bag_files(folder: Path) -> tuple[list[Path], str | None]:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +17,7 @@ from typing import Self
 
 from recorder.bag import MAX_NS, Topic, topic_problem
 from recorder.bag_folder import BagFolder
-from recorder.errors import RecorderError
+from recorder.errors import RecorderError, remedy
 from recorder.mcap_file import CHUNK_BYTES, McapFile
 from recorder.message import RawMessage
 from recorder.stats import Account, BagSummary, DropReason, RecorderState, RecorderStats
@@ -96,10 +97,18 @@ class BagWriter:
         bag = BagFolder(self.folder, self._topics.values(), self._records)
         self._file_bytes = bag.file.size
         self._synced = self._clock()
-        self._state = RecorderState.RECORDING
         # A daemon: a program that ends without `close` must not hang on it.
-        self._thread = threading.Thread(target=self._run, args=(bag,), name="recorder", daemon=True)
-        self._thread.start()
+        thread = threading.Thread(target=self._run, args=(bag,), name="recorder", daemon=True)
+        self._state = RecorderState.RECORDING
+        try:
+            thread.start()
+        except RuntimeError as error:
+            self._state = RecorderState.CLOSED
+            bag.remove()
+            raise RecorderError(
+                f"cannot record to {self.folder}: {error}; end other programs"
+            ) from None
+        self._thread = thread
 
     def __enter__(self) -> Self:
         self.open()
@@ -170,11 +179,11 @@ class BagWriter:
                 error=self._error,
             )
 
-    def close(self, timeout: float = 30.0) -> BagSummary:
+    def close(self, timeout: float | None = 30.0) -> BagSummary:
         """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
 
         Args:
-            timeout: seconds until a disk that does not answer counts as failed.
+            timeout: seconds until a disk that does not answer counts as failed; None = never.
         """
         with self._changed:
             self._closing = True
@@ -250,7 +259,8 @@ class BagWriter:
             self._report(bag.file)
             self._finish()
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
-            self._report(bag.file)
+            with suppress(MemoryError):
+                self._report(bag.file)
             self._fail(error)
         finally:
             bag.close()
@@ -300,9 +310,8 @@ class BagWriter:
     def _fail(self, error: Exception) -> None:
         """Stop recording; everything received and not saved counts as dropped."""
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
-        kept = (
-            "what was written stays readable, check the disk and its free space before the next run"
-        )
+        hint = remedy(error) or "check the disk and its free space before the next run"
+        kept = f"what was written stays readable, {hint}"
         with self._changed:
             if self._state is not RecorderState.RECORDING:
                 return

@@ -2,6 +2,7 @@
 
 An `Assessment` is fed sample by sample while the run goes on; at the stop it gives the result.
 Feeding it the samples of a bag in the order in which the bag stores them gives the same result.
+A `LiveAssessment` is fed likewise where only the run that goes on is looked at.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from scoring.protocol import (
     Signal,
     Thresholds,
 )
-from scoring.quality import Quality, QualityCounter
+from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
@@ -43,8 +44,8 @@ def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
     return settled and ending.outcome is Outcome.COMPLETED
 
 
-class Assessment:
-    """Follows one run from the opening of the recording to its result.
+class LiveAssessment:
+    """Follows one run: what is known of it while it goes on. It keeps no series of numbers.
 
     Args:
         condition: of the run.
@@ -72,18 +73,17 @@ class Assessment:
         self._lock_detection = lock_detection
         self._zero = handle_zero
         self._live = EventDetector(condition, start, self._thresholds, PROTOCOL, handle_zero)
-        self._scoring = self._live
-        if ruleset is not PROTOCOL:
-            self._scoring = EventDetector(condition, start, self._thresholds, ruleset, handle_zero)
         self._counters: dict[Signal, QualityCounter] = {}
         self._problems: dict[str, int] = {}
-        self._door_time, self._door_angle = array("d"), array("d")
-        self._force_time, self._force = array("d"), array("d")
         self._largest_force = 0.0
         self._against = 0.0
         self._newest: float | None = None
         self._began: float | None = None
         self._ended: float | None = None
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Whatever is kept beyond this."""
 
     @property
     def newest(self) -> float | None:
@@ -107,23 +107,17 @@ class Assessment:
         if admitted is None:
             return
         self._newest = max(self._newest or admitted.time, admitted.time)
-        self._keep(admitted)
-        self._live.feed(admitted)
-        if self._scoring is not self._live:
-            self._scoring.feed(admitted)
+        self._admit(admitted)
 
-    def _keep(self, sample: Sample) -> None:
+    def _admit(self, sample: Sample) -> None:
+        """A sample whose stamp is good, or corrected."""
+        self._live.feed(sample)
         match sample:
             case DoorSample() if math.isfinite(sample.angle):
-                self._door_time.append(sample.time)
-                self._door_angle.append(sample.angle)
                 against = -sample.angle * self.condition.opening_side.sign
                 self._against = max(self._against, against)
-            case HandleSample() if math.isfinite(sample.force):
-                self._force_time.append(sample.time)
-                self._force.append(sample.force)
-                if sample.time >= self.start:
-                    self._largest_force = max(self._largest_force, abs(sample.force))
+            case HandleSample() if math.isfinite(sample.force) and sample.time >= self.start:
+                self._largest_force = max(self._largest_force, abs(sample.force))
 
     def report_problem(self, text: str) -> None:
         """Count something wrong with the recording that no sample shows, in words."""
@@ -154,7 +148,7 @@ class Assessment:
 
     def provisional(self, procedure: Procedure) -> dict[str, float]:
         """The time indicators known so far, by file name, s; the run can still change them."""
-        events = self._live.events(door_events=2)  # the last closing is one of them
+        events = self._live.events(newest=2)  # the last closing is one of them
         known = {
             IndicatorName.TIME_TO_HANDLE: pi.time_to_handle(events),
             IndicatorName.DOOR_OCCUPATION_TIME: pi.door_occupation_time(
@@ -163,6 +157,60 @@ class Assessment:
             IndicatorName.PASSAGE_TIME: pi.passage_time(events, procedure.done, self._ruleset),
         }
         return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
+
+    def quality(self, more: Iterable[str] = ()) -> Quality:
+        """The data quality of everything fed so far, with more remarks on it."""
+        expected = [s for s in Signal if not s.optional or s in self._counters]
+        signals = []
+        remarks = []
+        for signal in expected:
+            counter = self._counters.get(signal)
+            if counter is None:
+                remarks.append(f"{signal.value}: nothing recorded")
+                counter = QualityCounter(signal, self._thresholds)
+            quality = counter.quality(self._began, self._ended)
+            signals.append(quality)
+            remarks += quality.remarks(self._thresholds.largest_skew)
+            remarks += [
+                f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
+                for step in counter.guard.steps
+            ]
+        if self._against > self._thresholds.closed_angle:
+            side = self.condition.opening_side.opposite
+            remarks.append(
+                f"panel turned {self._against:.3f} rad to the {side.upper()} side, "
+                f"{AGAINST_OPENING}"
+            )
+        remarks += [
+            text if count == 1 else f"{text} ({count} times)"
+            for text, count in self._problems.items()
+        ]
+        return Quality(tuple(signals), (*remarks, *more))
+
+
+class Assessment(LiveAssessment):
+    """Follows one run from the opening of the recording to its result."""
+
+    def _prepare(self) -> None:
+        self._scoring = self._live
+        if self._ruleset is not PROTOCOL:
+            self._scoring = EventDetector(
+                self.condition, self.start, self._thresholds, self._ruleset, self._zero
+            )
+        self._door_time, self._door_angle = array("d"), array("d")
+        self._force_time, self._force = array("d"), array("d")
+
+    def _admit(self, sample: Sample) -> None:
+        super()._admit(sample)
+        match sample:
+            case DoorSample() if math.isfinite(sample.angle):
+                self._door_time.append(sample.time)
+                self._door_angle.append(sample.angle)
+            case HandleSample() if math.isfinite(sample.force):
+                self._force_time.append(sample.time)
+                self._force.append(sample.force)
+        if self._scoring is not self._live:
+            self._scoring.feed(sample)
 
     def result(
         self, ending: Ending, rulings: Sequence[Ruling] = (), remarks: Iterable[str] = ()
@@ -228,32 +276,3 @@ class Assessment:
         if completed_by_settling(ending, procedure):
             end += self._thresholds.settle_time  # a slam ends after the panel has closed
         return cut_rows(rows, self.start, end)
-
-    def quality(self, more: Iterable[str] = ()) -> Quality:
-        """The data quality of everything fed so far, with more remarks on it."""
-        expected = [s for s in Signal if not s.optional or s in self._counters]
-        signals = []
-        remarks = []
-        for signal in expected:
-            counter = self._counters.get(signal)
-            if counter is None:
-                remarks.append(f"{signal.value}: nothing recorded")
-                counter = QualityCounter(signal, self._thresholds)
-            quality = counter.quality(self._began, self._ended)
-            signals.append(quality)
-            remarks += quality.remarks(self._thresholds.largest_skew)
-            remarks += [
-                f"{signal.value}: clock stepped by {step.jump:+.3f} s, later stamps shifted back"
-                for step in counter.guard.steps
-            ]
-        if self._against > self._thresholds.closed_angle:
-            side = self.condition.opening_side.opposite
-            remarks.append(
-                f"panel turned {self._against:.3f} rad to the {side.upper()} side, "
-                "against the opening side: check the testbed"
-            )
-        remarks += [
-            text if count == 1 else f"{text} ({count} times)"
-            for text, count in self._problems.items()
-        ]
-        return Quality(tuple(signals), (*remarks, *more))

@@ -8,6 +8,7 @@ that order.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,11 @@ class Edge:
 
     time: float
     value: bool
+
+
+def edges_until(edges: Sequence[Edge], time: float) -> int:
+    """How many of the edges of one signal, which alternate and are in order, are up to `time`."""
+    return bisect_right(edges, time, key=lambda edge: edge.time)
 
 
 class BinarySignal:
@@ -76,17 +82,16 @@ class BinarySignal:
 
     def at(self, time: float) -> bool:
         """Whether it was up at `time`, by its edges."""
-        state = False
-        for edge in self.edges:
-            if edge.time > time:
-                break
-            state = edge.value
-        return state
+        known = edges_until(self.edges, time)
+        return known > 0 and self.edges[known - 1].value
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """What the sensors say about the six steps (section 7).
+
+    Read it before the next sample is fed: of a signal that flickers there are thousands of edges,
+    so they are not copied for each look.
 
     Attributes:
         start: start of the run, s since the epoch.
@@ -103,9 +108,9 @@ class Evidence:
     start: float
     stop: float | None
     touched: float | None
-    door: tuple[Edge, ...]
+    door: Sequence[Edge]
     door_seen: float | None
-    latch: tuple[Edge, ...]
+    latch: Sequence[Edge]
     latch_before_start: bool
     crossed: float | None
 
@@ -153,6 +158,7 @@ class EventDetector:
             for strip in Strip
         }
         self._falls: list[tuple[float, Side]] = []
+        self._newest_fall: tuple[float, Side] | None = None
         self._crossed_since: float | None = None
         self._latch: list[Edge] = []
         self._latch_events: list[Event] = []
@@ -224,13 +230,16 @@ class EventDetector:
     def _follow_sensor(self, sensor: PassageSensor, edges: Sequence[Edge], time: float) -> None:
         for edge in edges:
             if not edge.value:
-                self._falls.append((edge.time, sensor.side))
+                fall = (edge.time, sensor.side)
+                self._falls.append(fall)
+                if self._newest_fall is None or fall[0] >= self._newest_fall[0]:
+                    self._newest_fall = fall
         self._follow_crossing(max(time, self._start))
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
         destination = self._condition.destination_side
-        fall = self._last_fall()
+        fall = self._newest_fall
         fell_there = fall is not None and fall[1] is destination
         holds = not self._side_occupied(self._condition.starting_side) and (
             fell_there or self._side_occupied(destination)
@@ -273,16 +282,14 @@ class EventDetector:
             start=self._start,
             stop=stop,
             touched=touch,
-            door=tuple(self._door.edges),
+            door=self._door.edges,
             door_seen=self._door_seen,
-            latch=tuple(self._latch),
+            latch=self._latch,
             latch_before_start=self._latch_before_start,
             crossed=crossed,
         )
 
-    def events(
-        self, stop: float | None = None, *, door_events: int | None = None
-    ) -> tuple[Event, ...]:
+    def events(self, stop: float | None = None, *, newest: int | None = None) -> tuple[Event, ...]:
         """The events so far by time, or all events of a run stopped at `stop`.
 
         Live, the last fall stands as `humanoid_moves_to_<side>_side` once nothing is under
@@ -290,8 +297,8 @@ class EventDetector:
 
         Args:
             stop: of the run, s since the epoch; None = live.
-            door_events: only so many of the newest of the door; a door that flickers has
-                many, and a screen asks ten times a second. None = all.
+            newest: only so many of the newest of the door and of the latch; one that flickers
+                has many, and a screen asks again and again. None = all.
         """
         if stop is not None:
             self._begin()
@@ -300,11 +307,12 @@ class EventDetector:
         touch = next((e.time for e in self._touch.edges if e.value), None)
         if touch is not None:
             events.append(Event(touch, EventName.HANDLE_IS_TOUCHED))
+        since = -newest if newest else 0
         events += [
             Event(e.time, EventName.DOOR_OPENS if e.value else EventName.DOOR_CLOSES)
-            for e in self._door.edges[-door_events if door_events else 0 :]
+            for e in self._door.edges[since:]
         ]
-        events += self._latch_events
+        events += self._latch_events[since:]
         passage_end = math.inf if self._ruleset.passage_events_to_end else end
         passage = self._passage_events(stop)
         kept = [e for e in events if e.time <= end] + [e for e in passage if e.time <= passage_end]
@@ -331,10 +339,10 @@ class EventDetector:
     def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
         """When and on which side the robot left the doorway (section 7, "at the stop")."""
         if self._ruleset.passage_events_to_end:
-            return self._last_fall()
+            return self._newest_fall
         if stop is None:
             occupied = any(level.state for level in self._sensors.values())
-            return None if occupied else self._last_fall()
+            return None if occupied else self._newest_fall
         starting, destination = self._condition.starting_side, self._condition.destination_side
         at_stop = {side: self._occupied_at(side, stop) for side in Side}
         if all(at_stop.values()):
@@ -346,7 +354,7 @@ class EventDetector:
                 return (stop, side)
         return self._last_fall(stop)
 
-    def _last_fall(self, until: float = math.inf) -> tuple[float, Side] | None:
+    def _last_fall(self, until: float) -> tuple[float, Side] | None:
         """The last fall up to `until`; of two at the same instant the one that was fed last."""
         falls = (fall for fall in reversed(self._falls) if fall[0] <= until)
         return max(falls, key=lambda fall: fall[0], default=None)

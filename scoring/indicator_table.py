@@ -23,7 +23,7 @@ class IndicatorSpec:
         definition: what it is, for those who know the protocol; the schema says it.
         explanation: what it means, for those who do not; reports say it. A ruleset may say
             otherwise.
-        decimals: that the screens' columns show.
+        decimals: that columns of screens and standings show.
         higher_is_better: which values come first where a column is sorted.
         counts: its values are whole numbers.
         extremes: its smallest and largest value are told beside the means, as EUROBENCH does.
@@ -41,6 +41,11 @@ class IndicatorSpec:
     counts: bool = False
     extremes: bool = False
     with_the_start: bool = False
+
+    @property
+    def better(self) -> str:
+        """Which of two values is better: the `higher` or the `lower`."""
+        return "higher" if self.higher_is_better else "lower"
 
 
 class IndicatorName(NamedRow):
@@ -101,7 +106,7 @@ class IndicatorName(NamedRow):
         unit="s^3/rad",
         title="smooth",
         column="smooth",
-        decimals=3,
+        decimals=4,
         definition="ten divided by the mean jerk of the open panel.",
         explanation=(
             "How free of jolts the open door moved: 10 divided by the mean jerk. "
@@ -139,6 +144,10 @@ class IndicatorName(NamedRow):
 
 WITH_THE_START = " and ".join(name.words for name in IndicatorName if name.spec.with_the_start)
 """Those that include the delay of a start made by hand, in words (section 8)."""
+
+
+WITH_EXTREMES = ", ".join(name.words for name in IndicatorName if name.spec.extremes)
+"""Those whose smallest and largest value are told, in words."""
 
 
 def unit_text(unit: str) -> str:

@@ -9,8 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from scoring.events import Edge, Evidence
+from scoring.events import Edge, Evidence, edges_until
 from scoring.protocol import LockDetection, Step
+
+_REFEREE_LOCKS = "the referee confirms the lock"
+_LATCH_SILENT = "latch sensor silent: the referee decides"
+
+UNSETTLED = frozenset({Step.CROSS, Step.CLOSE, Step.LOCK})
+"""Steps whose times may change until the recording ends: the robot can turn back, the door open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,16 @@ class StepRecord:
     def denied(self) -> bool:
         """Whether the referee says that it is not done."""
         return self.referee is not None and self.referee.confirmed is False
+
+    @property
+    def why_not(self) -> str:
+        """Why it was not done, once the run is over; empty where it was."""
+        return (self.reason or "").removesuffix(" yet")
+
+    @property
+    def undecided(self) -> bool:
+        """Whether only the referee can say that it is done, and has not said anything."""
+        return self.referee is None and self.reason in (_REFEREE_LOCKS, _LATCH_SILENT)
 
     @property
     def done(self) -> bool:
@@ -191,20 +207,15 @@ def _found(time: float | None, why: str) -> _Finding:
 def _until(evidence: Evidence, edges: Sequence[Edge]) -> Sequence[Edge]:
     if evidence.stop is None:
         return edges
-    return [edge for edge in edges if edge.time <= evidence.stop]
+    return edges[: edges_until(edges, evidence.stop)]
 
 
 def _first_time(edges: Sequence[Edge], value: bool, after: float) -> float | None:
     """The first instant at or after `after` at which the signal is `value`."""
-    state: bool | None = None
-    for edge in edges:
-        if edge.time > after:
-            if state is value:
-                return after
-            if edge.value is value:
-                return edge.time
-        state = edge.value
-    return after if state is value else None
+    known = edges_until(edges, after)
+    if known and edges[known - 1].value is value:
+        return after
+    return next((edge.time for edge in edges[known : known + 2] if edge.value is value), None)
 
 
 def _unlocked(evidence: Evidence, touched: float, uses_latch: bool) -> _Finding:
@@ -235,10 +246,10 @@ def _closed(evidence: Evidence, crossed: float) -> _Finding:
 
 def _locked(evidence: Evidence, closed: float, mode: LockDetection, settle_time: float) -> _Finding:
     if mode is LockDetection.REFEREE:
-        return _Finding(None, "the referee confirms the lock")
+        return _Finding(None, _REFEREE_LOCKS)
     if mode is LockDetection.SENSOR:
         if not evidence.latch:
-            return _Finding(None, "latch sensor silent: the referee decides")
+            return _Finding(None, _LATCH_SILENT)
         time = _first_time(_until(evidence, evidence.latch), True, closed)
         return _found(time, "latch not engaged yet")
     settled = closed + settle_time

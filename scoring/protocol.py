@@ -6,6 +6,7 @@ Every number here is the default of a setting: a testbed with other sensors chan
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum, StrEnum
 
@@ -171,6 +172,41 @@ class EventName(StrEnum):
         """The event of a robot that leaves the doorway on `side`."""
         return cls.MOVES_TO_CW if side is Side.CW else cls.MOVES_TO_CCW
 
+    @property
+    def words(self) -> str:
+        """What happened, for people."""
+        return _EVENT_WORDS[self]
+
+
+_EVENT_WORDS = {
+    EventName.BENCHMARK_START: "run starts",
+    EventName.BENCHMARK_STOP: "run stops",
+    EventName.HANDLE_IS_TOUCHED: "handle touched",
+    EventName.DOOR_OPENS: "door opens",
+    EventName.DOOR_CLOSES: "door closes",
+    EventName.APPROACHES_CW: "robot approaches on the CW side",
+    EventName.APPROACHES_CCW: "robot approaches on the CCW side",
+    EventName.MOVES_TO_CW: "robot leaves the doorway on the CW side",
+    EventName.MOVES_TO_CCW: "robot leaves the doorway on the CCW side",
+    EventName.DOOR_IS_UNLOCKED: "door unlocked",
+    EventName.DOOR_IS_LOCKED: "door locked",
+}
+
+
+def event_words(name: str, destination: Side | None = None) -> str:
+    """What an event says to people, by its name; one that is not known keeps its name.
+
+    Args:
+        name: of the event, from anywhere.
+        destination: the side that the robot wants to reach, if known.
+    """
+    if name not in _EVENT_WORDS:
+        return name
+    event = EventName(name)
+    if destination is not None and event is EventName.moves_to(destination):
+        return f"robot crossed to the {destination.upper()} side"
+    return event.words
+
 
 @dataclass(frozen=True, slots=True)
 class Event:
@@ -322,3 +358,8 @@ class StartPose:
         if self.x == 0:
             return None
         return Side.CCW if self.x > 0 else Side.CW
+
+    @property
+    def mirrored(self) -> StartPose:
+        """As far from the threshold on its other side, at the same place along the wall."""
+        return StartPose(-self.x, self.y, math.remainder(180.0 - self.yaw, 360.0))

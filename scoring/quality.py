@@ -13,6 +13,9 @@ from scoring.stamps import KEPT_STEPS, StampGuard
 LARGEST_UNEVENNESS = 1 / 3
 """A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
 
+AGAINST_OPENING = "against the opening side: check the testbed"
+"""How a remark ends that another opening side would not make."""
+
 
 @dataclass(frozen=True, slots=True)
 class SignalQuality:

@@ -120,6 +120,14 @@ class Result:
     events: tuple[EventRecord, ...]
     quality: Quality
 
+    @property
+    def ended(self) -> str:
+        """Why it ended; of a completed run how many steps count, where not all do."""
+        counting = sum(record.done for record in self.steps)
+        if self.outcome is not Outcome.COMPLETED or counting == len(self.steps):
+            return self.outcome_reason
+        return f"{counting} of {len(self.steps)} steps count"
+
 
 def value_text(value: float) -> str:
     """Counts as they are, numbers with four decimals, very small or large ones in powers."""

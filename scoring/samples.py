@@ -12,7 +12,7 @@ import msgspec
 from scoring.protocol import Signal, Strip
 
 
-class DoorSample(msgspec.Struct, frozen=True, gc=False):
+class DoorSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
     """Panel angle in rad, 0 = closed, positive = CCW. NaN = no reading."""
 
     time: float
@@ -25,7 +25,7 @@ class DoorSample(msgspec.Struct, frozen=True, gc=False):
         return Signal.DOOR
 
 
-class HandleSample(msgspec.Struct, frozen=True, gc=False):
+class HandleSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
     """Force on the handle in N, positive = pushes the panel towards CCW. NaN = no reading."""
 
     time: float
@@ -38,7 +38,7 @@ class HandleSample(msgspec.Struct, frozen=True, gc=False):
         return Signal.HANDLE
 
 
-class PassageSample(msgspec.Struct, frozen=True, gc=False):
+class PassageSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
     """Four distances down from the lintel, m, of one strip.
 
     Ranges follow REP-117: +inf = nothing there, -inf = something too close, NaN or outside
@@ -59,7 +59,7 @@ class PassageSample(msgspec.Struct, frozen=True, gc=False):
         return Signal.of_strip(self.strip)
 
 
-class LatchSample(msgspec.Struct, frozen=True, gc=False):
+class LatchSample(msgspec.Struct, frozen=True, gc=False, tag=True, array_like=True):
     """State of the optional latch sensor: True = latch engaged."""
 
     time: float

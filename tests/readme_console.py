@@ -46,7 +46,7 @@ def main(folder: Path, line: str, results: Path) -> int:
     """Run the line and judge what it leaves behind."""
     with Terminal(["bash", "-c", line], cwd=folder) as terminal:
         code = play(terminal)
-    names = [path.name for run in results.glob("subject_*") for path in run.iterdir()]
+    names = [path.name for run in results.glob("practice/subject_*") for path in run.iterdir()]
     print(f"--- exit code {code}, files:", *sorted(names), sep="\n", flush=True)
     recorded = any(name.endswith("_0.mcap") for name in names)
     return 0 if code == 0 and recorded and "result.json" in names else 1

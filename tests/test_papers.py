@@ -38,7 +38,13 @@ _CITATION = re.compile(
     re.IGNORECASE,
 )
 _PATH = re.compile(r"`([\w.][\w./]*(?:/|/[\w.]+\.\w+|\.py|\.md|\.toml))`")
-_PLACEHOLDERS = {"PATH": "somewhere", "PATH...": "somewhere", "N": "3", "KG": "2.5"}
+_PLACEHOLDERS = {
+    "PATH": "somewhere",
+    "PATH...": "somewhere",
+    "N": "3",
+    "KG": "2.5",
+    "SHELL": "fish",
+}
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
 
 
@@ -181,6 +187,7 @@ def readme_commands() -> list[list[str]]:
     """What the README's sh blocks and its table of commands give `madrob`, word by word."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = [part for block in fenced(text, "sh") for part in re.split(r"\n|&&", block)]
+    lines = [line.partition(" > ")[0] for line in lines]
     lines += re.findall(r"^\| `(madrob [^`]*)` \|", text, re.MULTILINE)
     return [
         [_PLACEHOLDERS.get(word, word) for word in words[1:]]

@@ -104,10 +104,19 @@ class Tmux:
         """Type a text, letter by letter."""
         self._tell("send-keys", "-t", _PANE, "-l", text)
 
-    def wait_for(self, text: str, timeout: float = PATIENCE) -> str:
+    def set_option(self, name: str, value: str) -> None:
+        """A setting of this tmux."""
+        self._tell("set-option", "-g", name, value)
+
+    def buffer(self) -> str:
+        """What was copied last into this tmux."""
+        return self._tell("show-buffer")
+
+    def wait_for(self, text: str, timeout: float = PATIENCE, *, instead: str | None = None) -> str:
         """Wait until `text` stands on the screen, within one line; the line.
 
-        Several blanks count as one, so that columns may move.
+        Several blanks count as one, so that columns may move. What may come `instead` of the text
+        ends the waiting, too.
 
         Raises:
             AssertionError: it does not come within `timeout` s, or the program ends.
@@ -117,7 +126,7 @@ class Tmux:
             ended = self._exit_code() is not None
             screen = self.screen()
             for line in (" ".join(row.split()) for row in screen):
-                if text in line:
+                if text in line or (instead is not None and instead in line):
                     return line
             shown = "\n".join(screen).rstrip()
             if ended:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,8 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_recording
 from madrob_console.errors import MadrobError
 
-_OF_THE_PROGRAM = {"format", "software", "remark", "files_left_out"}
-"""Keys that tell of the program that wrote the result, not of the run."""
+_OF_THE_PROGRAM = {"format", "software", "remark", "files_left_out", "flags"}
+"""Keys that tell of the program that wrote the result, or in its words what others tell."""
 
 _LONGEST = 80
 
@@ -69,7 +70,10 @@ def check_run(run: RunPath) -> tuple[Difference, ...]:
             f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
         )
     (scored,) = score_recording(folder)
-    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder))
+    # cut off after its result and before the journal's line of it: this is the first issue
+    first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
+    scored = dataclasses.replace(scored, run=first)
+    recomputed = msgspec.json.encode(ResultDocument.of(scored, folder, {}))
     return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
 
 

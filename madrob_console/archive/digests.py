@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-from msgspec import Meta
 
 from madrob_console.files.plain import open_plain, refusal
+from madrob_console.referee.run import Sha256
 
-Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-"""A digest as `sha256sum` prints it."""
+LARGEST_DIGESTED = 4_000_000_000
+"""Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
 _DATA = (".mcap", ".yaml", ".csv")
 
@@ -31,12 +31,20 @@ class FileDigest:
     bytes: int
 
 
-def digests_of(folder: Path) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
-    """The digests of a run's recording and data files, and which have none and why, in words."""
-    digests, left_out = {}, []
-    for name in sorted({f"{folder.name}_0.mcap", "metadata.yaml", *_data_files(folder)}):
+def digests_of(
+    folder: Path, new: Mapping[str, bytes] | None = None
+) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
+    """The digests of a run's recording and data files, and which have none and why, in words.
+
+    Args:
+        folder: of the run.
+        new: files that are about to be written there, in the place of those that there are.
+    """
+    digests, left_out, new = {}, [], new or {}
+    names = {f"{folder.name}_0.mcap", "metadata.yaml", *_data_files(folder), *new}
+    for name in sorted(names):
         try:
-            digests[name] = _digest(folder / name)
+            digests[name] = _digest_of(new[name]) if name in new else _digest(folder / name)
         except OSError as error:
             left_out.append(f"{name}: cannot be read ({refusal(error)})")
     return digests, tuple(left_out)
@@ -52,5 +60,11 @@ def _data_files(folder: Path) -> list[str]:
 
 def _digest(path: Path) -> FileDigest:
     with os.fdopen(open_plain(path), "rb") as file:
+        if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
+            raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileDigest(sha256=digest, bytes=file.tell())
+
+
+def _digest_of(content: bytes) -> FileDigest:
+    return FileDigest(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))

@@ -1,17 +1,16 @@
 """Runs on disk: folder names, run numbers, safe writing (protocol section 10).
 
 A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a
-run number is never used again, even when its folder is gone.
+run number is never used again, even when its folder is gone. Its sub-folder `practice` has the same
+for practice runs (section 2), with numbers of their own. A run is named by its folder as seen from
+the results folder: `subject_...` or `practice/subject_...`.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +19,8 @@ from typing import Final
 import msgspec
 
 from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_all
+from madrob_console.files.plain import checked_plain, refusal
 from scoring.eurobench.run_info import series_prefix
 
 LARGEST_NUMBER = 999
@@ -40,7 +41,12 @@ REPORT_FILE = "report.html"
 RESULT_FORMAT: Final = 1
 """Version of the layout of `result.json`."""
 
+PRACTICE_FOLDER = "practice"
+"""In the results folder: the practice runs."""
+
+_LARGEST = 16_000_000  # bytes of the numbers file: some 300,000 runs
 _TIME_FORMAT = "%Y%m%d_%H%M%S"
+_IN_PRACTICE = f"{PRACTICE_FOLDER}/"
 _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{8}_[0-9]{6})")
 
 
@@ -59,9 +65,25 @@ class RunId:
         return f"{series}{self.run:03d}_{local.strftime(_TIME_FORMAT)}"
 
 
+def series_folder(root: Path, *, practice: bool) -> Path:
+    """Where the official or the practice runs of a results folder lie."""
+    return root / PRACTICE_FOLDER if practice else root
+
+
+def link_problem(root: Path) -> str | None:
+    """Why practice runs cannot be kept there, in words: behind a link nobody would find them."""
+    folder = root / PRACTICE_FOLDER
+    return f"{folder}: is a link; put a folder in its place" if folder.is_symlink() else None
+
+
+def lies_in_practice(name: str) -> bool:
+    """Whether a run folder of this name lies among the practice runs."""
+    return name.startswith(_IN_PRACTICE)
+
+
 def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
     """Which run a folder is for, and its local start time; None for any other name."""
-    match = _FOLDER.fullmatch(name)
+    match = _FOLDER.fullmatch(name.removeprefix(_IN_PRACTICE))
     if match is None:
         return None
     subject, condition, run = map(int, match.groups()[:3])
@@ -73,19 +95,30 @@ def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
 
 
 def run_folder_names(root: Path) -> list[str]:
-    """The names of the run folders in a results folder, in no order.
+    """The names of the run folders in a results folder, those of practice too, in no order.
 
     Links are not followed: a run lies in its results folder.
 
     Raises:
         MadrobError: the folder exists but cannot be read.
     """
+    names = _folder_names(root)
+    if PRACTICE_FOLDER in names:
+        names.remove(PRACTICE_FOLDER)
+        within = _folder_names(root / PRACTICE_FOLDER)
+        names += [f"{_IN_PRACTICE}{name}" for name in within if name != PRACTICE_FOLDER]
+    return names
+
+
+def _folder_names(root: Path) -> list[str]:
+    """The names of the run folders that lie there themselves, and of the one for practice."""
     try:
         with os.scandir(root) as found:
             return [
                 item.name
                 for item in found
-                if _FOLDER.fullmatch(item.name) and item.is_dir(follow_symlinks=False)
+                if (item.name == PRACTICE_FOLDER or _FOLDER.fullmatch(item.name))
+                and item.is_dir(follow_symlinks=False)
             ]
     except FileNotFoundError:
         return []
@@ -93,13 +126,20 @@ def run_folder_names(root: Path) -> list[str]:
         raise _unusable(root, error) from None
 
 
-def next_run_number(root: Path, subject: int, condition: int) -> int:
+def next_run_number(root: Path, subject: int, condition: int, *, practice: bool = False) -> int:
     """One more than the largest run number ever used for this subject and condition.
+
+    Args:
+        root: the results folder.
+        subject: the robot's number.
+        condition: its number.
+        practice: of the practice runs; else of the official ones.
 
     Raises:
         MadrobError: all numbers are used, or the results folder cannot be read.
     """
-    number = max(_used_numbers(root, subject, condition), default=0) + 1
+    place = series_folder(root, practice=practice)
+    number = max(_used_numbers(place, subject, condition), default=0) + 1
     if number > LARGEST_NUMBER:
         raise MadrobError(
             f"subject {subject} has used run {LARGEST_NUMBER}, the last one, in condition "
@@ -108,13 +148,16 @@ def next_run_number(root: Path, subject: int, condition: int) -> int:
     return number
 
 
-def reserve_run_folder(root: Path, run: RunId, start_time: float) -> Path:
+def reserve_run_folder(
+    root: Path, run: RunId, start_time: float, *, practice: bool = False
+) -> Path:
     """Give out a run number for good; returns the run's folder, which the recorder makes.
 
     Args:
         root: the results folder; made if there is none.
         run: the run; its number must never have been used for its subject and condition.
         start_time: s since the epoch; stands in the folder's name.
+        practice: it is a practice run.
 
     Raises:
         MadrobError: a number is out of range or used, or the disk refuses.
@@ -122,19 +165,39 @@ def reserve_run_folder(root: Path, run: RunId, start_time: float) -> Path:
     for name, number in (("subject", run.subject), ("run number", run.run)):
         if not 1 <= number <= LARGEST_NUMBER:
             raise MadrobError(f"{name} {number}: use a number from 1 to {LARGEST_NUMBER}")
-    folder = root / run.folder_name(start_time)
+    if practice and (problem := link_problem(root)) is not None:
+        raise MadrobError(problem)
+    place = series_folder(root, practice=practice)
+    folder = place / run.folder_name(start_time)
     try:
-        root.mkdir(parents=True, exist_ok=True)
-        with _numbers_locked(root) as numbers:
-            if run.run in _used_numbers(root, run.subject, run.condition):
-                raise MadrobError(
-                    f"run {run.run} of subject {run.subject} in condition {run.condition} exists: "
-                    f"use run {next_run_number(root, run.subject, run.condition)}"
-                )
-            _append_line(numbers, _line(run))
+        place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _unusable(root, error) from None
+        raise _unusable(place, error) from None
+    if run.run in _used_numbers(place, run.subject, run.condition) or not _given_out(place, run):
+        free = next_run_number(root, run.subject, run.condition, practice=practice)
+        raise MadrobError(
+            f"run {run.run} of subject {run.subject} in condition {run.condition} exists: "
+            f"use run {free}"
+        )
     return folder
+
+
+def give_out_run_number(root: Path, subject: int, condition: int) -> int:
+    """A run number that was never used for this subject and condition, given out for good.
+
+    Args:
+        root: holds the runs themselves: the results folder, or that of its practice runs.
+        subject: the robot's number.
+        condition: its number.
+
+    Raises:
+        MadrobError: all numbers are used, or the folder cannot be read or written.
+    """
+    while not _given_out(
+        root, run := RunId(subject, condition, next_run_number(root, subject, condition))
+    ):
+        pass  # another program was faster
+    return run.run
 
 
 def _line(run: RunId) -> bytes:
@@ -146,11 +209,16 @@ def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
     series = series_prefix(subject, condition)
     try:
         names = os.listdir(root)  # noqa: PTH208  ten thousand Paths take too long
-        given_out = (root / NUMBERS_FILE).read_bytes() if NUMBERS_FILE in names else b""
     except FileNotFoundError:
         return set()
     except OSError as error:
         raise _unusable(root, error) from None
+    try:
+        given_out = read_all(root / NUMBERS_FILE, _LARGEST) if NUMBERS_FILE in names else b""
+    except FileNotFoundError:
+        given_out = b""
+    except OSError as error:
+        raise _no_numbers(root, error) from None
     start = re.escape(_line(RunId(subject, condition, 0)).removesuffix(b"0}\n"))
     lines = re.findall(rb"^" + start + rb"([0-9]{1,3})\}$", given_out, re.MULTILINE)
     digits = slice(len(series), len(series) + 3)
@@ -158,25 +226,45 @@ def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
     return {int(line) for line in lines} | {int(n) for n in folders if n.isdecimal()}
 
 
-@contextmanager
-def _numbers_locked(root: Path) -> Iterator[int]:
-    """The numbers file, open for appending by nobody else."""
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-    numbers = os.open(root / NUMBERS_FILE, flags, 0o666)
+def _given_out(root: Path, run: RunId) -> bool:
+    """Write a number down for good, and tell whether nobody did so before.
+
+    Nobody is waited for: of two programs that append the same line at once the first one has it.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    line = _line(run)
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        fcntl.flock(numbers, fcntl.LOCK_EX)
-        yield numbers
-    finally:
-        os.close(numbers)
+        file = checked_plain(os.open(root / NUMBERS_FILE, flags, 0o666))
+        try:
+            before = os.pread(file, _append(file, line), 0)
+        finally:
+            os.close(file)
+    except OSError as error:
+        raise _no_numbers(root, error) from None
+    return line not in before.splitlines(keepends=True)
 
 
-def _append_line(file: int, line: bytes) -> None:
+def _append(file: int, line: bytes) -> int:
+    """Append a line, on disk on return; returns where in the file it stands."""
     size = os.fstat(file).st_size
     if size and os.pread(file, 1, size - 1) != b"\n":
         line = b"\n" + line  # the last line is torn: it stays by itself
     if os.write(file, line) != len(line):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     os.fsync(file)
+    return os.lseek(file, 0, os.SEEK_CUR) - len(line)
+
+
+def _no_numbers(root: Path, error: OSError) -> MadrobError:
+    if error.errno not in (errno.EINVAL, errno.ELOOP, errno.EFBIG):
+        return _unusable(root, error)
+    return MadrobError(
+        f"{root / NUMBERS_FILE}: cannot be used ({refusal(error)}); put a plain file in its place "
+        "or choose another results folder"
+    )
 
 
 def _unusable(root: Path, error: OSError) -> MadrobError:

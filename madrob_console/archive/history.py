@@ -6,9 +6,10 @@ of another version, and not kept where the folder cannot be written.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,15 +17,18 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from madrob_console.archive.agreement import disagreement, out_of_date
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
     RunId,
+    lies_in_practice,
     parse_folder_name,
     run_folder_names,
 )
 from madrob_console.archive.result_reader import (
+    DamagedResultError,
     ListedResult,
     Name,
     StartTime,
@@ -32,18 +36,21 @@ from madrob_console.archive.result_reader import (
     read_result,
     read_setup,
 )
+from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.stamped_index import StampedIndex
-from madrob_console.files.bounded import stamp_of
+from madrob_console.archive.unfinished import is_held
+from madrob_console.files.bounded import Stamp, stamp_of
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.flags import Flag
+from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
 from scoring.protocol import Condition, Outcome
 
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (2, RESULT_FORMAT)
+_INDEX_VERSION = (4, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
-_VALID = (Outcome.COMPLETED, Outcome.TIMEOUT)
 
 OUTCOME_WORDS = {
     Outcome.COMPLETED: "completed",
@@ -52,6 +59,9 @@ OUTCOME_WORDS = {
     Outcome.INTERRUPTED: "INTERRUPTED",
 }
 """In capitals where a run does not count."""
+
+VOID = "VOID"
+"""In place of these, of a run that the referee voided."""
 
 
 class ConditionWords(NamedTuple):
@@ -75,7 +85,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """One run in a list.
 
     Attributes:
-        folder: name of its folder.
+        folder: its folder as seen from the results folder.
         subject, condition, run_number: which run it is; the condition's number.
         started: s since the epoch; before there is a result, as the folder's name has it.
         team: the team's name; empty where unknown.
@@ -87,9 +97,15 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         final: whether the result is finalised.
         team_word: what the team said to the final result.
         source: `ros`, `simulated` or `replay`; None = unknown.
+        practice: it counts for nothing and stands apart (protocol section 2); a run without a
+            result that an older version left may be one and not say so.
         competition, ruleset: as they were set.
         problem: what is wrong with the result, in words; None = nothing. With a problem, all but
             folder, numbers and start is unknown.
+        repairable: the result is damaged or out of date, and can be made again.
+        voided: the referee says that it counts nowhere, whatever its outcome.
+        never_ran: why there is nothing to score, in words; empty = there is, or may be.
+        flags: what a decision on it hangs on, the heaviest first.
     """
 
     folder: str
@@ -105,37 +121,39 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     final: bool = False
     team_word: str | None = None
     source: str | None = None
+    practice: bool = False
     competition: str = ""
     ruleset: str = ""
     problem: str | None = None
+    repairable: bool = False
+    never_ran: str = ""
+    flags: tuple[Flag, ...] = ()
+    voided: bool = False
 
     @property
     def valid(self) -> bool:
-        """Whether its indicators count: completed or timeout (protocol section 2)."""
-        return self.outcome in _VALID and self.problem is None
+        """Whether its indicators count (protocol section 2)."""
+        return self.outcome in VALID_OUTCOMES and not self.voided and self.problem is None
 
     @property
     def official(self) -> bool:
-        """Whether the messages came from a real testbed."""
-        return self.source == SourceKind.ROS
-
-    @property
-    def practice(self) -> bool:
-        """Whether they came from a simulated one."""
-        return self.source == SourceKind.SIMULATED
+        """Whether it was meant to count, on a real testbed."""
+        return self.source == SourceKind.ROS and not self.practice
 
     @property
     def outcome_word(self) -> str:
         """How it ended, in a word; in capitals where it does not count."""
         if self.problem is not None:
             return "DAMAGED"
-        return "unfinished" if self.outcome is None else OUTCOME_WORDS[self.outcome]
+        if self.outcome is None:
+            return "never ran" if self.never_ran else "unfinished"
+        return VOID if self.voided else OUTCOME_WORDS[self.outcome]
 
     @property
     def closing(self) -> str:
-        """`open` until the result is final; then `final`, or `protested`."""
+        """`not final`, `final`, or `protested`."""
         if not self.final:
-            return "open"
+            return "not final"
         return "protested" if self.team_word == "protested" else "final"
 
     @property
@@ -156,7 +174,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 self.outcome or "",
             ),
             *(self.closing, self.team_word or "", self.source or "", self.ruleset),
-            *(self.competition, self.problem or ""),
+            *(self.competition, self.problem or "", "practice" if self.practice else ""),
+            *(flag.words for flag in self.flags),
         )
         return " ".join(parts).casefold()
 
@@ -172,6 +191,7 @@ class History:
         self._root = root
         self._lock = threading.Lock()
         self._index: StampedIndex[RunSummary] | None = None
+        self._open: dict[str, tuple[Stamp, RunSummary]] = {}
 
     def refresh(self) -> tuple[RunSummary, ...]:
         """Every run, oldest first; only a `result.json` that changed is read.
@@ -193,7 +213,8 @@ class History:
 
     def _summary(self, name: str, index: StampedIndex[RunSummary]) -> RunSummary | None:
         folder = f"{self._root}/{name}"
-        kept = index.get(name, stamp_of(f"{folder}/{RESULT_FILE}"))
+        stamps = (stamp_of(f"{folder}/{RESULT_FILE}"), stamp_of(f"{folder}/{JOURNAL_FILE}"))
+        kept = index.get(name, stamps)
         if kept is not None and kept.folder == name:
             return kept
         parsed = parse_folder_name(name)
@@ -206,20 +227,35 @@ class History:
             condition=run_id.condition,
             run_number=run_id.run,
             started=local.timestamp(),
+            practice=lies_in_practice(name),
         )
         try:
             result, stamp = read_result(folder)
+            if (why := _misplaced(result, run_id)) is not None:
+                return replace(unread, problem=why)
+            if (why := disagreement(result, Path(folder))) is not None:
+                if is_held(Path(folder, JOURNAL_FILE)):
+                    return _of_result(unread, result)  # it is about to be written
+                return replace(unread, problem=out_of_date(why), repairable=True)
         except FileNotFoundError:
-            setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-            if setup is None:
-                return unread
-            return replace(unread, team=setup.team, ruleset=setup.ruleset)
-        except UnusableResultError as problem:
-            return replace(unread, problem=str(problem))
-        if (why := _misplaced(result, run_id)) is not None:
-            return replace(unread, problem=why)
+            return self._without_result(unread)
+        except (UnusableResultError, UnusableJournalError) as problem:
+            damaged = isinstance(problem, DamagedResultError)
+            return replace(unread, problem=str(problem), repairable=damaged)
         run = _of_result(unread, result)
-        index.put(name, stamp, run)
+        index.put(name, (stamp, stamps[1]), run)
+        return run
+
+    def _without_result(self, unread: RunSummary) -> RunSummary:
+        """A run that goes on or was cut off; a journal that did not change is not read again."""
+        folder = self._root / unread.folder
+        stamp = stamp_of(str(folder / JOURNAL_FILE))
+        known = self._open.get(unread.folder)
+        if known is not None and stamp is not None and known[0] == stamp:
+            return known[1]
+        run = _of_journal(unread, folder)
+        if stamp is not None:
+            self._open[unread.folder] = (stamp, run)
         return run
 
 
@@ -229,7 +265,7 @@ def earlier_runs(
     condition: int,
     before: float,
     *,
-    source: str | None,
+    practice: bool,
     ruleset: str | None = None,
 ) -> tuple[RunSummary, ...]:
     """The runs with which a run can be compared: valid, same robot, same condition.
@@ -239,17 +275,34 @@ def earlier_runs(
         subject: of the run.
         condition: its number.
         before: the start of the run, s since the epoch; only runs started before it.
-        source: of the run: simulated runs compare with simulated ones only.
+        practice: of the run: practice runs compare with practice runs only.
         ruleset: of the run: other rules make other numbers; None = any.
     """
     return tuple(
         run
         for run in runs
         if run.valid
-        and (run.subject, run.condition, run.source) == (subject, condition, source)
+        and (run.subject, run.condition) == (subject, condition)
+        and (run.practice if practice else run.official)
         and run.started < before
         and ruleset in (None, run.ruleset)
     )
+
+
+_NUMBERS: Mapping[str, Callable[[RunSummary], int]] = {
+    "subject": lambda run: run.subject,
+    "sub": lambda run: run.subject,
+    "cond": lambda run: run.condition,
+    "run": lambda run: run.run_number,
+}
+_TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
+    "team": lambda run: run.team,
+    "outcome": lambda run: f"{run.outcome_word} {run.outcome or ''}",
+    "closed": lambda run: run.closing,
+    "ruleset": lambda run: run.ruleset,
+}
+_FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
+"""A word that looks at one field alone; a time of day, `14:28`, does not."""
 
 
 def matches(run: RunSummary, text: str) -> bool:
@@ -260,15 +313,40 @@ def matches(run: RunSummary, text: str) -> bool:
     return all(_has(run, word) for word in text.casefold().split())
 
 
+def filter_problem(text: str) -> str | None:
+    """Why no run can pass a filter, in words: it names a field that no run has; None = one can."""
+    found = (_FIELD.fullmatch(word) for word in text.casefold().split())
+    known = (*_NUMBERS, *_TEXTS)
+    unknown = next((word[1] for word in found if word and word[1] not in known), None)
+    if unknown is None:
+        return None
+    return f"no field {unknown}: there are {', '.join(known)}"
+
+
 def _has(run: RunSummary, word: str) -> bool:
     field, _, wanted = word.partition(":")
-    match field:
-        case "subject" | "run" | "cond":
-            number = {"subject": run.subject, "run": run.run_number, "cond": run.condition}[field]
-            return not wanted or wanted.lstrip("0") == str(number)
-        case "team":
-            return wanted in run.team.casefold()
+    if field in _NUMBERS:
+        return not wanted or wanted.lstrip("0") == str(_NUMBERS[field](run))
+    if field in _TEXTS:
+        return wanted in _TEXTS[field](run).casefold()
     return word in run.words
+
+
+def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
+    """What is known without a result."""
+    problem, never_ran = None, ""
+    try:
+        never_ran = read_run_journal(folder).never_ran
+    except FileNotFoundError:
+        return unread
+    except UnusableJournalError as error:
+        problem = str(error)
+    unread = replace(unread, problem=problem, never_ran=never_ran)
+    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
+    if setup is None:
+        return unread
+    practice = unread.practice or setup.practice
+    return replace(unread, team=setup.team, ruleset=setup.ruleset, practice=practice)
 
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
@@ -276,23 +354,32 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
     closure = result.closure
     return replace(
         unread,
+        subject=result.subject,
+        condition=result.condition_number,
+        run_number=result.run_number,
         started=result.start,
         team=result.team,
         outcome=result.outcome,
-        reason="" if result.outcome in _VALID else result.outcome_reason[:_LONGEST_REASON],
+        reason=result.why_invalid[:_LONGEST_REASON],
+        voided=result.voided is not None,
         values={name: value for name, value in values.items() if value is not None},
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word,
         source=result.source,
+        practice=unread.practice or result.practice,
         competition=result.competition,
         ruleset=result.ruleset,
+        flags=result.flags or (),
     )
 
 
 def _misplaced(result: ListedResult, folder: RunId) -> str | None:
     """A result in the folder of another run would count twice, or for another team."""
     run = RunId(result.subject, result.condition_number, result.run_number)
+    if result.corrections:  # the folder is named after what was set up first
+        first = result.corrections[0].before
+        run = RunId(first.subject, first.condition.number, first.run_number)
     if run == folder:
         return None
     of = f"subject {run.subject}, condition {run.condition}, run {run.run}"

@@ -7,22 +7,29 @@ new one (`RESULT_FORMAT`). What a class says of its attributes stands in the sch
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from madrob_console.archive.digests import FileDigest, digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import (
     Closure,
+    Correction,
     FalseStart,
     Incident,
+    JournalMark,
     Note,
     RunSetup,
+    TakenBack,
+    Voiding,
     Waiver,
 )
 from scoring.indicator_table import WITH_THE_START, IndicatorName
@@ -35,6 +42,9 @@ if TYPE_CHECKING:
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
+_ADDED = {"out_of_plan", "practice", "team_reason"}
+"""Keys of its parts that results of earlier versions lack."""
+
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
 
 
@@ -46,8 +56,8 @@ class Heading:
         format: version of this layout.
         software: what wrote it, with its version.
         competition: its name.
-        source: where the messages came from; only runs of `ros` are official.
-        issue: number of the result's issue; a final result that is opened again gets the next.
+        source: where the messages came from; official are runs of `ros` that are no practice.
+        issue: number of the result's issue; a final result that is re-issued gets the next.
         subject: the robot's number, 1 to 999.
         team: the team's name.
         run_number: the repetition, 1 to 999.
@@ -74,10 +84,17 @@ class ResultDocument(Result, Heading):
     Attributes:
         waivers, false_starts, incidents, rulings, notes: what happened and what the referee said,
             each in the order in which it came.
-        closure: how the result was finalised; null = it is provisional.
+        closure: how the result was finalised; null = it is not final.
+        voided: the referee says that the run counts nowhere; null = it counts as `outcome` says.
+        corrections: of the set-up, which is as it is after them; the folder and the files in it are
+            named after the first one's `before`.
+        taken_back: what the referee decided and took back.
         remark: on the times.
         files: name -> digest and size, of the recording and the data files.
         files_left_out: which of them have no digest and why, in words.
+        journal: of what journal it was made; a result that another journal lies beside is out of
+            date.
+        flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
     """
 
     waivers: tuple[Waiver, ...]
@@ -87,14 +104,25 @@ class ResultDocument(Result, Heading):
     notes: tuple[Note, ...]
     closure: Closure | None
     remark: str
+    voided: Voiding | None = None
+    corrections: tuple[Correction, ...] = ()
+    taken_back: tuple[TakenBack, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
+    journal: JournalMark | UnsetType = UNSET
+    flags: tuple[Flag, ...] | UnsetType = UNSET
 
     @classmethod
-    def of(cls, scored: Scored, folder: Path) -> ResultDocument:
-        """The content of `result.json` in `folder`, which holds the recording and the data."""
+    def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
+        """The content of `result.json`.
+
+        Args:
+            scored: the run.
+            folder: holds the recording.
+            data: the files that are written there together with it.
+        """
         record, run, setup = scored.record, scored.run, scored.record.setup
-        files, left_out = digests_of(folder)
+        files, left_out = digests_of(folder, data)
         return cls(
             format=RESULT_FORMAT,
             software=f"madrob-console {record.version}",
@@ -111,11 +139,16 @@ class ResultDocument(Result, Heading):
             false_starts=run.false_starts,
             incidents=run.incidents,
             rulings=run.rulings,
-            notes=run.notes,
+            notes=run.notes if run.closure is None else run.notes[: run.signed_notes],
             closure=run.closure,
+            voided=run.voided,
+            corrections=run.corrections,
+            taken_back=run.taken_back,
             remark=MANUAL_START,
             files=files,
             files_left_out=left_out,
+            journal=run.journal or UNSET,
+            flags=scored.flags,
         )
 
 
@@ -130,7 +163,7 @@ def result_schema() -> dict[str, Any]:
             continue
         _describe(part, part.get("description", ""))
         if "properties" in part:  # the defaults are the program's: files say everything
-            part["required"] = list(part["properties"])
+            part["required"] = [key for key in part["properties"] if key not in _ADDED]
             for key in part["properties"].values():
                 key.pop("default", None)
     told = whole["properties"]["indicators"]["description"]

@@ -10,12 +10,28 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
+from madrob_console.archive.digests import FileDigest
 from madrob_console.archive.folders import LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.files.plain import refusal
-from scoring.protocol import Outcome
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.flags import Flag, flags
+from madrob_console.referee.run import (
+    VALID_OUTCOMES,
+    Closure,
+    Correction,
+    FalseStart,
+    Incident,
+    JournalMark,
+    TestbedFault,
+    Voiding,
+    Waiver,
+)
+from scoring.procedure import Ruling, StepRecord
+from scoring.protocol import Condition, Outcome
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""
@@ -30,7 +46,7 @@ StartTime = Annotated[float, Meta(ge=0, le=1e11)]
 
 _Item = TypeVar("_Item")
 
-_AGAIN = "make it again with `madrob score`"
+_AGAIN = "`madrob recover` makes it again"
 _FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
@@ -45,6 +61,32 @@ class ClosurePart(msgspec.Struct, frozen=True):
     """How the result was finalised."""
 
     team_word: Name
+
+
+class VoidingPart(msgspec.Struct, frozen=True):
+    """Why a run counts nowhere."""
+
+    reason: str
+
+
+class FormerSetup(msgspec.Struct, frozen=True):
+    """As which run a run was set up, before a correction."""
+
+    subject: Number
+    run_number: Number
+    condition: Condition
+
+
+class CorrectionPart(msgspec.Struct, frozen=True):
+    """What was set until a correction."""
+
+    before: FormerSetup
+
+
+class RunKind(msgspec.Struct, frozen=True):
+    """What is read of the set-up in a result; older ones know no practice."""
+
+    practice: bool = False
 
 
 class ListedResult(msgspec.Struct, frozen=True):
@@ -63,6 +105,28 @@ class ListedResult(msgspec.Struct, frozen=True):
     competition: Name = ""
     closure: ClosurePart | None = None
     outcome_reason: str = ""
+    journal: JournalMark | None = None
+    flags: Annotated[tuple[Flag, ...], Meta(max_length=50)] | None = None
+    voided: VoidingPart | None = None
+    corrections: tuple[CorrectionPart, ...] = ()
+    setup: RunKind = RunKind()
+
+    @property
+    def valid(self) -> bool:
+        """Whether its indicators count (protocol section 2)."""
+        return self.outcome in VALID_OUTCOMES and self.voided is None
+
+    @property
+    def why_invalid(self) -> str:
+        """Why they do not, in the referee's words or the machine's; empty where they do."""
+        if self.voided is not None:
+            return self.voided.reason
+        return "" if self.valid else self.outcome_reason
+
+    @property
+    def practice(self) -> bool:
+        """Whether it is of a practice run; all those of a simulated testbed are."""
+        return self.setup.practice or self.source == SourceKind.SIMULATED
 
 
 class SetupPart(msgspec.Struct, frozen=True):
@@ -71,6 +135,7 @@ class SetupPart(msgspec.Struct, frozen=True):
     subject: Number
     team: Name
     ruleset: Name
+    practice: bool = False
 
 
 class _Format(msgspec.Struct):
@@ -85,6 +150,48 @@ class _OfQuality(msgspec.Struct):
     quality: _Remarks
 
 
+class _Marks(msgspec.Struct, frozen=True):
+    """What a result of a version that wrote no flags has of them."""
+
+    outcome: Outcome
+    source: SourceKind
+    quality: _Remarks
+    steps: tuple[StepRecord, ...]
+    false_starts: tuple[FalseStart, ...]
+    incidents: tuple[Incident, ...]
+    waivers: tuple[Waiver, ...]
+    rulings: tuple[Ruling, ...]
+    closure: Closure | None
+    voided: Voiding | None = None
+    corrections: tuple[Correction, ...] = ()
+    setup: RunKind = RunKind()
+
+    @property
+    def practice(self) -> bool:
+        """Whether it was set up as practice."""
+        return self.setup.practice
+
+    @property
+    def out_of_plan(self) -> bool:
+        """Who wrote no flags knew no plan."""
+        return False
+
+    @property
+    def team_reason(self) -> str:
+        """There was no list of teams to differ from."""
+        return ""
+
+    @property
+    def faults(self) -> tuple[TestbedFault, ...]:
+        """They stand among the remarks, as `Run.remarks` words them."""
+        found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
+        return tuple(TestbedFault(0.0, text) for text in found)
+
+
+class _Files(msgspec.Struct):
+    files: dict[str, FileDigest]
+
+
 class _Details(msgspec.Struct):
     setup: SetupPart
 
@@ -96,12 +203,18 @@ class _FirstEntry(msgspec.Struct):
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
+_files = msgspec.json.Decoder(_Files)
 _quality = msgspec.json.Decoder(_OfQuality)
+_marks = msgspec.json.Decoder(_Marks)
 _first_entries = msgspec.json.Decoder(_FirstEntry)
 
 
 class UnusableResultError(MadrobError):
     """A `result.json` that says nothing about a run."""
+
+
+class DamagedResultError(UnusableResultError):
+    """One that was spoilt: it can be made again."""
 
 
 def read_result(folder: str) -> tuple[ListedResult, Stamp]:
@@ -112,7 +225,19 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, stamp = _read(folder)
-    return _decoded(_results, data), stamp
+    result = _decoded(_results, data)
+    if result.flags is None:
+        result = replace(result, flags=_flags_of(data))
+    return result, stamp
+
+
+def _flags_of(data: bytes) -> tuple[Flag, ...]:
+    """The flags of a result that has none with it; none where it does not say."""
+    try:
+        marks = _marks.decode(data)
+    except _DAMAGED:
+        return ()
+    return flags(marks, marks.steps, marks.source, marks.quality.remarks)
 
 
 def read_whole_result(folder: str) -> dict[str, Any]:
@@ -137,6 +262,15 @@ def read_remarks(folder: str) -> list[str]:
         return []
 
 
+def read_file_digests(folder: str) -> dict[str, FileDigest]:
+    """The files that a stored result names; none where it is missing, damaged or older."""
+    try:
+        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
+        return _files.decode(data).files
+    except (OSError, *_DAMAGED):
+        return {}
+
+
 def _read(folder: str) -> tuple[bytes, Stamp]:
     """A `result.json` of a format that is known."""
     try:
@@ -151,7 +285,7 @@ def _read(folder: str) -> tuple[bytes, Stamp]:
         ) from None
     if stamp[1] > LARGEST_RESULT:
         size = f"{stamp[1] / 1e6:.0f} MB"
-        raise UnusableResultError(f"{RESULT_FILE} has {size}, too much for a result: {_AGAIN}")
+        raise DamagedResultError(f"{RESULT_FILE} has {size}, too much for a result: {_AGAIN}")
     version = _decoded(_formats, data).format
     if version > RESULT_FORMAT:
         raise UnusableResultError(
@@ -166,7 +300,7 @@ def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:
         return decoder.decode(data)
     except _DAMAGED as error:
         why = str(error)[:120]
-        raise UnusableResultError(f"{RESULT_FILE} is damaged ({why}): {_AGAIN}") from None
+        raise DamagedResultError(f"{RESULT_FILE} is damaged ({why}): {_AGAIN}") from None
 
 
 def read_setup(journal: str) -> SetupPart | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,15 +33,15 @@ class RunPath:
 def runs_at(path: Path) -> list[RunPath]:
     """The runs at a path, in order.
 
-    Those of a results folder, or of a folder of published files; else the path itself, which
-    may be a bag, or nothing that can be read: reading it says so. In a folder with a bag, the
-    bag is the run.
+    Those of a results folder, run folders that somebody renamed among them, or of a folder of
+    published files; else the path itself, which may be a bag, or nothing that can be read: reading
+    it says so. In a folder with a bag, the bag is the run.
     """
     try:
         names = os.listdir(path)  # noqa: PTH208  ten thousand Paths take too long
     except OSError:  # a file, or nothing
         return [RunPath(path)]
-    if any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names):
+    if _is_bag(names):
         return [RunPath(path)]
     if prefixes := run_prefixes(names):
         return [RunPath(path, prefix) for prefix in prefixes]
@@ -48,4 +49,17 @@ def runs_at(path: Path) -> list[RunPath]:
         folders = sorted(run_folder_names(path))
     except MadrobError:
         folders = []
+    folders += sorted(name for name in set(names).difference(folders) if _holds_bag(path / name))
     return [run for name in folders for run in runs_at(path / name)] or [RunPath(path)]
+
+
+def _is_bag(names: Iterable[str]) -> bool:
+    return any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names)
+
+
+def _holds_bag(path: Path) -> bool:
+    """Whether it is a folder with a recording; no link."""
+    try:
+        return not path.is_symlink() and _is_bag(os.listdir(path))  # noqa: PTH208
+    except OSError:  # a file, or nothing that may be read
+        return False

@@ -6,15 +6,16 @@ journal, on `/madrob/referee/event`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import msgspec
 
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.referee.run import RunSetup
-from scoring.evaluate import Assessment
+from madrob_console.referee.run import Run, RunSetup
+from scoring.evaluate import Assessment, LiveAssessment
 from scoring.protocol import Thresholds
 from scoring.rulesets import RulesetName, ruleset
 
@@ -22,6 +23,8 @@ RECORD_NAME = "madrob_run"
 """Name of the metadata record."""
 
 _KEY = "run"
+
+A = TypeVar("A", bound=LiveAssessment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class RunRecord:
         handle_zero: N.
         thresholds: the testbed's numbers.
         mappings: which topic carried which signal.
-        source: where the messages came from.
+        source: where the messages came from; `simulated` also where that testbed spoke over ROS.
         competition: its name.
         version: of the software that recorded.
     """
@@ -45,6 +48,10 @@ class RunRecord:
     source: SourceKind
     competition: str
     version: str
+
+    def corrected(self, run: Run) -> RunRecord:
+        """With the set-up of the run as it stands, after what was corrected."""
+        return self if run.setup is None else replace(self, setup=run.setup)
 
     def to_metadata(self) -> dict[str, str]:
         """The record as MCAP metadata."""
@@ -71,7 +78,11 @@ class RunRecord:
             start: its (planned) start, s since the epoch.
             rules: another ruleset than the run's.
         """
-        return Assessment(
+        return self.assessed_by(Assessment, start, rules)
+
+    def assessed_by(self, kind: type[A], start: float, rules: RulesetName | None = None) -> A:
+        """A new assessment of some kind, likewise."""
+        return kind(
             self.setup.condition,
             start,
             ruleset=ruleset(rules or self.setup.ruleset),

@@ -7,28 +7,41 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
+from madrob_console.archive.agreement import disagreements
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.result_reader import read_remarks
+from madrob_console.archive.result_reader import (
+    DamagedResultError,
+    UnusableResultError,
+    read_remarks,
+    read_result,
+)
+from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
+from madrob_console.files.plain import refusal
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
 from madrob_console.messages.message_types import standard_types, types_of
+from madrob_console.names import terminal_safe
+from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.rebuild import rebuild
-from madrob_console.referee.run import Run
+from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import read_run
-from scoring.evaluate import Assessment
+from scoring.evaluate import Assessment, LiveAssessment
 from scoring.kinematics import load_filters
-from scoring.protocol import Condition
+from scoring.protocol import Condition, Outcome
+from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
@@ -40,7 +53,8 @@ class RecordedRun:
 
     Attributes:
         bag: the recording.
-        record: what was set.
+        record: what was set, as it was corrected.
+        recorded_as: what was set when it was recorded.
         entries: the journal.
         run: the state after all of it.
         remarks: what could not be read, in words.
@@ -48,6 +62,7 @@ class RecordedRun:
 
     bag: Bag
     record: RunRecord
+    recorded_as: RunRecord
     entries: tuple[Entry, ...]
     run: Run
     remarks: tuple[str, ...]
@@ -55,11 +70,19 @@ class RecordedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedRun:
-    """A run of the results folder, read back: where it stands, and its data."""
+    """A run of the results folder, read back: where it stands, and its data.
+
+    Attributes:
+        folder: where it lies.
+        recorded: what bag and journal say.
+        assessment: fed with its samples.
+        out_of_date: there is no result on disk, or it is not what the journal says.
+    """
 
     folder: Path
     recorded: RecordedRun
     assessment: Assessment
+    out_of_date: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +100,11 @@ class Scored:
     run: Run
     result: Result
     rows: Rows
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What a decision on the run hangs on, the heaviest first."""
+        return flags(self.run, self.result.steps, self.record.source, self.result.quality.remarks)
 
     @classmethod
     def of(cls, record: RunRecord, run: Run, assessment: Assessment) -> Scored:
@@ -99,12 +127,14 @@ class ScoredPath:
         result: by the ruleset that was asked for.
         rows: cut to the run.
         condition: of the run.
+        flags: what a decision on the run hangs on; EUROBENCH's files know of none.
     """
 
     path: Path
     result: Result
     rows: Rows
     condition: Condition
+    flags: tuple[Flag, ...] = ()
 
 
 def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:
@@ -117,17 +147,23 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
     Raises:
         MadrobError: it cannot be scored; the message names path and remedy.
     """
+    found: list[tuple[Flag, ...]]
     with _naming(run.path):
         if run.prefix:
             published = read_run(run.path, run.prefix)
             chosen = [ruleset(name) if name else PROTOCOL for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
             condition = published.condition
+            found = [() for _ in pairs]
         else:
             scored = score_recording(run.path, rules)
             pairs = [(one.result, one.rows) for one in scored]
+            found = [one.flags for one in scored]
             condition = scored[0].record.setup.condition
-    return tuple(ScoredPath(Path(run.name), result, rows, condition) for result, rows in pairs)
+    return tuple(
+        ScoredPath(Path(run.name), result, rows, condition, flagged)
+        for (result, rows), flagged in zip(pairs, found, strict=True)
+    )
 
 
 def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:
@@ -166,6 +202,9 @@ def _naming(path: Path) -> Iterator[None]:
         raise MadrobError(
             f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
         ) from None
+    except Exception as error:  # whatever it is, it is this run's and no other's
+        why = terminal_safe(f"{type(error).__name__} {str(error)[:120]}".rstrip())
+        raise MadrobError(f"{path}: is damaged ({why}): please report it") from error
 
 
 def read_recorded_run(path: Path) -> RecordedRun:
@@ -190,10 +229,11 @@ def read_recorded_run(path: Path) -> RecordedRun:
     entries, remarks = _journal_file(path)
     if not entries:
         entries = tuple(_journal_in(bag))
-    run = rebuild(entries, record.handle_zero)
+    run = replace(rebuild(entries, record.handle_zero), journal=mark_of(entries))
     if run.start is None:
         raise MadrobError(f"{path}: the run was never started, there is nothing to score")
-    return RecordedRun(bag, record, entries, run, remarks)
+    corrected = record.corrected(run) if run.corrections else record
+    return RecordedRun(bag, corrected, record, entries, run, remarks)
 
 
 def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
@@ -203,7 +243,7 @@ def _journal_file(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
     except (FileNotFoundError, NotADirectoryError):
         return (), ()
     except OSError as error:
-        return (), (f"{journal.name} cannot be read ({error.strerror}): the bag's journal is used",)
+        return (), (f"{journal.name} cannot be read ({refusal(error)}): the bag's journal is used",)
 
 
 def _journal_in(bag: Bag) -> Iterable[Entry]:
@@ -221,6 +261,34 @@ def _refuse_unfinished(path: Path) -> None:
             raise MadrobError(
                 f"{path}: the run goes on, another console works on this run: wait for its result"
             )
+
+
+def _refuse_unusable_journal(folder: Path) -> None:
+    """Refuse to go on with a journal that would be written on without having been read."""
+    with suppress(FileNotFoundError):
+        read_run_journal(folder)
+
+
+def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool) -> Assessment:
+    """Follow the recording of a run that is known once more, to the end of its bag.
+
+    Its journal is not read: an engine writes it.
+
+    Args:
+        folder: of the run; nobody records into it any more.
+        record: what was set.
+        run: its state.
+        stored: keep what its stored result says of the data and the bag cannot tell.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    with _naming(folder):
+        recorded = RecordedRun(read_bag(folder), record, record, (), run, ())
+        (assessment,) = _assess(recorded, (None,))
+    if stored:
+        keep_stored_remarks(assessment, run, folder)
+    return assessment
 
 
 def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[Assessment]:
@@ -249,11 +317,34 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[
     return assessments
 
 
-def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
+def report_bag(assessment: LiveAssessment, recorded: RecordedRun) -> None:
     """What is wrong with a recording, once it was read to its end, stands in the result."""
-    problem = recorded.bag.problem
-    for remark in (*recorded.remarks, *([problem] if problem else [])):
+    for remark in recorded.remarks:
         assessment.report_problem(remark)
+    if recorded.bag.problem is not None:
+        assessment.report_problem(recorded.bag.problem)
+        if (lost := _lost_steps(assessment, recorded)) is not None:
+            assessment.report_problem(lost)
+
+
+def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None:
+    """What completed a run, but is not in its torn bag, in words; None = all of it is.
+
+    A line of the journal is on disk at once, what it was decided by up to half a second later.
+    """
+    run, entries = recorded.run, recorded.entries
+    if run.outcome is not Outcome.COMPLETED:
+        return None
+    before = takewhile(lambda entry: entry.what != Change.RUN_STOPS, entries)
+    rulings = rebuild(tuple(before), recorded.record.handle_zero).rulings
+    steps = assessment.procedure(rulings, run.stop).steps
+    lost = [str(record.step.value) for record in steps if not record.done]
+    if not lost:
+        return None
+    return (
+        "the run was completed, but its recording ends before that: what was seen of step "
+        f"{' and '.join(lost)} is lost, only the referee can confirm it"
+    )
 
 
 def open_run(folder: Path) -> OpenedRun:
@@ -263,15 +354,31 @@ def open_run(folder: Path) -> OpenedRun:
         MadrobError: it cannot be read; the message names path and remedy.
     """
     with _naming(folder):
+        _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
         (assessment,) = _assess(recorded, (None,))
     keep_stored_remarks(assessment, recorded.run, folder)
-    return OpenedRun(folder, recorded, assessment)
+    return OpenedRun(folder, recorded, assessment, _out_of_date(folder, recorded.run))
 
 
-def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
+def _out_of_date(folder: Path, run: Run) -> bool:
+    try:
+        result, _ = read_result(str(folder))
+    except FileNotFoundError:
+        return True
+    except UnusableResultError as error:
+        return isinstance(error, DamagedResultError)
+    return any(disagreements(result, run))
+
+
+def keep_stored_remarks(assessment: LiveAssessment, run: Run, folder: Path) -> None:
     """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
     known = {*assessment.quality().remarks, *run.remarks()}
     for remark in read_remarks(str(folder)):
-        if remark not in known:
+        if remark not in known and not _of_the_moment(remark):
             assessment.report_problem(remark)
+
+
+def _of_the_moment(remark: str) -> bool:
+    """Whether a remark follows from what the referee has decided up to now, or may take back."""
+    return remark.startswith(DECISION_REMARKS) or remark.endswith(AGAINST_OPENING)

@@ -15,11 +15,14 @@ from madrob_console.files.whole import atomic_write
 
 _Item = TypeVar("_Item")
 
+Stamps = tuple[Stamp | None, ...]
+"""Of all files that an item was read from, each time in the same order; None = there is none."""
+
 _LARGEST = 100_000_000  # bytes; a larger index is none
 
 
 class StampedIndex(Generic[_Item]):
-    """Items by name, each good as long as its file has the same stamp.
+    """Items by name, each good as long as its files have the same stamps.
 
     An index that is missing, damaged or of another version is empty; one that cannot be written
     is not kept.
@@ -33,19 +36,19 @@ class StampedIndex(Generic[_Item]):
     def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
         self._path = path
         self._version = version
-        layout: Any = tuple[tuple[int, int], dict[str, tuple[Stamp, kind]]]  # type: ignore[valid-type]
+        layout: Any = tuple[tuple[int, int], dict[str, tuple[Stamps, kind]]]  # type: ignore[valid-type]
         self._decoder = msgspec.json.Decoder(layout)
         self._items = self._read()
         self._changed = False
 
-    def get(self, name: str, stamp: Stamp | None) -> _Item | None:
-        """The item of a file that has this stamp; None if there is none."""
+    def get(self, name: str, stamps: Stamps) -> _Item | None:
+        """The item of files that have these stamps; None if there is none."""
         kept = self._items.get(name)
-        return kept[1] if kept is not None and kept[0] == stamp else None
+        return kept[1] if kept is not None and kept[0] == stamps else None
 
-    def put(self, name: str, stamp: Stamp, item: _Item) -> None:
+    def put(self, name: str, stamps: Stamps, item: _Item) -> None:
         """Keep an item."""
-        self._items[name] = (stamp, item)
+        self._items[name] = (stamps, item)
         self._changed = True
 
     def keep_only(self, names: Iterable[str]) -> None:
@@ -61,7 +64,7 @@ class StampedIndex(Generic[_Item]):
             with suppress(MadrobError):
                 atomic_write(self._path, msgspec.json.encode((self._version, self._items)))
 
-    def _read(self) -> dict[str, tuple[Stamp, _Item]]:
+    def _read(self) -> dict[str, tuple[Stamps, _Item]]:
         try:
             data, _ = read_bounded(str(self._path), _LARGEST)
             version, items = self._decoder.decode(data)

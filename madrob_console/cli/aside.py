@@ -1,7 +1,8 @@
 """`python -m madrob_console.cli.aside ...`: work that gives way to everything else.
 
-`page FILE` writes the report of the scored run that comes pickled on the standard input; anything
-else is a `madrob` command.
+`page FILE` writes the report of the scored run that comes pickled on the standard input, `repair
+FOLDER` makes results of a results folder again that are not what their journals say; anything else
+is a `madrob` command.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from madrob_console.engine.process.reporting import PAGE
+from madrob_console.engine.process.reporting import PAGE, REPAIR
 
-COMMAND = (sys.executable, "-m", "madrob_console.cli.aside")
+COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """What a process is started with that does such work."""
 
 NICENESS = 10
@@ -29,6 +30,8 @@ def main() -> int:
     if sys.argv[1:2] == [PAGE]:
         _page(Path(sys.argv[2]))
         return 0
+    if sys.argv[1:2] == [REPAIR]:
+        return _repair(Path(sys.argv[2]))
     from madrob_console.cli.main import main as madrob
 
     return madrob()
@@ -36,6 +39,7 @@ def main() -> int:
 
 def _page(file: Path) -> None:
     """Write a report without reading and scoring the run again, and without SciPy and pandas."""
+    from madrob_console.cli.problems import BAD_INPUT, complain
     from madrob_console.errors import MadrobError
     from madrob_console.files.whole import atomic_write
     from madrob_console.report.page import report_html
@@ -43,8 +47,26 @@ def _page(file: Path) -> None:
 
     try:
         atomic_write(file, report_html(pickle.load(sys.stdin.buffer), software_version()).encode())
+    except (MadrobError, OSError, MemoryError) as error:
+        complain(str(error) or "no memory: end other programs")
+        # the disk, file handles or memory may come back; the run's folder does not
+        sys.exit(os.EX_TEMPFAIL if file.parent.is_dir() else BAD_INPUT)
+
+
+def _repair(results: Path) -> int:
+    from madrob_console.cli.problems import BAD_INPUT, complain
+    from madrob_console.cli.repairing import repair_all
+    from madrob_console.errors import MadrobError
+
+    bad = 0
+    try:
+        for problem in repair_all(results):
+            complain(problem)
+            bad += 1
     except MadrobError as error:
-        sys.exit(f"madrob: {error}")
+        complain(error)
+        return BAD_INPUT
+    return BAD_INPUT if bad else 0
 
 
 def _end(number: int, _frame: object) -> NoReturn:

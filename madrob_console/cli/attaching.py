@@ -5,20 +5,26 @@ from __future__ import annotations
 import argparse
 import getpass
 import os
+import shlex
 import socket
 import subprocess
 import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, assert_never
 
 from madrob_console.cli import options
 from madrob_console.config import Settings
-from madrob_console.engine.process.place import Place, known_places, place_of
+from madrob_console.engine.process.control import ENDING
+from madrob_console.engine.process.engines import FoundEngine, found_at
+from madrob_console.engine.process.owned import Owned, owned_by
+from madrob_console.engine.process.place import Place, place_of
+from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.requests import Role
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
+from madrob_console.testbeds.ros_domain import domain_id
 
 if TYPE_CHECKING:
     from madrob_console.engine.process.remote import RemoteEngine
@@ -28,6 +34,9 @@ STARTING_TIME = 30.0
 
 TAKEN = 75
 """Exit code of an engine that finds its testbed's engine running; EX_TEMPFAIL of sysexits."""
+
+_ANSWERING_TIME = 5.0
+"""An engine that has not said who it is after this time has hung, s."""
 
 _PERIOD = 0.02
 
@@ -42,21 +51,29 @@ def who_am_i() -> str:
     return f"{user}@{connection or socket.gethostname()} ({os.getpid()})"
 
 
-def engine_place(arguments: argparse.Namespace, settings: Settings) -> Place:
-    """Where the engine of the testbed is found: the same words, the same place.
+def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
+    """What the engine of the testbed owns: the same words, the same names.
 
     Raises:
-        MadrobError: there is no folder for its socket.
+        MadrobError: the speed is not one of the testbed's.
     """
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
-    kind = str(named[0])
-    if kind == SourceKind.ROS:
-        domain = options.ros_domain(arguments, settings)
-        return place_of(kind, os.environ.get("ROS_DOMAIN_ID", "0") if domain is None else domain)
-    if kind == SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
-        return place_of(kind, *(Path(path).expanduser().absolute() for path in named[1:]))
-    results = options.results_folder(arguments, settings)
-    return place_of(kind, results, arguments.scenario, arguments.seed, arguments.speed)
+    kind = SourceKind(named[0])
+    results = options.results_folder(arguments, settings).resolve()
+    match kind:
+        case SourceKind.ROS:
+            if arguments.speed != 1:
+                raise MadrobError("--speed: a live testbed has its own; leave the option out")
+            domain = domain_id(options.ros_domain(arguments, settings), os.environ)
+            return owned_by(kind, domain, results=results)
+        case SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
+            paths = (Path(path).expanduser().absolute() for path in named[1:])
+            return owned_by(kind, *paths, results=None)
+        case SourceKind.SIMULATED:
+            what = (results, arguments.scenario, arguments.seed, arguments.speed)
+            return owned_by(kind, *what, results=results)
+        case _:
+            assert_never(kind)
 
 
 def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> RemoteEngine:
@@ -65,46 +82,80 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
     Raises:
         MadrobError: there is none and none can be started; the message says why.
     """
-    from madrob_console.engine.process.remote import RemoteEngine
-
-    place = engine_place(arguments, settings)
+    owned = owned_testbed(arguments, settings)
     who = who_am_i()
-    try:
-        return _checked(RemoteEngine(place.socket, role, who), arguments, settings)
-    except OSError:
-        if role is Role.WATCH:
-            if arguments.testbed is None and (only := _only_engine(role, who)) is not None:
-                return only
-            raise MadrobError(
-                "no engine runs here to be watched: `madrob console` starts one, `madrob engine "
-                "status` lists them"
-            ) from None
+    if (engine := _running(owned, role, who)) is not None:
+        return _checked(engine, arguments, settings)
+    if role is Role.WATCH:
+        raise MadrobError(
+            "no engine runs here to be watched: `madrob console` starts one, `madrob engine "
+            "status` lists them"
+        )
+    place = place_of(owned)
     process = _start(arguments, place)
     end = time.monotonic() + STARTING_TIME
     while time.monotonic() < end:
         ended = process.poll() is not None
-        try:
-            return RemoteEngine(place.socket, role, who)
-        except OSError:
-            if ended and process.returncode != TAKEN:  # another console's engine comes, then
-                raise MadrobError(_last_words(place)) from None
+        if (engine := _running(owned, role, who)) is not None:
+            return engine
+        if ended and process.returncode != TAKEN:  # another console's engine comes, then
+            raise MadrobError(_last_words(place))
         time.sleep(_PERIOD)
     raise MadrobError(f"the engine did not start within {STARTING_TIME:g} s: see {place.log}")
 
 
-def _only_engine(role: Role, who: str) -> RemoteEngine | None:
-    """The engine that runs; None where there is none, or more than one."""
+def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
+    """The engine that has the testbed, wherever its socket lies; None where there is none.
+
+    Raises:
+        MadrobError: there is one that cannot be used; the message says why and what to do.
+    """
     from madrob_console.engine.process.remote import RemoteEngine
 
-    found: list[RemoteEngine] = []
-    for place in known_places():
-        with suppress(OSError, MadrobError):  # it was killed, or is just ending
-            found.append(RemoteEngine(place.socket, role, who))
-    if len(found) == 1:
-        return found[0]
-    for engine in found:
-        engine.close()
-    return None
+    end = time.monotonic() + STARTING_TIME
+    while (found := found_at(owned.testbed, _ANSWERING_TIME)) is not None:
+        if (socket_path := _socket_of(found)) is not None:
+            with suppress(OSError):  # it is lost, and made again in a moment
+                return RemoteEngine(socket_path, role, who, found.pid)
+        if time.monotonic() > end:
+            raise MadrobError(f"the engine ({found.who}) {_not_yet(found)}: {found.end_words}")
+        time.sleep(_PERIOD)
+    try:
+        return RemoteEngine(place_of(owned).socket, role, who)  # of an older version, if at all
+    except OSError:
+        return None
+
+
+def _socket_of(found: FoundEngine) -> Path | None:
+    """Where screens attach to an engine; None: nowhere yet.
+
+    Raises:
+        MadrobError: it takes none, or does not answer.
+    """
+    presence = found.presence
+    ends_it = found.end_words
+    if presence is None:
+        killed = "; it was killed and waits for a disk" if found.killed else ""
+        raise MadrobError(f"the engine is there, but silent ({found.who}{killed}): {ends_it}")
+    if not presence.wire:
+        raise MadrobError(
+            f"a `madrob run` has the testbed ({found.who}): wait for its end, or {ends_it}"
+        )
+    if presence.wire != wire.VERSION:
+        raise MadrobError(
+            f"the engine ({found.who}) speaks version {presence.wire}, this console "
+            f"{wire.VERSION}: {ends_it}, then start the console again"
+        )
+    if presence.phase == ENDING:
+        return None  # it is soon gone
+    return Path(presence.socket) if presence.socket else None
+
+
+def _not_yet(found: FoundEngine) -> str:
+    """Why no screen can attach to an engine that answers."""
+    if found.presence is not None and found.presence.phase == ENDING:
+        return "is ending and not gone yet: a disk may hold it up"
+    return "has no socket for screens yet"
 
 
 def _checked(
@@ -113,11 +164,12 @@ def _checked(
     """An engine that keeps its runs elsewhere is not the one that was meant."""
     wanted = options.results_folder(arguments, settings)
     named = arguments.testbed and arguments.testbed[0] == SourceKind.REPLAY
-    if not named and engine.results != wanted:
+    if not named and engine.results.resolve() != wanted.resolve():
         engine.close()
         raise MadrobError(
-            f"the engine of this testbed keeps its runs in {engine.results}: use that with "
-            "--results, or end it with `madrob engine stop`"
+            f"the engine of this testbed (pid {engine.pid}) keeps its runs in {engine.results}: "
+            "use that with --results, or end it with `madrob engine stop --results "
+            f"{shlex.quote(str(engine.results))}`"
         )
     return engine
 
@@ -130,6 +182,7 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
         return subprocess.Popen(
             [
                 sys.executable,
+                "-P",
                 "-m",
                 "madrob_console.cli.main",
                 "engine",
@@ -148,7 +201,8 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
 def _testbed_options(arguments: argparse.Namespace) -> list[str]:
     """The options of the testbed, as they were given."""
     words: list[str] = []
-    for name in ("scenario", "seed", "speed", "domain", "results", "settings", "idle_time"):
+    names = ("scenario", "seed", "speed", "domain", "results", "settings", "teams", "idle_time")
+    for name in names:
         value = getattr(arguments, name)
         if value is not None:
             words.append(f"--{name.replace('_', '-')}={value}")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from itertools import islice
 from typing import Any, TypeVar
 
+from madrob_console.cli.interrupting import children_spared
 from madrob_console.errors import MadrobError
 
 DEFAULT_BACKEND = "loky"
@@ -29,10 +31,10 @@ def in_order(
     items: Sequence[_Item],
     jobs: int | None = None,
     backend: str | None = None,
-) -> Iterator[_Done]:
+) -> Generator[_Done, None, None]:
     """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
 
-    Few items, or one job, are worked on here, without joblib.
+    Few items, or one job, are worked on here, without joblib. Closed, it ends what still works.
 
     Args:
         work: what to do; it must be importable by name, and so must what it takes and gives.
@@ -46,7 +48,7 @@ def in_order(
     """
     here = backend is None and jobs is None and _worthwhile(items) == 1
     if len(items) < 2 or jobs == 1 or here:
-        return map(work, items)
+        return (work(item) for item in items)
     return _parallel(work, items, jobs, DEFAULT_BACKEND if backend is None else backend)
 
 
@@ -57,7 +59,7 @@ def _worthwhile(items: Sequence[object]) -> int:
 
 def _parallel(
     work: Callable[[_Item], _Done], items: Sequence[_Item], jobs: int | None, backend: str
-) -> Iterator[_Done]:
+) -> Generator[_Done, None, None]:
     import joblib
 
     count = jobs or -1
@@ -70,14 +72,24 @@ def _parallel(
     return _results(chosen, (joblib.delayed(work)(item) for item in items))
 
 
-def _results(chosen: AbstractContextManager[object], calls: Iterator[Any]) -> Iterator[Any]:
+def _results(
+    chosen: AbstractContextManager[object], calls: Iterator[Any]
+) -> Generator[Any, None, None]:
+    from joblib.externals.loky.backend.resource_tracker import ensure_running
     from joblib.parallel import Parallel, get_active_backend
 
     with chosen, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"joblib\.")  # results that nobody waits for
         try:
             if get_active_backend()[0].supports_return_generator:
-                yield from Parallel(return_as="generator", batch_size=1)(calls)
+                # of the folders that it cleans up after Ctrl+C
+                os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
+                ensure_running()  # or its start would let Ctrl+C through to the workers
+                with ExitStack() as stack:
+                    with children_spared():
+                        results = Parallel(return_as="generator", batch_size=1)(calls)
+                        stack.callback(results.close)  # it kills what still works
+                    yield from results
                 return
             while block := list(islice(calls, _BLOCK)):
                 yield from Parallel()(block)

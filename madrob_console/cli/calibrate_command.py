@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import number
 from madrob_console.cli.problems import complain
+from madrob_console.cli.progress import progress
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import Side
@@ -18,8 +20,9 @@ if TYPE_CHECKING:
     from madrob_console.preparing.testbed_calibration import CalibrationRecording
 
 _RECORD = """\
-how to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the door and abort it:
-its folder holds the recording. Topics, types and units are those of the settings."""
+
+How to record: `ros2 bag record -s mcap -o NAME --all`, or start a run, move the door and abort \
+it: its folder holds the recording. Topics, types and units are those of the settings."""
 
 
 def add(commands: options.Commands) -> None:
@@ -29,8 +32,9 @@ def add(commands: options.Commands) -> None:
         "calibrate",
         None,
         "a new testbed's masks, lintel height and handle, from recordings",
+        examples=("madrob calibrate masks --help", "madrob calibrate handle --help"),
     )
-    parts = parser.add_subparsers(metavar="WHAT", required=True, parser_class=options.Parser)
+    parts = parser.add_subparsers(metavar="WHAT")
     masks = options.command(
         parts,
         "masks",
@@ -38,7 +42,8 @@ def add(commands: options.Commands) -> None:
         "the ten masks and the lintel height, as settings",
         "Swing the panel slowly, at about 0.2 rad/s, from closed to wide open on both sides and "
         "back, at least twice, brake off, with nobody within the sensors' reach: push it by a "
-        "stick. Several recordings count together, one a side for example.",
+        "stick. Several recordings count together, one a side for example." + _RECORD,
+        ("madrob calibrate masks sweep_cw sweep_ccw --output masks.toml",),
     )
     masks.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag or a run folder")
     handle = options.command(
@@ -47,20 +52,16 @@ def add(commands: options.Commands) -> None:
         _handle,
         "zero and scale of the handle's force, as settings",
         "Record some seconds at rest, then some seconds with a known weight that pulls at the "
-        "handle over a pulley, straight to one side, door blocked.",
+        "handle over a pulley, straight to one side, door blocked." + _RECORD,
+        ("madrob calibrate handle rest weight --mass 2 --towards ccw",),
     )
     handle.add_argument("rest", type=Path, metavar="REST", help="recording without the weight")
     handle.add_argument("weight", type=Path, metavar="WEIGHT", help="recording with the weight")
-    handle.add_argument("--mass", type=float, required=True, metavar="KG", help="of the weight")
-    handle.add_argument(
-        "--towards",
-        type=Side,
-        choices=list(Side),
-        default=Side.CCW,
-        help="side to which the weight pulls the handle",
+    handle.add_argument("--mass", type=number, required=True, metavar="KG", help="of the weight")
+    options.add_choice(
+        handle, "--towards", Side, Side.CCW, "side to which the weight pulls the handle"
     )
     for part in (masks, handle):
-        part.epilog = _RECORD
         part.add_argument(
             "--output", type=Path, default=None, metavar="FILE", help="file for the settings"
         )
@@ -77,8 +78,9 @@ def _masks(arguments: argparse.Namespace) -> int:
         )
 
     settings = load_settings(arguments.settings)
-    recordings = sweep_recordings(arguments.paths, settings)
-    found = masks_of(recordings, settings)
+    with progress("recordings"):
+        recordings = sweep_recordings(arguments.paths, settings)
+        found = masks_of(recordings, settings)
     _note_problems(recordings)
     return _propose(masks_toml(found), arguments.output)
 
@@ -95,8 +97,10 @@ def _handle(arguments: argparse.Namespace) -> int:
         from scoring.calibration.handle_scale import propose_handle
 
     mapping = handle_mapping(load_settings(arguments.settings))
-    recordings = [handle_recording(path, mapping) for path in (arguments.rest, arguments.weight)]
-    rest, weight = map(level_of, recordings)
+    paths = (arguments.rest, arguments.weight)
+    with progress("recordings"):
+        recordings = [handle_recording(path, mapping) for path in paths]
+        rest, weight = map(level_of, recordings)
     _note_problems(recordings)
     proposal = propose_handle(rest, weight, arguments.mass, arguments.towards)
     return _propose(handle_toml(proposal, mapping), arguments.output)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import number
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind, ThemeName
 from scoring.imports import imports_kept
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.shown.client import EngineClient
     from madrob_console.engine.shown.requests import Role
-    from madrob_console.standings.teams import TeamList
     from madrob_console.ui.defaults import ConsoleDefaults
 
 _KEYS = "F1 lists the keys, ^P finds every command."
@@ -33,13 +34,19 @@ def add(commands: options.Commands) -> None:
         "console",
         main,
         "the referee's screens: set up, start, watch and score runs",
-        "Without --testbed it takes the live testbed if one is found.",
+        "Without arguments it comes back to the only engine that runs, or says what to type where "
+        "several do; where none runs it takes the live testbed if one is found.",
+        examples=(
+            "madrob console                      # at the testbed, and to come back",
+            "madrob console --testbed simulated  # to practise",
+            "madrob console --testbed replay my_run",
+        ),
     )
     options.add_testbed(parser)
     parser.add_argument(
         "--from",
         dest="begin_at",
-        type=float,
+        type=number,
         default=None,
         metavar="SECONDS",
         help="where a replay begins, from the start of its run",
@@ -49,11 +56,9 @@ def add(commands: options.Commands) -> None:
 
 
 def add_look_options(parser: argparse.ArgumentParser) -> None:
-    """How the screens look."""
-    parser.add_argument(
-        "--teams", type=Path, default=None, help="teams file: csv lines of subject,team"
-    )
-    parser.add_argument("--theme", type=ThemeName, choices=list(ThemeName), default=None)
+    """Who is on the screens and how they look."""
+    options.add_teams(parser)
+    options.add_choice(parser, "--theme", ThemeName, None, "colours; else setting `console.theme`")
     parser.add_argument(
         "--ascii", action="store_true", default=None, help="draw with ASCII characters only"
     )
@@ -66,32 +71,55 @@ def main(arguments: argparse.Namespace) -> int:
     from madrob_console.engine.shown.requests import Role
 
     begin_at: float | None = arguments.begin_at
-    replays = arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
-    if begin_at is not None and not (replays and math.isfinite(begin_at)):
+    if begin_at is not None and not (_replays(arguments) and math.isfinite(begin_at)):
         raise MadrobError(
             f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
         )
     return show(arguments, Role.REFEREE, begin_at)
 
 
-def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = None) -> int:
+def _replays(arguments: argparse.Namespace) -> bool:
+    return arguments.testbed is not None and arguments.testbed[0] == SourceKind.REPLAY
+
+
+def show(
+    arguments: argparse.Namespace,
+    role: Role,
+    begin_at: float | None = None,
+    *,
+    wall: bool = False,
+) -> int:
     """Show the screens for a referee or for a spectator; a replay begins at a time of its run."""
     with imports_kept():
         from msgspec.structs import replace
 
-        from madrob_console.cli.attaching import attach
+        from madrob_console.cli.attaching import attach, owned_testbed
+        from madrob_console.cli.coming_back import ask_which, engines_meant, mean
         from madrob_console.config import load_settings
         from madrob_console.engine.shown.requests import Role
         from madrob_console.ui.terminal import check_terminal, run_console
 
-    check_terminal(os.environ)
+    check_terminal(os.environ, (sys.__stdin__, sys.__stdout__, sys.__stderr__))
+    engines = engines_meant(arguments)
+    if len(engines) > 1:
+        return ask_which(engines, "console" if role is Role.REFEREE else "watch")
+    if engines:
+        mean(arguments, engines[0])
     settings = load_settings(arguments.settings)
     results = options.results_folder(arguments, settings)
+    owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
+    if _replays(arguments):
+        from recorder.reader import read_bag
+
+        read_bag(Path(arguments.testbed[1]).expanduser())
+    if arguments.teams is not None:
+        options.team_list(arguments, settings)
 
     def open_client() -> EngineClient:
         client = attach(arguments, settings, role)
+        _check_teams(client, arguments, settings)
         if role is Role.REFEREE:
-            _move(client, arguments.speed, begin_at)
+            _move(client, None if engines else arguments.speed, begin_at)
         return client
 
     look = replace(
@@ -101,11 +129,34 @@ def show(arguments: argparse.Namespace, role: Role, begin_at: float | None = Non
         bell=settings.console.bell and not arguments.no_bell,
         mouse=settings.console.mouse and not arguments.no_mouse,
     )
-    return run_console(open_client, _defaults(arguments, settings, results), look)
+    return run_console(open_client, _defaults(arguments, settings, results), look, wall=wall)
 
 
-def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
+def _check_teams(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
+    """The list of teams is the engine's: another one can only be named when it starts.
+
+    Raises:
+        MadrobError: it has another one than the command line names.
+    """
+    snapshot = client.snapshot()
+    if arguments.teams is None or snapshot.playback is not None:
+        return
+    wanted = options.team_source(arguments, settings).file_words
+    if snapshot.teams.file != wanted:
+        client.close()
+        raise MadrobError(
+            f"--teams {wanted}: the engine that runs has {snapshot.teams.file or 'no teams file'}; "
+            "leave the option out, or end the engine first with `madrob engine stop`"
+        )
+
+
+def _move(client: EngineClient, speed: float | None, begin_at: float | None) -> None:
     """Let a replay, which may be going on already, go as the command line says.
+
+    Args:
+        client: the engine.
+        speed: None = as it goes.
+        begin_at: s from the start of its run; None = where it is.
 
     Raises:
         MadrobError: it cannot begin there.
@@ -115,7 +166,7 @@ def _move(client: EngineClient, speed: float, begin_at: float | None) -> None:
     playback = client.snapshot().playback
     if playback is None:
         return
-    if playback.speed != speed:
+    if speed is not None and playback.speed != speed:
         client.ask(SetSpeed(speed))  # refused where another console has the right to act
     if begin_at is not None and (refused := client.ask(JumpTo(begin_at))) is not None:
         client.close()
@@ -129,7 +180,6 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     from madrob_console.ui.defaults import ConsoleDefaults
 
     competition = settings.competition
-    teams = _teams(arguments.teams, settings)
     first_time = not _any_run(results)
     kind = None if arguments.testbed is None else arguments.testbed[0]
     hint = _FIRST_TIME if first_time else _KEYS
@@ -143,38 +193,16 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
         host=socket.gethostname(),
         best_runs=competition.best_runs,
         hint=hint,
-        problems=teams.problems,
         referee=competition.referee,
-        teams=teams.names,
         poses=settings.start_poses or DEFAULT_START_POSES,
         run=settings.run,
     )
 
 
-def _teams(named: Path | None, settings: Settings) -> TeamList:
-    """The teams of file and settings; a file that only the settings name may be missing.
-
-    Raises:
-        MadrobError: the file named on the command line cannot be read.
-    """
-    from madrob_console.standings.teams import TeamList, merge_teams, read_teams
-
-    path = named or settings.competition.teams_path
-    if path is None:
-        return TeamList(settings.team_names())
-    try:
-        listed = read_teams(path)
-    except MadrobError as error:
-        if named is not None:
-            raise
-        listed = TeamList({}, (str(error),))
-    return merge_teams(settings.team_names(), listed)
-
-
 def _any_run(results: Path) -> bool:
-    from madrob_console.archive.folders import parse_folder_name
+    from madrob_console.archive.folders import run_folder_names
 
     try:
-        return any(parse_folder_name(name) for name in os.listdir(results))  # noqa: PTH208
-    except OSError:
+        return bool(run_folder_names(results))
+    except MadrobError:
         return False

@@ -3,27 +3,45 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
+import threading
 import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import complain
-from madrob_console.errors import MadrobError
+from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.kinds import SourceKind
+from madrob_console.version import software_version
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from madrob_console.engine.process.place import Place
-    from madrob_console.engine.process.remote import RemoteEngine
+    from madrob_console.config import Settings
+    from madrob_console.engine.live.core import Engine
+    from madrob_console.engine.process.local import LocalEngine
     from madrob_console.engine.process.server import EngineServer
-    from madrob_console.engine.shown.requests import Role
+    from madrob_console.engine.process.service import ServiceManager
+    from madrob_console.engine.process.troubles import FallenThreads
+    from madrob_console.referee.teams import TeamSource
+
+FAILED = 1
+"""Exit code of an engine that failed: systemd starts it again."""
 
 PRACTICE_IDLE_TIME = 20.0
 """A simulated or replayed testbed is soon there again: its engine waits no longer, s."""
+
+REPAIR_AFTER = 3.0
+"""So long after its start, when the screens are there, an engine has results looked through, s."""
+
+_EXIT_CODES = (
+    "Exit codes of `stop`: 0 what was named has ended; 1 it goes on, or does not run. Of `status`: "
+    "0 an engine runs; 1 none. Of `serve`: 0 it was ended, or nobody needed it any more; 1 it "
+    "failed; 2 bad input, or another engine has the results folder; 75 the testbed has an engine."
+)
 
 
 def add(commands: options.Commands) -> None:
@@ -32,12 +50,32 @@ def add(commands: options.Commands) -> None:
         commands,
         "engine",
         main,
-        "the process behind the screens: `status`, `stop`, `serve`",
-        "`madrob console` starts it by itself. `serve` runs it in the foreground, for systemd.",
+        "the process behind the screens: `status`, `stop`, `serve`, `unit`",
+        "`madrob console` starts it by itself. `status` lists every engine of this user. `stop` "
+        "ends the one that a console with the same --testbed, --domain and --results would show, "
+        "or the only one that runs. `serve` runs it in the foreground, for systemd; `unit` prints "
+        "the service that does so. " + _EXIT_CODES,
+        examples=(
+            "madrob engine status",
+            "madrob engine stop --testbed simulated",
+            "madrob engine unit --testbed ros  # a systemd service, to standard output",
+        ),
     )
-    parser.add_argument("action", choices=("status", "stop", "serve"))
-    parser.add_argument("--force", action="store_true", help="stop: even while a run goes on")
+    parser.add_argument("action", choices=("status", "stop", "serve", "unit"))
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="stop: without a question while a run goes on, screens are attached or it hangs",
+    )
+    parser.add_argument("--all", action="store_true", help="stop: every engine of this user")
+    parser.add_argument(
+        "--pid", type=whole_number, default=None, help="stop: the engine of this process"
+    )
+    parser.add_argument(
+        "--system", action="store_true", help="unit: of the system, not of the user's login"
+    )
     options.add_testbed(parser)
+    options.add_teams(parser)
     options.add_idle_time(parser)
 
 
@@ -47,125 +85,141 @@ def main(arguments: argparse.Namespace) -> int:
         case "serve":
             return serve(arguments)
         case "status":
+            from madrob_console.cli.running_engines import status
+
             return status()
+        case "unit":
+            from madrob_console.cli.engine_unit import print_unit
+
+            return print_unit(arguments)
         case _:
-            return stop(force=arguments.force)
+            from madrob_console.cli.running_engines import stop
+
+            return stop(arguments)
 
 
 def serve(arguments: argparse.Namespace) -> int:
     """Be the engine of a testbed until nobody needs it."""
-    from madrob_console.cli.attaching import TAKEN, engine_place
-    from madrob_console.config import load_settings
+    from msgspec.structs import replace
 
+    from madrob_console.cli.attaching import TAKEN, owned_testbed
+    from madrob_console.cli.owning import owning
+    from madrob_console.config import load_settings
+    from madrob_console.engine.process.holding import HeldError
+    from madrob_console.engine.process.place import place_of
+    from madrob_console.engine.process.service import ServiceManager, log_to_journal
+    from madrob_console.engine.shown import wire
+
+    log_to_journal(os.environ)
+    manager = ServiceManager(os.environ)
     settings = load_settings(arguments.settings)
-    place = engine_place(arguments, settings)
+    owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:
         try:
-            stack.enter_context(place.taken())
-        except MadrobError as error:
+            owns = stack.enter_context(owning(arguments, owned, wire.VERSION))
+        except HeldError as error:
             complain(error)
-            return TAKEN
+            return TAKEN if error.same else BAD_INPUT
+        control, presence, holding = owns
+        place = place_of(owned)
+        stack.enter_context(place.taken())
         with imports_kept():
             import asyncio
 
             from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
+            from madrob_console.engine.process.accepting import raise_handles
             from madrob_console.engine.process.local import LocalEngine
             from madrob_console.engine.process.reporting import Reporting
+            from madrob_console.engine.process.scoring_process import ScoringProcess
             from madrob_console.engine.process.server import EngineServer
 
-        engine = open_engine(arguments, settings)
-        where = [f"--results={options.results_folder(arguments, settings)}"]
-        if arguments.settings is not None:
-            where.append(f"--settings={arguments.settings}")
+        raise_handles()
+        fallen = _fallen_threads()
+        engine = open_engine(arguments, settings, ScoringProcess)
+        _follow_lists(options.team_source(arguments, settings), settings, engine, stack)
         reporting = Reporting(
-            aside.COMMAND, lambda: engine.busy, where, reports=settings.results.reports
+            aside.COMMAND,
+            lambda: engine.busy,
+            _where(arguments, settings),
+            reports=settings.results.reports,
         )
-        local = LocalEngine(engine, reporting)
+        local = LocalEngine(engine, reporting, lambda: fallen.problem)
         try:
-            idle_time = arguments.idle_time or settings.engine.idle_time
-            if arguments.idle_time is None and engine.source.kind is not SourceKind.ROS:
-                idle_time = min(idle_time, PRACTICE_IDLE_TIME)
-            server = EngineServer(local, engine.source.label, idle_time, time.monotonic)
-            asyncio.run(_serve(server, place.socket))
+            server = EngineServer(
+                local,
+                engine.source.label,
+                _idle_time(arguments, settings, engine.source.kind),
+                time.monotonic,
+            )
+            _end_in_order(server)
+            presence = replace(presence, version=software_version(), testbed=engine.source.label)
+            control.describe = lambda: server.presence(presence)
+            asyncio.run(_serve(server, place.socket, manager, local))
         finally:
+            manager.tell("STOPPING=1")
             local.close()
+            if engine.disk_silence:
+                holding.keep()
     reporting.close()  # another engine may begin meanwhile
-    return 0
+    return FAILED if local.failed else 0
 
 
-async def _serve(server: EngineServer, path: Path) -> None:
+def _fallen_threads() -> FallenThreads:
+    """Notes every thread of this process that ends with an error from now on."""
+    from madrob_console.engine.process.troubles import FallenThreads
+
+    fallen = FallenThreads()
+    threading.excepthook = fallen.note
+    return fallen
+
+
+def _follow_lists(teams: TeamSource, settings: Settings, engine: Engine, stack: ExitStack) -> None:
+    """The engine hears of the teams and of the plan, and of every change in their files."""
+    from madrob_console.engine.process.list_watch import ListWatch
+
+    stack.callback(ListWatch(teams, engine.hear_of_teams).close)
+    stack.callback(ListWatch(settings.plan.source, engine.hear_of_plan).close)
+
+
+def _where(arguments: argparse.Namespace, settings: Settings) -> list[str]:
+    """The options of `madrob export` that name the results folder, the settings and the teams."""
+    where = [f"--results={options.results_folder(arguments, settings)}"]
+    if arguments.settings is not None:
+        where.append(f"--settings={arguments.settings}")
+    if arguments.teams is not None:
+        where.append(f"--teams={arguments.teams}")
+    return where
+
+
+def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:
+    """After so long without a screen and a run it ends, s."""
+    idle_time: float = arguments.idle_time or settings.engine.idle_time
+    if arguments.idle_time is None and kind is not SourceKind.ROS:
+        return min(idle_time, PRACTICE_IDLE_TIME)
+    return idle_time
+
+
+def _end_in_order(server: EngineServer) -> None:
+    """TERM and INT end the server; the loop's own handlers would end before the run is closed."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: server.stop())
+
+
+async def _serve(
+    server: EngineServer, path: Path, manager: ServiceManager, engine: LocalEngine
+) -> None:
     import asyncio
 
+    from madrob_console.cli.running_engines import run_words
+    from madrob_console.engine.process.service import keep_told
+
+    async def tell() -> None:
+        await server.reachable.wait()
+        await keep_told(manager, engine, run_words, server.stop)
+
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, server.stop)
+    loop.call_later(REPAIR_AFTER, engine.repair)
+    telling = asyncio.create_task(tell())
     await server.serve(path)
-
-
-def status() -> int:
-    """One line for each engine that runs; exit code 1 if there is none."""
-    from madrob_console.engine.process.place import known_places
-    from madrob_console.engine.shown.requests import Role
-    from madrob_console.ui.look.words import PHASES
-
-    found = 0
-    for place in known_places():
-        engine = _attached(place, Role.WATCH)
-        if engine is None:
-            continue
-        found += 1
-        snapshot = engine.snapshot()
-        run = snapshot.run
-        words = PHASES[run.phase]
-        if run.setup is not None:
-            words += f", run {run.setup.run_number} of subject {run.setup.subject}"
-        print(f"{snapshot.source_label}: pid {engine.pid}, {words}, runs in {engine.results}")
-        engine.close()
-    if not found:
-        print("no engine runs")
-    return 0 if found else 1
-
-
-def stop(*, force: bool) -> int:
-    """End every engine; one with a run only by force."""
-    from madrob_console.engine.process.place import known_places
-    from madrob_console.engine.shown.requests import Role, StopEngine, TakeOver
-
-    code = 0
-    for place in known_places():
-        engine = _attached(place, Role.REFEREE)
-        if engine is None:
-            continue
-        label = engine.snapshot().source_label
-        engine.ask(TakeOver())
-        refused = engine.ask(StopEngine(force))
-        if refused is None:
-            _wait_for_end(place)
-            print(f"{label}: ended")
-        else:
-            print(f"{label}: goes on, {refused}; --force cuts it off and keeps it as interrupted")
-            code = 1
-        engine.close()
-    return code
-
-
-def _attached(place: Place, role: Role) -> RemoteEngine | None:
-    from madrob_console.cli.attaching import who_am_i
-    from madrob_console.engine.process.remote import RemoteEngine
-
-    try:
-        return RemoteEngine(place.socket, role, who_am_i())
-    except (MadrobError, OSError):
-        return None  # it was killed, or is just ending
-
-
-def _wait_for_end(place: Place, patience: float = 10.0) -> None:
-    """Until a new engine could take the place."""
-    end = time.monotonic() + patience
-    while time.monotonic() < end:
-        try:
-            with place.taken():
-                return
-        except MadrobError:
-            time.sleep(0.05)
+    telling.cancel()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.progress import progress
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -18,11 +19,19 @@ def add(commands: options.Commands) -> None:
         commands,
         "export",
         main,
-        "all runs of a team in one zip, with checksums and what opens each file",
+        "a team's official runs in one zip, with checksums and what opens each file",
         "The last line is the path of the zip. Exit code 2 when something could not be packed: it "
         "is named, the rest is there.",
+        examples=(
+            "madrob export --subject 3",
+            "madrob export --subject 3 --without-bags --output /media/usb/team_3.zip",
+        ),
     )
-    parser.add_argument("--team", type=int, required=True, help="the team's number (subject)")
+    options.add_subject(parser)
+    options.add_teams(parser)
+    parser.add_argument(
+        "--practice", action="store_true", help="the practice runs instead, marked as such"
+    )
     options.add_results(parser)
     parser.add_argument(
         "--output",
@@ -44,16 +53,23 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.export.pack import export_team
 
     settings = load_settings(arguments.settings)
-    export = export_team(
-        options.results_folder(arguments, settings),
-        arguments.team,
-        settings.mappings(),
-        time.time(),
-        target=arguments.output,
-        bags=not arguments.without_bags,
-    )
+    teams = options.team_list(arguments, settings)
+    with progress("runs") as tell:
+        export = export_team(
+            options.results_folder(arguments, settings),
+            arguments.subject,
+            settings.mappings(),
+            time.time(),
+            practice=arguments.practice,
+            target=arguments.output,
+            bags=not arguments.without_bags,
+            team=teams.names.get(arguments.subject, ""),
+            tell=tell,
+        )
     for problem in export.problems:
         complain(problem)
+    for words in export.renamed:
+        print(f"note: {terminal_safe(words)}")
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))

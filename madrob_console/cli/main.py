@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.interrupting import interruptible, say_stopped
+from madrob_console.cli.parsing import Parser
+from madrob_console.cli.problems import BAD_INPUT, StoppedError, complain
+from madrob_console.cli.safe_output import forget, safe_output
 from madrob_console.errors import MadrobError
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
 
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
-    *("score", "report", "standings", "export", "schema", "recover"),
-    *("calibrate", "doctor", "settings"),
+    *("score", "report", "plan", "standings", "export", "schema", "recover"),
+    *("calibrate", "doctor", "settings", "completion"),
 )
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
 
-_EXIT_CODES = """\
-exit codes of `madrob run`: 0 completed, 3 timeout, 4 aborted or invalid, 5 interrupted,
-2 bad input or a refusal. Settings: `madrob settings` prints the file with every default."""
+_MORE = """\
+`madrob run --help` has its exit codes, `madrob settings` prints the settings with every default."""
+
+
+_FAILED = 1
+"""Exit code of a program that failed for no reason that it knows; python's."""
 
 
 class _Version(argparse.Action):
@@ -34,16 +39,16 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
     """The command line with its help texts, of all commands or of some."""
-    parser = options.Parser(
+    parser = Parser(
         prog="madrob",
         description="Referee console for the MADROB robot-door benchmark.",
-        epilog=_EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=_MORE,
     )
+    parser.set_defaults(main=options.print_help)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name in names:
         import_module(f"madrob_console.cli.{name}_command").add(commands)
     return parser
@@ -62,18 +67,42 @@ def _with_pose(argv: Sequence[str]) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `madrob`; returns the exit code."""
-    words = _with_pose(sys.argv[1:] if argv is None else argv)
+    with safe_output(), interruptible() as interruption:
+        try:
+            return _main(_with_pose(sys.argv[1:] if argv is None else argv))
+        except KeyboardInterrupt:
+            return say_stopped()
+        except Exception:
+            if interruption.raised:
+                return say_stopped()
+            if argv is not None:
+                raise
+            import traceback
+
+            traceback.print_exc()  # here, where what it quotes is made safe
+            return _FAILED
+
+
+def _main(words: Sequence[str]) -> int:
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
-    arguments = build_parser(named).parse_args(words)
-    command: options.Main = arguments.main
     try:
-        return command(arguments)
+        try:
+            arguments = build_parser(named).read(words)
+            command: options.Main = arguments.main
+            code = command(arguments)
+        finally:
+            if sys.stdout is not None:  # it is where the program was started without
+                sys.stdout.flush()
+    except StoppedError as error:
+        complain(error)
+        return error.exit_code
     except (MadrobError, RecorderError, ScoringError) as error:
         complain(error)
         return BAD_INPUT
     except BrokenPipeError:  # `madrob score ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        forget(sys.stdout)
         return 0
+    return code
 
 
 if __name__ == "__main__":

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.kinds import Scenario
+from madrob_console.cli.parsing import Parser, number, one_of, whole_number
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import Scenario, SourceKind
+from madrob_console.testbeds.ros_domain import domain_number
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """End with the exit code of bad input."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+    from madrob_console.referee.teams import TeamList, TeamSource
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
@@ -28,33 +24,56 @@ Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 Main: TypeAlias = Callable[[argparse.Namespace], int]
 """Carries a command out and returns its exit code."""
 
+FASTEST = 1000.0
+"""Of a simulation or replay: so many times as fast as real time."""
+
+_SHORT = 40
+"""Longer lists of words stand in the text of an option, not beside its name."""
+
+NO_COMMAND = 1
+"""Exit code where no command is given."""
+
 
 def command(
-    commands: Commands, name: str, main: Main | None, text: str, more: str = ""
-) -> argparse.ArgumentParser:
+    commands: Commands,
+    name: str,
+    main: Main | None,
+    text: str,
+    more: str = "",
+    examples: Sequence[str] = (),
+) -> Parser:
     """The parser of one command.
 
     Args:
         commands: all of them; it is added to them.
         name: the command.
-        main: carries it out; None = its parts do.
+        main: carries it out; None = its parts do, and alone it prints its help.
         text: what it does, as the list of commands says it.
         more: what its own help says beyond that.
+        examples: lines to type, with what each does after a `#`.
     """
-    parser: argparse.ArgumentParser = commands.add_parser(
+    lines = ["examples:" if len(examples) > 1 else "example:", *(f"  {line}" for line in examples)]
+    parser: Parser = commands.add_parser(
         name,
         help=text,
-        description=f"{text[0].upper()}{text[1:]}. {more}".rstrip(),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description=f"{text[0].upper()}{text[1:]}.\n{more}".rstrip(),
+        epilog="\n".join(lines) if examples else None,
     )
-    parser.set_defaults(main=main)
+    parser.set_defaults(main=print_help if main is None else main)
     return parser
+
+
+def print_help(arguments: argparse.Namespace) -> int:
+    """Where a command is missing: say which there are; the exit code is git's."""
+    arguments.parser.print_help()
+    return NO_COMMAND
 
 
 def add_testbed(parser: argparse.ArgumentParser) -> None:
     """Where the data come from and the results go."""
     parser.add_argument(
         "--testbed",
+        action=_Testbed,
         nargs="+",
         metavar=("ros|simulated|replay", "PATH"),
         default=None,
@@ -63,8 +82,9 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument(
         "--speed",
-        type=float,
+        type=_speed,
         default=1.0,
+        metavar="FACTOR",
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     )
     add_domain(parser)
@@ -74,7 +94,20 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
 
 def add_domain(parser: argparse.ArgumentParser) -> None:
     """The ROS domain."""
-    parser.add_argument("--domain", type=int, default=None, help="ROS domain")
+    parser.add_argument(
+        "--domain",
+        type=_domain,
+        default=None,
+        metavar="N",
+        help="ROS domain; else that of the settings, else ROS_DOMAIN_ID, else 0",
+    )
+
+
+def _domain(text: str) -> int:
+    try:
+        return domain_number(text)
+    except MadrobError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:
@@ -83,9 +116,50 @@ def ros_domain(arguments: argparse.Namespace, settings: Settings) -> int | None:
     return settings.testbed.domain if chosen is None else chosen
 
 
+class _Testbed(argparse.Action):
+    """The words of a testbed: its kind, and for a replay the path of what is played."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        words = list(values or ())
+        try:
+            _check_testbed(words)
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
+        setattr(namespace, self.dest, words)
+
+
+def _check_testbed(words: Sequence[str]) -> None:
+    kind = one_of(SourceKind)(words[0])
+    if kind is not SourceKind.REPLAY:
+        if len(words) > 1:
+            raise argparse.ArgumentTypeError(f"{kind} takes nothing more, not '{words[1]}'")
+        return
+    if len(words) != 2:
+        raise argparse.ArgumentTypeError(f"{kind} needs the path of one bag")
+
+
+def _speed(text: str) -> float:
+    speed = number(text)
+    if 0 <= speed <= FASTEST:
+        return speed
+    raise argparse.ArgumentTypeError(f"{text}: use 0 to {FASTEST:g}")
+
+
 def add_results(parser: argparse.ArgumentParser) -> None:
     """The results folder."""
-    parser.add_argument("--results", type=Path, default=None, help="results folder")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        default=None,
+        metavar="FOLDER",
+        help="results folder; else setting `results.folder`",
+    )
 
 
 def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
@@ -94,42 +168,113 @@ def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
     return chosen.expanduser().absolute()
 
 
+def add_teams(parser: argparse.ArgumentParser) -> None:
+    """The list of teams."""
+    parser.add_argument(
+        "--teams",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="the list of teams, csv lines of subject,team; else the settings'",
+    )
+
+
+def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource:
+    """Where the list of teams comes from."""
+    from madrob_console.referee.teams import TeamSource
+
+    named: Path | None = arguments.teams
+    if named is None:
+        return TeamSource(settings.team_names(), settings.competition.teams_path)
+    return TeamSource(settings.team_names(), named.expanduser().absolute(), "correct --teams")
+
+
+def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
+    """The list of teams; a file that only the settings name may be missing.
+
+    Raises:
+        MadrobError: the file named on the command line cannot be read.
+    """
+    from madrob_console.referee.teams import read_teams
+
+    source = team_source(arguments, settings)
+    if arguments.teams is not None and source.file is not None:
+        read_teams(source.file, source.remedy)
+    return source.read()
+
+
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """The settings file."""
-    parser.add_argument("--settings", type=Path, default=None, help="settings file (TOML)")
+    parser.add_argument(
+        "--settings",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="settings file (TOML); else ~/.config/madrob/madrob.toml",
+    )
 
 
 def add_idle_time(parser: argparse.ArgumentParser) -> None:
     """How long an engine stays that nobody needs."""
     parser.add_argument(
         "--idle-time",
-        type=float,
+        type=number,
         default=None,
-        help="s without a screen and without a run after which the engine ends",
+        metavar="S",
+        help="s without a screen and without a run after which the engine ends; else setting "
+        "`engine.idle_time`, at most 20 where simulated",
     )
+
+
+def add_subject(parser: argparse.ArgumentParser, default: int | None = None) -> None:
+    """The team, by its subject number (protocol section 1); `--team` means the same."""
+    either = parser.add_mutually_exclusive_group(required=default is None)
+    for flag, text in (("--subject", "the team's number"), ("--team", argparse.SUPPRESS)):
+        either.add_argument(
+            flag, dest="subject", type=whole_number, default=default, metavar="N", help=text
+        )
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """What the simulated robot does."""
+    add_choice(parser, "--scenario", Scenario, Scenario.NOMINAL, "what the simulated robot does")
     parser.add_argument(
-        "--scenario",
-        choices=[*map(str, Scenario)],
-        default=str(Scenario.NOMINAL),
-        help="what the simulated robot does",
+        "--seed", type=whole_number, default=0, metavar="N", help="of the simulation"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the simulation")
 
 
 def add_condition(parser: argparse.ArgumentParser) -> None:
     """The condition, in its three parts (protocol section 1)."""
-    sides = list(Side)
-    parser.add_argument("--opening-side", type=Side, choices=sides, default=Side.CCW)
-    parser.add_argument("--starting-side", type=Side, choices=sides, default=Side.CCW)
-    parser.add_argument(
+    add_choice(parser, "--opening-side", Side, Side.CCW, "side towards which the door may open")
+    add_choice(parser, "--starting-side", Side, Side.CCW, "side on which the robot starts")
+    add_choice(
+        parser,
         "--benchmark-type",
-        type=BenchmarkType,
-        choices=list(BenchmarkType),
-        default=BenchmarkType.NO_FORCE,
+        BenchmarkType,
+        BenchmarkType.NO_FORCE,
+        "force with which the door is braked",
+    )
+
+
+def add_choice(
+    parser: argparse.ArgumentParser,
+    flag: str,
+    words: type[StrEnum],
+    default: StrEnum | None,
+    text: str,
+) -> None:
+    """An option that takes one of some words."""
+    metavar = None
+    if len(listed := ", ".join(words)) > _SHORT:
+        metavar = flag.rpartition("-")[2].upper()
+        text = f"{text}: {listed}"
+    parser.add_argument(
+        flag,
+        type=one_of(words),
+        choices=list(words),
+        default=default,
+        metavar=metavar,
+        help=text,
     )
 
 

@@ -3,11 +3,34 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
+from types import TracebackType
+from typing import Self
 
+from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
 BAD_INPUT = 2
 """Exit code of bad input and of refusals; also argparse's."""
+
+MOST_ALIKE = 3
+"""So many problems of one kind are told one by one; the others are counted."""
+
+
+class StoppedError(MadrobError):
+    """A signal stopped the command before anything was begun.
+
+    Args:
+        what: in words.
+        number: of the signal.
+
+    Attributes:
+        exit_code: as shells have it.
+    """
+
+    def __init__(self, what: str, number: int) -> None:
+        super().__init__(what)
+        self.exit_code = 128 + number
 
 
 def complain(problem: object) -> None:
@@ -17,3 +40,38 @@ def complain(problem: object) -> None:
         problem: a text, or the error whose message names the cause and the remedy.
     """
     print(f"madrob: {terminal_safe(str(problem))}", file=sys.stderr, flush=True)
+
+
+class Complaints:
+    """Names the problems of many things; what is the same of all of them is counted at the end.
+
+    Attributes:
+        count: how many there were.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._alike: Counter[str] = Counter()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, _error: object, _trace: TracebackType | None
+    ) -> None:
+        for words, count in self._alike.items():
+            if count > MOST_ALIKE:
+                complain(f"and {count - MOST_ALIKE} more like it: {words}")
+
+    def add(self, problem: object, of: object) -> None:
+        """Name a problem.
+
+        Args:
+            problem: as for `complain`.
+            of: what it is a problem of, as the problem names it.
+        """
+        self.count += 1
+        words = str(problem).replace(str(of), "").strip(": ")
+        self._alike[words] += 1
+        if self._alike[words] <= MOST_ALIKE:
+            complain(problem)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.progress import progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from recorder.errors import RecorderError
@@ -27,8 +27,11 @@ def add(commands: options.Commands) -> None:
         commands,
         "recover",
         main,
-        "repair recordings that were cut off",
-        "Writes a whole bag beside the torn one, which is kept. PATH is a run folder or a bag.",
+        "repair recordings that were cut off, and results that are not what the journal says",
+        "Writes a whole bag beside the torn one, which is kept. The result of a run folder is made "
+        "again if a power cut left it out of date, or if it is damaged. PATH is a run folder or a "
+        "bag.",
+        examples=("madrob recover my_run",),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
 
@@ -36,19 +39,22 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Repair every path; a bad one is named and does not stop the rest."""
     with imports_kept():
+        from madrob_console.cli.repairing import repair_run
         from recorder.recovery import recover
 
-    bad = 0
-    for path in arguments.paths:
-        try:
-            with _journal_held(path):
-                line = _line(path, recover(path))
-        except (MadrobError, RecorderError) as error:
-            complain(error)
-            bad += 1
-            continue
-        print(terminal_safe(line))
-    return BAD_INPUT if bad else 0
+    with progress("recordings") as tell, Complaints() as bad:
+        tell(0, len(arguments.paths))
+        for number, path in enumerate(arguments.paths, start=1):
+            try:
+                with _journal_held(path):
+                    line = _line(path, recover(path))
+                if repair_run(path):
+                    line += "; its result was made again from journal and recording"
+                print(terminal_safe(line))
+            except (MadrobError, RecorderError) as error:
+                bad.add(error, path)
+            tell(number, len(arguments.paths))
+    return BAD_INPUT if bad.count else 0
 
 
 @contextmanager
@@ -59,27 +65,26 @@ def _journal_held(path: Path) -> Iterator[None]:
         MadrobError: it does so already.
     """
     from madrob_console.archive.folders import JOURNAL_FILE
+    from madrob_console.archive.unfinished import is_held
+    from madrob_console.files.held import Hold
+    from madrob_console.referee.journal import HOLD_FILE
 
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-    try:
-        folder = path if path.is_dir() else Path(os.path.realpath(path)).parent
-        journal = os.open(folder / JOURNAL_FILE, flags)
-    except OSError:  # a bag of others; or it cannot be read, and neither can the bag
-        yield
-        return
-    try:
+    busy = MadrobError(
+        f"{path}: the engine still holds this run; end it and leave it in the console, "
+        "or stop the engine, then try again"
+    )
+    folder = path if path.is_dir() else Path(os.path.realpath(path)).parent
+    if is_held(folder / JOURNAL_FILE):
+        raise busy
+    with ExitStack() as stack:
         try:
-            fcntl.flock(journal, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            if (folder / JOURNAL_FILE).is_file():
+                stack.enter_context(Hold(folder / HOLD_FILE))
         except BlockingIOError:
-            raise MadrobError(
-                f"{path}: the engine still holds this run; end it and leave it in the console, "
-                "or stop the engine, then try again"
-            ) from None
+            raise busy from None
         except OSError:
-            pass  # not every network disk has locks
+            pass  # it cannot be written, and neither can the bag
         yield
-    finally:
-        os.close(journal)
 
 
 def _line(path: Path, recovered: Recovered) -> str:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
+from madrob_console.cli.progress import progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.report import PictureFormat
@@ -31,17 +32,18 @@ def add(commands: options.Commands) -> None:
         main,
         "a page for the team: report.html in the run folder, or the figures alone",
         "PATH is a run folder, a results folder or a bag; of EUROBENCH folders the figures only.",
+        examples=("madrob report my_run", "madrob report --figures svg --output figures my_run"),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    parser.add_argument(
-        "--figures",
-        type=PictureFormat,
-        choices=list(PictureFormat),
-        default=None,
-        help="figures of this format instead of the page",
+    options.add_choice(
+        parser, "--figures", PictureFormat, None, "figures of this format instead of the page"
     )
     parser.add_argument(
-        "--output", type=Path, default=None, help="folder for all pages, <run>_report.html each"
+        "--output",
+        type=Path,
+        default=None,
+        metavar="FOLDER",
+        help="folder for all pages, <run>_report.html each",
     )
 
 
@@ -51,15 +53,16 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.archive.run_paths import runs_at
 
     written: set[Path] = set()
-    bad = 0
-    for path in arguments.paths:
-        for run in dict.fromkeys(run.path for run in runs_at(path)):
+    runs = list(dict.fromkeys(run.path for path in arguments.paths for run in runs_at(path)))
+    with progress("pages" if arguments.figures is None else "runs") as tell, Complaints() as bad:
+        tell(0, len(runs))
+        for number, run in enumerate(runs, start=1):
             try:
                 _make(run, arguments.figures, arguments.output, written)
             except MadrobError as error:
-                complain(error)
-                bad += 1
-    return BAD_INPUT if bad else 0
+                bad.add(error, run)
+            tell(number, len(runs))
+    return BAD_INPUT if bad.count else 0
 
 
 def _make(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
-from functools import partial
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import number, whole_number
+from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.kinds import SourceKind
-from madrob_console.names import clean_name
+from madrob_console.names import clean_name, terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
 from scoring.rulesets import RulesetName
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.live.core import Engine
     from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.teams import TeamList
 
 EXIT_CODES = {
     Outcome.COMPLETED: 0,
@@ -25,6 +27,7 @@ EXIT_CODES = {
     Outcome.ABORTED: 4,
     Outcome.INTERRUPTED: 5,
 }
+_CODES = ", ".join(f"{code} {outcome}" for outcome, code in EXIT_CODES.items())
 
 
 def add(commands: options.Commands) -> None:
@@ -35,17 +38,40 @@ def add(commands: options.Commands) -> None:
         main,
         "one run without screens, a line per event",
         "Waits for the testbed, zeroes the handle, starts, records, scores. The last line is "
-        "`run folder: PATH`. Exit code 0 completed, 3 timeout, 4 aborted or invalid, "
-        "5 interrupted, 2 bad input or a refusal.",
+        f"`run folder: PATH`. Exit code {_CODES}, {BAD_INPUT} bad input or a refusal.",
+        examples=(
+            "madrob run --testbed simulated --speed 0  # to try it",
+            "madrob run --testbed ros --subject 3 --opening-side cw --starting-side ccw",
+        ),
     )
     options.add_testbed(parser)
-    parser.add_argument("--subject", type=int, default=1, help="the robot's number")
-    parser.add_argument("--team", default="", help="the team's name")
-    parser.add_argument("--referee", default=None, help="the referee's name; else the settings'")
+    options.add_subject(parser, default=1)
     parser.add_argument(
-        "--run", type=int, default=None, help="run number; the next free one if not given"
+        "--team-name", default=None, metavar="NAME", help="the team's name; else the list's"
+    )
+    parser.add_argument(
+        "--team-reason", default="", metavar="WHY", help="why another name than the list's"
+    )
+    options.add_teams(parser)
+    parser.add_argument(
+        "--referee",
+        default=None,
+        metavar="NAME",
+        help="the referee's name; else that of the settings",
+    )
+    parser.add_argument(
+        "--run",
+        type=whole_number,
+        default=None,
+        metavar="N",
+        help="run number; the next free one if not given",
     )
     options.add_condition(parser)
+    parser.add_argument(
+        "--practice",
+        action="store_true",
+        help="a practice run, which never counts; on a simulated testbed every run is one",
+    )
     parser.add_argument(
         "--start-pose",
         type=_pose,
@@ -53,14 +79,27 @@ def add(commands: options.Commands) -> None:
         metavar="X,Y,YAW",
         help="m, m, degrees in the frame madrob_door; the settings' pose of the side if not given",
     )
-    parser.add_argument("--timeout", type=float, default=None, help="s; else the settings'")
-    parser.add_argument("--countdown", type=float, default=None, help="s; else the settings'")
-    parser.add_argument("--ruleset", type=RulesetName, choices=list(RulesetName), default=None)
-    parser.add_argument(
-        "--lock-detection", type=LockDetection, choices=list(LockDetection), default=None
+    for flag, text in (
+        ("--timeout", "s from the start; else setting `run.timeout`"),
+        ("--countdown", "s before the start; else setting `run.countdown`"),
+    ):
+        parser.add_argument(flag, type=number, default=None, metavar="S", help=text)
+    options.add_choice(
+        parser,
+        "--ruleset",
+        RulesetName,
+        None,
+        "the rules of the result; else setting `run.ruleset`",
+    )
+    options.add_choice(
+        parser,
+        "--lock-detection",
+        LockDetection,
+        None,
+        "what decides step 6; else setting `run.lock_detection`",
     )
     parser.add_argument(
-        "--wait", type=float, default=20.0, help="s to wait for the pre-start checks"
+        "--wait", type=number, default=20.0, metavar="S", help="s to wait for the pre-start checks"
     )
     parser.add_argument(
         "--waive", metavar="REASON", default=None, help="let failing pre-start checks pass"
@@ -81,43 +120,76 @@ def _pose(text: str) -> tuple[float, float, float]:
 def main(arguments: argparse.Namespace) -> int:
     """One run from the set-up to its result."""
     with imports_kept():
+        from msgspec.structs import replace
+
         from madrob_console.cli import aside
-        from madrob_console.cli.attaching import engine_place
+        from madrob_console.cli.attaching import owned_testbed
+        from madrob_console.cli.owning import owning
         from madrob_console.cli.session import open_engine
         from madrob_console.cli.unattended import UnattendedRun, print_replay
         from madrob_console.config import load_settings
+        from madrob_console.engine.process.place import place_of
         from madrob_console.engine.process.reporting import Reporting
+        from madrob_console.engine.shown.snapshot import label_of
+        from madrob_console.version import software_version
 
     settings = load_settings(arguments.settings)
     engine = open_engine(arguments, settings)
     if engine.replay is not None:
         return EXIT_CODES[print_replay(engine, engine.replay)]
+    teams = options.team_list(arguments, settings)
+    engine.hear_of_teams(teams)
     live = engine.source.kind is SourceKind.ROS
     reports = settings.results.reports and not arguments.no_report
     reporting = Reporting(aside.COMMAND, lambda: engine.busy) if reports else None
     run = UnattendedRun(engine, reporting)
-    alone = engine_place(arguments, settings).taken() if live else nullcontext()
-    with alone, run.stopping_on_signals():
-        setup = partial(_setup, arguments, settings, engine)
+    owned = owned_testbed(arguments, settings)
+    with ExitStack() as stack:
+        control, presence, _ = stack.enter_context(owning(arguments, owned))
+        presence = replace(presence, version=software_version())
+        control.describe = lambda: replace(
+            presence.of(engine.run, busy=engine.busy),
+            testbed=label_of(engine.source.label, practice=engine.run.practice),
+        )
+        if live:
+            stack.enter_context(place_of(owned).taken())
+        stack.enter_context(run.stopping_on_signals())
+
+        def setup(*, simulated: bool) -> RunSetup:
+            practice = simulated or arguments.practice
+            return _setup(arguments, settings, engine, teams, practice=practice)
+
         return EXIT_CODES[run.go(setup, arguments.wait, arguments.waive)]
 
 
-def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) -> RunSetup:
+def _setup(
+    arguments: argparse.Namespace,
+    settings: Settings,
+    engine: Engine,
+    teams: TeamList,
+    *,
+    practice: bool,
+) -> RunSetup:
     from madrob_console.referee.run import RunSetup
 
     condition = options.condition_of(arguments)
     number = arguments.run
     if number is None:
-        number = engine.next_run_number(arguments.subject, condition.number)
+        asked = engine.next_run_number(arguments.subject, condition.number, practice=practice)
+        number = asked.result()
     referee = arguments.referee
     if referee is None:
         referee = settings.competition.referee
+    listed = teams.names.get(arguments.subject, "")
+    named: str | None = arguments.team_name
+    team = listed if named is None else clean_name(named, "--team-name")
     defaults = settings.run
     pose = arguments.start_pose
     start_pose = StartPose(*pose) if pose else settings.start_pose(condition.starting_side)
+    beyond = not practice and _out_of_plan(arguments.subject, condition.number, settings, engine)
     return RunSetup(
         subject=arguments.subject,
-        team=clean_name(arguments.team, "--team"),
+        team=team,
         run_number=number,
         condition=condition,
         start_pose=start_pose,
@@ -126,4 +198,21 @@ def _setup(arguments: argparse.Namespace, settings: Settings, engine: Engine) ->
         countdown=defaults.countdown if arguments.countdown is None else arguments.countdown,
         ruleset=arguments.ruleset or defaults.ruleset,
         lock_detection=arguments.lock_detection or defaults.lock_detection,
+        team_reason=terminal_safe(arguments.team_reason)
+        if teams.differs(arguments.subject, team)
+        else "",
+        practice=practice,
+        out_of_plan=beyond,
+    )
+
+
+def _out_of_plan(subject: int, condition: int, settings: Settings, engine: Engine) -> bool:
+    """Whether a run is beyond the competition's plan; never where there is none."""
+    from madrob_console.archive.history import History
+    from madrob_console.referee.competition_plan import Task, plan_progress
+
+    plan = settings.plan.source.read()
+    runs = History(engine.config.results).refresh() if plan.lines else ()
+    return plan_progress(plan, runs, settings.competition.name).out_of_plan(
+        Task(subject, condition)
     )

@@ -9,7 +9,13 @@ from madrob_console.cli import options
 
 def add(commands: options.Commands) -> None:
     """Its command line."""
-    options.command(commands, "schema", main, "the JSON schema of result.json")
+    options.command(
+        commands,
+        "schema",
+        main,
+        "the JSON schema of result.json",
+        examples=("madrob schema > result_schema.json",),
+    )
 
 
 def main(_arguments: argparse.Namespace) -> int:

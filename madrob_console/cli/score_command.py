@@ -6,15 +6,16 @@ What is said of a run is plain text, so that another process can do the work.
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.rulesets import RulesetName
@@ -27,14 +28,8 @@ if TYPE_CHECKING:
 DIFFERENCES = 1
 """Exit code of `--check` where a result is not what its recording gives."""
 
-STOPPED = 130
-"""Exit code after Ctrl+C, as shells have it."""
-
 _BOTH = "both"
 """Every ruleset, side by side."""
-
-_A_FEW = 4
-"""So many runs need no progress bar."""
 
 
 class RunText(NamedTuple):
@@ -61,6 +56,11 @@ def add(commands: options.Commands) -> None:
         "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a results folder. "
         "Exit code 2 when a run cannot be read; the rest is scored. With --check, 1 when a "
         "result differs.",
+        examples=(
+            "madrob score ~/madrob_runs                  # all runs",
+            "madrob score --ruleset both my_run          # both rulesets side by side",
+            "madrob score --check ~/madrob_runs          # do the stored results hold?",
+        ),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
     either = parser.add_mutually_exclusive_group()
@@ -105,14 +105,9 @@ def main(arguments: argparse.Namespace) -> int:
     runs = [run for path in arguments.paths for run in runs_at(path)]
     rules = _rules(arguments.ruleset)
     describe = partial(describe_run, rules=rules, check=arguments.check, as_json=arguments.json)
-    texts = in_order(describe, runs, arguments.jobs, arguments.backend)
-    if len(runs) > _A_FEW and sys.stderr.isatty():
-        texts = _with_bar(texts, len(runs))
-    try:
-        bad, differing = _print(texts, as_json=arguments.json)
-    except KeyboardInterrupt:
-        complain("stopped")
-        return STOPPED
+    scored = in_order(describe, runs, arguments.jobs, arguments.backend)
+    with closing(scored) as texts, progress("runs") as tell:
+        bad, differing = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
         agreeing = len(runs) - bad - differing
         print(f"{agreeing} agree, {differing} differ, {bad} could not be checked")
@@ -127,43 +122,31 @@ def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
     return (None if name is None else RulesetName(name),)
 
 
-def _print(texts: Iterable[RunText], *, as_json: bool) -> tuple[int, int]:
+def _print(
+    runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
+) -> tuple[int, int]:
     """Print what is said of each run as soon as it is; how many were bad, and how many differ."""
-    bad, differing, printed = 0, 0, 0
+    differing, printed = 0, 0
     if as_json:
         print('{\n  "runs": [', end="")
-    for one in texts:
-        if one.problem is not None:
-            complain(one.problem)
-            bad += 1
-            continue
-        if as_json:
-            print("," if printed else "", indent(one.text, "    "), sep="\n", end="", flush=True)
-        else:
-            print(one.text, flush=True)
-        printed += 1
-        differing += one.differs
+    tell(0, len(runs))
+    with Complaints() as bad:
+        for number, (run, one) in enumerate(zip(runs, texts, strict=True), start=1):
+            tell(number, len(runs))
+            if one.problem is not None:
+                bad.add(one.problem, run.name)
+                continue
+            if as_json:
+                print(
+                    "," if printed else "", indent(one.text, "    "), sep="\n", end="", flush=True
+                )
+            else:
+                print(one.text, flush=True)
+            printed += 1
+            differing += one.differs
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
-    return bad, differing
-
-
-def _with_bar(texts: Iterable[RunText], total: int) -> Iterator[RunText]:
-    """The same, with a progress bar on the terminal below what is printed."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-    progress = Progress(
-        "runs",
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        redirect_stdout=sys.stdout.isatty(),
-    )
-    with progress:
-        yield from progress.track(texts, total=total)
+    return bad.count, differing
 
 
 def describe_run(
@@ -198,15 +181,21 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
     if as_json:
         return RunText(_json(run, _document(scored)))
     results = [one.result for one in scored]
-    lines = result_lines(*results) if len(results) == 1 else comparison_lines(results)
+    found = scored[0].flags
+    lines = (
+        result_lines(results[0], found) if len(results) == 1 else comparison_lines(results, found)
+    )
     return RunText("\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)]))
 
 
 def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
+    import msgspec
+
     from madrob_console.cli.score_table import difference
 
+    told = {"flags": msgspec.to_builtins(scored[0].flags)}
     if len(scored) == 1:
-        return _content(scored[0].result)
+        return _content(scored[0].result) | told
     first, *others = (each.result for each in scored)
     differences: dict[str, Any] = {}
     for name, one in first.indicators.items():
@@ -215,6 +204,7 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
     return {
         "rulesets": {result.ruleset: _content(result) for result in (first, *others)},
         "differences": differences,
+        **told,
     }
 
 

@@ -6,26 +6,35 @@ from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
+from madrob_console.referee.flags import Flag
 from scoring.result import Indicator, Result
 
 _NONE = "-"
 
 
-def result_lines(result: Result) -> Iterator[str]:
-    """A result as a table for people."""
+def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
+    """A result as a table for people, its flags first."""
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
+    yield from flag_lines(found)
     for name, indicator in result.indicators.items():
         yield f"{name.words:<30} {_value(indicator):>12}  {indicator.reason or indicator.unit}"
     yield from _notes(result)
 
 
-def comparison_lines(results: Sequence[Result]) -> Iterator[str]:
+def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
+    """What a decision on a run hangs on, on one line; none where nothing does."""
+    if found:
+        yield terminal_safe(f"flags: {'; '.join(flag.words for flag in found)}")
+
+
+def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> Iterator[str]:
     """The results of one run by several rulesets, side by side.
 
     Beside each but the first stands its difference to the first: that one's value is subtracted.
     """
     first, *others = results
     yield _outcome(first)
+    yield from flag_lines(found)
     heads = [first.ruleset, *(head for other in others for head in (other.ruleset, "difference"))]
     yield _row("", heads)
     for name, one in first.indicators.items():
@@ -51,7 +60,7 @@ def _row(name: str, cells: Sequence[str]) -> str:
 
 
 def _outcome(result: Result) -> str:
-    return terminal_safe(f"outcome: {result.outcome} ({result.outcome_reason})")
+    return terminal_safe(f"outcome: {result.outcome} ({result.ended})")
 
 
 def _notes(result: Result) -> Iterator[str]:

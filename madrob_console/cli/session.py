@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import assert_never
@@ -13,9 +14,11 @@ from madrob_console.clock import Clock, SystemClock, VirtualClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.live.scorer import InlineScorer, Scorer
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario, SourceKind
+from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import MessageTypes
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -24,8 +27,17 @@ from madrob_console.testbeds.source import Source
 _SEARCH_TIME = 3.0
 
 
-def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
+def open_engine(
+    arguments: argparse.Namespace,
+    settings: Settings,
+    scorer: Callable[[], Scorer] = InlineScorer,
+) -> Engine:
     """The engine that the command line asks for; not opened yet.
+
+    Args:
+        arguments: the command line.
+        settings: of the testbed.
+        scorer: what makes the results of runs in real time; else they are made at once.
 
     Raises:
         MadrobError: the testbed does not exist or cannot be used.
@@ -41,8 +53,6 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
         disk_needed=settings.checks.disk_space,
         lossless=arguments.speed == 0,
     )
-    if arguments.speed < 0 or arguments.speed > 1000:
-        raise MadrobError(f"--speed {arguments.speed:g}: use 0 to 1000")
     match kind:
         case SourceKind.REPLAY:
             assert replayed is not None
@@ -53,12 +63,15 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
                 clock = SystemClock(arguments.speed)
             testbed = simulated_testbed(arguments, settings)
             simulated = SimulatedSource(testbed, clock, types, config.mappings)
-            return Engine(simulated, clock, config, types)
+            if arguments.speed == 0:
+                return Engine(simulated, clock, config, types)
+            return Engine(
+                simulated, clock, config, types, keepers=Keepers.threads(), scorer=scorer()
+            )
         case SourceKind.ROS:
-            if arguments.speed != 1:
-                raise MadrobError("--speed: a live testbed has its own; leave the option out")
             clock = SystemClock()
-            return Engine(_ros_source(arguments, settings, types, clock), clock, config, types)
+            source = _ros_source(arguments, settings, types, clock)
+            return Engine(source, clock, config, types, keepers=Keepers.threads(), scorer=scorer())
         case _:
             assert_never(kind)
 
@@ -66,7 +79,7 @@ def open_engine(arguments: argparse.Namespace, settings: Settings) -> Engine:
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:
     """The simulated testbed of the settings, with the scenario of the command line."""
     return SimulatedTestbed(
-        Scenario(arguments.scenario),
+        arguments.scenario,
         arguments.seed,
         settings.door_geometry(),
         settings.simulated.sensors.settings(),
@@ -75,11 +88,17 @@ def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> Simu
 
 
 def _ros_source(
-    arguments: argparse.Namespace, settings: Settings, types: MessageTypes, clock: Clock
+    arguments: argparse.Namespace,
+    settings: Settings,
+    types: MessageTypes,
+    clock: Clock,
+    *,
+    speaks: bool = True,
 ) -> Source:
     from madrob_console.testbeds.ros import RosSource
 
-    return RosSource(settings.mappings(), types, clock, options.ros_domain(arguments, settings))
+    domain = options.ros_domain(arguments, settings)
+    return RosSource(settings.mappings(), types, clock, domain, speaks=speaks)
 
 
 def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceKind, Path | None]:
@@ -87,17 +106,7 @@ def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceK
         kind = settings.testbed.kind
         return (kind, None) if kind else (_find_testbed(arguments, settings), None)
     name, *rest = arguments.testbed
-    try:
-        kind = SourceKind(name)
-    except ValueError:
-        raise MadrobError(
-            f"--testbed {name}: use `ros`, `simulated`, or `replay` and the path of a bag"
-        ) from None
-    wanted = 1 if kind is SourceKind.REPLAY else 0
-    if len(rest) != wanted:
-        need = "needs the path of one bag" if wanted else "takes nothing more"
-        raise MadrobError(f"--testbed {kind} {need}")
-    return kind, Path(rest[0]).expanduser() if rest else None
+    return SourceKind(name), Path(rest[0]).expanduser() if rest else None
 
 
 def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKind:
@@ -107,7 +116,7 @@ def _find_testbed(arguments: argparse.Namespace, settings: Settings) -> SourceKi
         raise MadrobError(
             "no ROS here: source /opt/ros/jazzy/setup.bash or install the `ros` extra; " + practise
         )
-    source = _ros_source(arguments, settings, MessageTypes(), SystemClock())
+    source = _ros_source(arguments, settings, MessageTypes(), SystemClock(), speaks=False)
     source.open()
     try:
         end = time.monotonic() + _SEARCH_TIME

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
 from madrob_console.cli import options
+from madrob_console.names import terminal_safe
 
 
 def add(commands: options.Commands) -> None:
     """Its command line."""
     parser = options.command(
-        commands, "settings", main, "check the settings file; print one with every default"
+        commands,
+        "settings",
+        main,
+        "check the settings file; print one with every default",
+        "Which file was read, and that it is fine, stands on the error output.",
+        ("madrob settings", "madrob settings > madrob.toml", "madrob settings --settings my.toml"),
     )
     options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Check the settings file, if there is one, and print every setting with its default."""
-    from madrob_console.config import load_settings
+    from madrob_console.config import default_settings_path, load_settings
     from madrob_console.config.example import example_toml
 
     load_settings(arguments.settings)  # a file that is there has to be right
-    print(example_toml())
+    print(example_toml(), flush=True)
+    file: Path = arguments.settings or default_settings_path()
+    told = f"{file}: read, it is fine" if file.exists() else f"{file}: not there, the defaults hold"
+    print(terminal_safe(told), file=sys.stderr)
     return 0

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
@@ -30,6 +32,7 @@ def add(commands: options.Commands) -> None:
         "all teams, in each condition and in all: a table, csv, json, html",
         "Mean, median and standard deviation over the valid runs; invalid and interrupted ones are "
         "listed with their reasons. Exit code 2 when a result is damaged; the rest is there.",
+        examples=("madrob standings", "madrob standings --best 3 --html hall.html"),
     )
     for kind, text in (
         ("csv", "a row for each team, condition and indicator"),
@@ -45,15 +48,17 @@ def add(commands: options.Commands) -> None:
         )
     parser.add_argument(
         "--best",
-        type=int,
+        type=whole_number,
         default=None,
         metavar="N",
-        help="only the N best runs of each team in each condition; 0 = all; else the settings'",
+        help="only the N best runs of each team in each condition, 0 = all; else setting "
+        "`competition.best_runs`",
     )
     parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
     parser.add_argument(
-        "--practice", action="store_true", help="the simulated runs instead, marked as such"
+        "--practice", action="store_true", help="the practice runs instead, marked as such"
     )
+    options.add_teams(parser)
     options.add_results(parser)
     options.add_settings(parser)
 
@@ -79,8 +84,7 @@ def main(arguments: argparse.Namespace) -> int:
     for kind, path in targets.items():
         data = makers[kind](found)
         if path == _STDOUT:
-            sys.stdout.buffer.write(data)
-            sys.stdout.flush()
+            put_bytes(data)
         else:
             atomic_write(path, data)
             print(terminal_safe(str(path)), file=told)
@@ -88,8 +92,9 @@ def main(arguments: argparse.Namespace) -> int:
         for line in standings_lines(found):
             print(terminal_safe(line))
     damaged = [run for run, _ in found.left_out if run.problem is not None]
-    for run in damaged:
-        complain(f"{run.folder}: {run.problem}")
+    with Complaints() as complaints:
+        for run in damaged:
+            complaints.add(f"{run.folder}: {run.problem}", run.folder)
     return BAD_INPUT if damaged else 0
 
 
@@ -111,6 +116,7 @@ def _found(arguments: argparse.Namespace) -> CompetitionStandings:
         competition=arguments.competition,
         official=not arguments.practice,
         best=best,
+        listed=options.team_list(arguments, settings).names,
     )
 
 

@@ -6,6 +6,7 @@ import argparse
 from functools import partial
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import whole_number
 from scoring.imports import imports_kept
 
 
@@ -17,11 +18,20 @@ def add(commands: options.Commands) -> None:
         main,
         "the simulated testbed as a ROS 2 node",
         "The robot sets out when /madrob/referee/state says that the run is running.",
+        examples=(
+            "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
+        ),
     )
     options.add_scenario(parser)
     options.add_condition(parser)
     options.add_domain(parser)
-    parser.add_argument("--repeat", type=int, default=1, help="runs before it ends; 0 = no end")
+    parser.add_argument(
+        "--repeat",
+        type=whole_number,
+        default=1,
+        metavar="N",
+        help="runs before it ends; 0 = no end",
+    )
     options.add_settings(parser)
 
 

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import signal
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Protocol
 
+from madrob_console.cli.problems import StoppedError
 from madrob_console.cli.score_table import result_lines
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.event_log import EventLog
 from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.process.reporting import Reporting
 from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, RunSetup
-from scoring.kinematics import load_filters
 from scoring.protocol import Outcome
 
 STEP = 0.02
@@ -25,6 +26,14 @@ STEP = 0.02
 
 _LOOK_PERIOD = 0.5
 _REST = 1.5
+
+
+class SetupMaker(Protocol):
+    """Makes what is set for a run."""
+
+    def __call__(self, *, simulated: bool) -> RunSetup:
+        """The set-up for a simulated testbed, or for a real one."""
+        ...
 
 
 class _LogPrinter:
@@ -49,27 +58,21 @@ class _LogPrinter:
 
 
 def print_replay(engine: Engine, replay: Replay) -> Outcome:
-    """Print a replay to its end and what it differs in from the stored result; nothing is written.
-
-    Raises:
-        MadrobError: it was interrupted from the keyboard.
-    """
+    """Print a replay to its end, and in what it differs from the stored result; write nothing."""
     log = _LogPrinter(engine.log)
     engine.open()
     try:
         print(f"testbed: {engine.source.label}", flush=True)
         for problem in replay.problems:
-            print(f"note: {problem}", flush=True)
+            print(f"note: {terminal_safe(problem)}", flush=True)
         log.print_new()
         while engine.scored is None:
             engine.step(STEP)
             log.print_new()
-    except KeyboardInterrupt:
-        raise MadrobError("the replay was stopped before its end") from None
     finally:
         engine.close()
     result = engine.scored.result
-    for line in result_lines(result):
+    for line in result_lines(result, engine.scored.flags):
         print(line)
     print(f"replay: {replay.view(result).comparison}; nothing was recorded")
     print(f"run folder: {engine.folder}", flush=True)
@@ -92,11 +95,12 @@ class UnattendedRun:
         self._log = _LogPrinter(engine.log)
         self._signal: int | None = None
 
-    def go(self, setup: Callable[[], RunSetup], wait: float, waive: str | None) -> Outcome:
+    def go(self, setup: SetupMaker, wait: float, waive: str | None) -> Outcome:
         """Do the run, to its report; how it ended.
 
         Args:
-            setup: what is set; asked when the engine is open.
+            setup: tells what is set, for a simulated testbed or a real one; asked when the engine
+                is open.
             wait: for the pre-start checks, s.
             waive: why failing checks shall pass; None = they shall not.
 
@@ -106,10 +110,9 @@ class UnattendedRun:
         engine = self._engine
         engine.open()
         # the robot is getting ready: nobody should wait for imports when it is through the door
-        threading.Thread(target=load_filters, name="filters", daemon=True).start()
+        engine.warm()
         try:
-            print(f"testbed: {engine.source.label}", flush=True)
-            self._prepare(setup(), wait, waive)
+            self._prepare(setup, wait, waive)
             while engine.scored is None:
                 self._step()
                 self._heed_signal()
@@ -118,19 +121,28 @@ class UnattendedRun:
             self._log.print_new()
         return self._report()
 
-    def _prepare(self, setup: RunSetup, wait: float, waive: str | None) -> None:
+    def _prepare(self, setup: SetupMaker, wait: float, waive: str | None) -> None:
         engine = self._engine
-        self._do(SetUp(setup))
+        simulated = self._set_up(setup)
         begin = engine.now()
         self._wait_for_checks(begin + _REST, begin + wait)
+        if engine.source.announcement.simulated is not None and not simulated:
+            self._set_up(setup)  # it is heard only now
         if problem := engine.source.sides_problem:
-            print(f"note: {problem}", flush=True)
+            print(f"note: {terminal_safe(problem)}", flush=True)
         self._do(ZeroHandle())
         self._do(ConfirmPose())
         if waive is not None:
             for check in blocking(engine.situation().checks):
                 self._do(Waive(check.name, waive))
         self._do(Start())
+
+    def _set_up(self, setup: SetupMaker) -> bool:
+        """Set the run up and say on what; whether that is known to be simulated."""
+        simulated = self._engine.source.announcement.simulated is not None
+        self._do(SetUp(setup(simulated=simulated)))
+        print(f"testbed: {self._engine.snapshot().label}", flush=True)
+        return simulated
 
     def _wait_for_checks(self, rest: float, end: float) -> None:
         """Let the handle rest for a while, and wait for the checks that time can mend."""
@@ -139,7 +151,7 @@ class UnattendedRun:
         while (now := self._engine.now()) < end:
             self._step()
             if self._signal is not None:
-                raise MadrobError("stopped before the start; nothing was recorded")
+                raise StoppedError("stopped before the start; nothing was recorded", self._signal)
             if now < max(rest, looked + _LOOK_PERIOD):
                 continue
             looked = now
@@ -153,7 +165,7 @@ class UnattendedRun:
             raise MadrobError(f"{act.name} refused: {refused}")
 
     def _step(self) -> None:
-        self._engine.step(STEP)
+        self._engine.step(STEP, lambda: self._signal is not None)
         self._log.print_new()
 
     def _heed_signal(self) -> None:
@@ -184,7 +196,7 @@ class UnattendedRun:
     def _report(self) -> Outcome:
         scored = self._engine.scored
         assert scored is not None
-        for line in result_lines(scored.result):
+        for line in result_lines(scored.result, scored.flags):
             print(line)
         if self._engine.result_problem:
             print(self._engine.result_problem)

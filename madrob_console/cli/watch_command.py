@@ -15,9 +15,14 @@ def add(commands: options.Commands) -> None:
         "watch",
         main,
         "the same screens for spectators: they show everything and can do nothing",
-        "Attaches to the engine of the testbed that is named, or to the only one that runs.",
+        "Attaches to the engine of the testbed that is named, or without arguments to the only one "
+        "that runs; where several run it says what to type.",
+        examples=("madrob watch", "madrob watch --testbed ros --domain 41", "madrob watch --big"),
     )
     options.add_testbed(parser)
+    parser.add_argument(
+        "--big", action="store_true", help="a wall display: clock, state and team over the screen"
+    )
     add_look_options(parser)
 
 
@@ -25,4 +30,4 @@ def main(arguments: argparse.Namespace) -> int:
     """Show the screens; no key of theirs does anything to the run."""
     from madrob_console.engine.shown.requests import Role
 
-    return show(arguments, Role.WATCH)
+    return show(arguments, Role.WATCH, wall=arguments.big)

@@ -29,6 +29,7 @@ _LISTS_HELP = """\
 
 # How a testbed publishes a signal, where it differs from the protocol: one [[topics]] for each.
 # What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m.
+# A message of more than `largest` bytes is recorded but not read; by default what its type needs.
 # The signals are
 {signals}
 #[[topics]]
@@ -37,7 +38,8 @@ _LISTS_HELP = """\
 #type = "madrob_msgs/msg/Handle"
 #field = "force"
 #scale = 0.00980665
-#offset = 0.0"""
+#offset = 0.0
+#largest = 400"""
 
 
 def example_toml() -> str:
@@ -55,13 +57,21 @@ def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
         value = getattr(table, field.name)
         if isinstance(value, msgspec.Struct):
             inner.append((f"{name}.{field.encode_name}".lstrip("."), value))
-        elif not isinstance(plain(field.type), inspect.VarTupleType):
+        elif not _tables_in(plain(field.type)):
             shown = "..." if value is None else toml_value(value)
             described.append(f"#{field.encode_name} = {shown}  # {description(field.type)}")
     if described:
         yield from (f"[{name}]", *described, "")
     for inner_name, inner_table in inner:
         yield from _tables(inner_name, inner_table)
+
+
+def _tables_in(kind: inspect.Type) -> bool:
+    """Whether it is a list of tables: they are explained at the end."""
+    match kind:
+        case inspect.VarTupleType(item_type=inspect.StructType()):
+            return True
+    return False
 
 
 def toml_value(value: object) -> str:

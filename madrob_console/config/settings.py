@@ -20,6 +20,7 @@ from madrob_console.config.tables import (
     ConsoleSettings,
     EngineSettings,
     FreshnessSettings,
+    PlanSettings,
     Results,
     RunDefaults,
     SettingsTable,
@@ -39,12 +40,17 @@ if TYPE_CHECKING:
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
 
 
+LARGEST_SETTINGS = 1_000_000
+"""A longer text is none, characters; no more bytes of a file are read."""
+
+
 class Settings(SettingsTable, frozen=True):
     """All settings; each has a default."""
 
     competition: Competition = Competition()
     run: RunDefaults = RunDefaults()
     teams: tuple[TeamSetting, ...] = ()
+    plan: PlanSettings = PlanSettings()
     start_poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     testbed: SourceSetting = SourceSetting()
     topics: tuple[TopicSetting, ...] = ()
@@ -111,7 +117,9 @@ def load_settings(path: Path | None = None) -> Settings:
     """
     file = default_settings_path() if path is None else path
     try:
-        return parse_settings(file.read_bytes().decode())
+        with file.open("rb") as opened:  # a pipe is fine: who names it means it
+            content = opened.read(LARGEST_SETTINGS + 1)
+        return parse_settings(content.decode())
     except FileNotFoundError:
         if path is None:
             return Settings()
@@ -132,12 +140,14 @@ def parse_settings(text: str) -> Settings:
     Raises:
         MadrobError: it is not valid; names the key and the remedy.
     """
+    if len(text) > LARGEST_SETTINGS:
+        raise MadrobError("has more than 1 MB, no settings; name a file with --settings")
     try:
         return msgspec.convert(tomllib.loads(text), Settings)
-    except tomllib.TOMLDecodeError as error:
-        raise MadrobError(f"is not TOML: {error}") from None
     except msgspec.ValidationError as error:
         raise MadrobError(f"{explain(str(error), Settings)}; correct or remove it") from None
+    except (ValueError, RecursionError) as error:  # also numbers and brackets without end
+        raise MadrobError(f"is not TOML: {error}") from None
 
 
 def _no_repetition(key: str, names: list[str]) -> None:

@@ -13,6 +13,14 @@ from msgspec.structs import force_setattr
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.names import clean_name
+from madrob_console.referee.competition_plan import (
+    MOST_ATTEMPTS,
+    MOST_LINES,
+    PlanLine,
+    PlanSource,
+    Task,
+)
+from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
@@ -52,6 +60,39 @@ class Competition(SettingsTable, frozen=True):
     def teams_path(self) -> Path | None:
         """The teams file, if there is one."""
         return Path(self.teams_file).expanduser() if self.teams_file else None
+
+
+_Planned = tuple[
+    Annotated[int, Meta(ge=1, le=999)],
+    Annotated[int, Meta(ge=1, le=20)],
+    Annotated[int, Meta(ge=1, le=MOST_ATTEMPTS)],
+]
+
+
+class PlanSettings(SettingsTable, frozen=True):
+    """[plan]: who runs which condition how often, in order; see `referee/competition_plan.py`."""
+
+    file: Annotated[
+        str, Meta(description="CSV file with lines `subject,condition,attempts`, in order")
+    ] = ""
+    runs: Annotated[
+        tuple[_Planned, ...],
+        Meta(max_length=MOST_LINES, description="the same without a file: [[3, 1, 2], [4, 1, 2]]"),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        if self.file:
+            _demand_whole_path("file", self.file)
+        if self.file and self.runs:
+            raise ValueError("runs: the file says it, keep one of the two")
+
+    @property
+    def source(self) -> PlanSource:
+        """Where the plan comes from."""
+        lines = (
+            PlanLine(Task(subject, condition), count) for subject, condition, count in self.runs
+        )
+        return PlanSource(tuple(lines), Path(self.file).expanduser() if self.file else None)
 
 
 class RunDefaults(SettingsTable, frozen=True):
@@ -117,7 +158,9 @@ class SourceSetting(SettingsTable, frozen=True):
         Annotated[SourceKind, Meta(description="ros or simulated; found out when not set")] | None
     ) = None
     domain: (
-        Annotated[int, Meta(ge=0, le=232, description="ROS domain; else ROS_DOMAIN_ID, else 0")]
+        Annotated[
+            int, Meta(ge=0, le=LARGEST_DOMAIN, description="ROS domain; else ROS_DOMAIN_ID, else 0")
+        ]
         | None
     ) = None
 
@@ -135,6 +178,9 @@ class TopicSetting(SettingsTable, frozen=True):
     field: str | None = None
     scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
     offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0
+    largest: (
+        Annotated[int, Meta(ge=1, le=10**9, description="bytes of a message that is read")] | None
+    ) = None
 
     def __post_init__(self) -> None:
         if self.scale == 0:

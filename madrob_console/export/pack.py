@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +13,8 @@ import msgspec
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
-    parse_folder_name,
-    run_folder_names,
 )
+from madrob_console.archive.history import VOID, History, RunSummary
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import (
     ListedResult,
@@ -32,13 +32,15 @@ from madrob_console.files.whole import whole_file
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
+from madrob_console.referee.flags import FlagKind, weighty
+from madrob_console.referee.teams import TeamName
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""
 
 _LONGEST_TEAM = 40  # characters of it in a file name
 _BAG = (".mcap", "metadata.yaml")
-_PRACTICE = {SourceKind.SIMULATED: "SIMULATED, for practice", SourceKind.REPLAY: "a REPLAY"}
+_UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class Export:
         runs, files: how many are in it.
         size: of the zip, bytes.
         problems: what is not in it and why, in words.
+        renamed: what is called otherwise in it, in words.
     """
 
     path: Path
@@ -57,67 +60,82 @@ class Export:
     files: int
     size: int
     problems: tuple[str, ...]
+    renamed: tuple[str, ...] = ()
 
 
-def export_team(
+def export_team(  # noqa: PLR0913  what is packed, and how
     root: Path,
     subject: int,
     mappings: Sequence[TopicMapping],
     now: float,
     *,
+    practice: bool = False,
     target: Path | None = None,
     bags: bool = True,
+    team: str = "",
+    tell: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Export:
-    """Pack all runs of a team; the one that goes on is left out and named.
+    """Pack all official runs of a team; the one that goes on is left out and named.
 
     Args:
         root: the results folder.
         subject: the team's number.
         mappings: which topic carries which signal, for the layout.
         now: s since the epoch.
+        practice: its practice runs instead.
         target: the zip; in the folder `exports` of the results folder if not given.
         bags: whether with the recordings.
+        team: its name in the list of teams; empty = the name that its latest run carries.
+        tell: is told how many runs are packed, and of how many.
 
     Raises:
-        MadrobError: the team has no runs, or the zip cannot be written.
+        MadrobError: the team has no such runs, or the zip cannot be written.
     """
-    runs, going_on = _runs_of(root, subject)
+    runs, going_on = _runs_of(root, subject, practice=practice)
     known = {run: _Known.of(run) for run in runs}
-    team = next((known[run].team for run in reversed(runs) if known[run].team), "")
-    path = target or root / EXPORTS_FOLDER / file_name(subject, team, now)
-    _make_folder(path.parent)
-    with whole_file(path) as file, Archive(file) as archive:
+    called = TeamName.of(team, (known[run].team for run in runs))
+    name = file_name(subject, called.name, now, practice=practice)
+    path = target or root / EXPORTS_FOLDER / name
+    with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
         ]
         without = () if bags else _BAG
-        packed = [
-            PackedRun(run.name, terminal_safe(known[run].words), _add_run(archive, run, without))
-            for run in runs
-        ]
+        packed: list[PackedRun] = []
+        for run in runs:
+            tell(len(packed), len(runs))
+            added = _add_run(archive, run, without)
+            packed.append(PackedRun(run.name, terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         layout = msgspec.json.format(msgspec.json.encode(foxglove_layout(mappings)), indent=2)
         archive.add(LAYOUT_FILE, layout + b"\n", now)
         problems = [terminal_safe(problem) for problem in archive.problems]
-        title = terminal_safe(f"MADROB: runs of subject {subject} {team}".rstrip())
-        archive.add(README_FILE, readme(title, packed, problems, bags=bags).encode(), now)
+        renamed = [terminal_safe(words) for words in archive.renamed]
+        kind = "PRACTICE runs" if practice else "runs"
+        title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
+        names = [terminal_safe(name) for name in called.others]
+        text = readme(title, packed, problems, renamed, names, bags=bags)
+        archive.add(README_FILE, text.encode(), now)
         archive.finish(now)
         size = file.tell()
-    return Export(path, len(runs), archive.count, size, tuple(archive.problems))
+    said = tuple(archive.problems), tuple(archive.renamed)
+    return Export(path, len(runs), archive.count, size, *said)
 
 
-def file_name(subject: int, team: str, now: float) -> str:
+def file_name(subject: int, team: str, now: float, *, practice: bool = False) -> str:
     """The name of a team's zip: `team_SSS_<team>_YYYYMMDD_HHMMSS.zip`, of letters and digits.
 
     Args:
         subject: the team's number.
         team: its name; what is neither letter nor digit becomes `_`.
         now: s since the epoch; stands in it in local time.
+        practice: of practice runs; it says so.
     """
     words = "".join(char if char.isalnum() or char == "-" else " " for char in team).split()
     name = "_".join(words)[:_LONGEST_TEAM].rstrip("_")
     date = time.strftime("%Y%m%d_%H%M%S", time.localtime(now))
-    return "_".join(part for part in (f"team_{subject:03d}", name, date) if part) + ".zip"
+    kind = "practice" if practice else ""
+    return "_".join(part for part in (f"team_{subject:03d}", name, kind, date) if part) + ".zip"
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,36 +160,52 @@ class _Known:
 
 def _outcome(result: ListedResult) -> str:
     """How a run ended, for people."""
-    final = "provisional" if result.closure is None else f"final, {result.closure.team_word}"
-    practice = [_PRACTICE[kind] for kind in _PRACTICE if result.source == kind]
+    final = "not final" if result.closure is None else f"final, {result.closure.team_word}"
+    unofficial = [words for kind, words in _UNOFFICIAL.items() if result.source == kind]
+    if not unofficial and result.practice:
+        unofficial = ["PRACTICE"]
     condition = f"condition {result.condition_number}, run {result.run_number}"
-    return ", ".join([f"{condition}: {result.outcome}", final, *practice])
+    void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
+    told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
+    flagged = [flag.words for flag in weighty(result.flags or ()) if flag.kind not in told]
+    return ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
 
 
-def _runs_of(root: Path, subject: int) -> tuple[list[Path], list[Path]]:
-    """The runs of a team, oldest first: those to be packed, and the one that goes on.
+def _runs_of(root: Path, subject: int, *, practice: bool) -> tuple[list[Path], list[Path]]:
+    """The official or the practice runs of a team, oldest first.
+
+    Returns:
+        Those to be packed, and the one that goes on.
 
     Raises:
         MadrobError: there is none to be packed, or the folder cannot be read.
     """
-    teams: dict[int, list[str]] = {}
-    for name in run_folder_names(root):
-        if (parsed := parse_folder_name(name)) is not None:
-            teams.setdefault(parsed[0].subject, []).append(name)
-    own = [root / n for n in sorted(teams.get(subject, ()), key=lambda name: (name[-15:], name))]
+    teams: dict[int, list[RunSummary]] = {}
+    for run in History(root).refresh():  # a folder keeps its name when its subject is corrected
+        teams.setdefault(run.subject, []).append(run)
+    own = sorted(teams.get(subject, ()), key=lambda run: (run.folder[-15:], run.folder))
+    wanted = [root / run.folder for run in own if run.practice == practice]
     going_on = [
         run
-        for run in own
+        for run in wanted
         if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None
     ]
-    packed = [run for run in own if run not in going_on]
+    packed = [run for run in wanted if run not in going_on]
     if packed:
         return packed, going_on
     if going_on:
-        raise MadrobError(f"the only run of team {subject} goes on: export it after its end")
+        raise MadrobError(f"the only run of subject {subject} goes on: export it after its end")
+    if own:
+        raise MadrobError(_all_of_the_other_kind(subject, len(own), practice=practice))
     others = ", ".join(map(str, sorted(teams)))
-    known = f"there are runs of team {others}" if teams else "it holds no runs at all"
-    raise MadrobError(f"team {subject} has no runs in {root}: {known}; check --results")
+    known = f"there are runs of subject {others}" if teams else "it holds no runs at all"
+    raise MadrobError(f"subject {subject} has no runs in {root}: {known}; check --results")
+
+
+def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
+    if practice:
+        return f"subject {subject} has no practice runs: leave --practice out ({count} official)"
+    return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
 def _add_run(archive: Archive, run: Path, without: tuple[str, ...]) -> list[str]:
@@ -183,10 +217,20 @@ def _add_run(archive: Archive, run: Path, without: tuple[str, ...]) -> list[str]
     return added
 
 
-def _make_folder(folder: Path) -> None:
+@contextmanager
+def _folder(folder: Path) -> Iterator[None]:
+    """A folder that is there while inside; where nothing comes of it, it is as it was before."""
+    missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MadrobError(
             f"{folder}: cannot be made ({error.strerror}): choose another --output"
         ) from None
+    try:
+        yield
+    except BaseException:
+        if missing:
+            with suppress(OSError):  # somebody else has put something there
+                folder.rmdir()
+        raise

@@ -37,18 +37,32 @@ class PackedRun:
         return f"{self.folder}/{name}" in self.files
 
 
-def readme(title: str, runs: Sequence[PackedRun], problems: Sequence[str], *, bags: bool) -> str:
+def readme(
+    title: str,
+    runs: Sequence[PackedRun],
+    problems: Sequence[str],
+    renamed: Sequence[str] = (),
+    other_names: Sequence[str] = (),
+    *,
+    bags: bool,
+) -> str:
     """The text.
 
     Args:
         title: whose runs.
         runs: in their order.
         problems: what is missing, in words.
+        renamed: what is called otherwise here than in the run's folder, in words.
+        other_names: of the team, in some of the runs.
         bags: whether the recordings are there.
     """
     parts = [title, _runs(runs)]
+    if other_names:
+        parts.append("OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n" + _lines(other_names))
     if problems:
         parts.append("NOT IN THIS ARCHIVE\n" + _lines(problems))
+    if renamed:
+        parts.append("UNDER ANOTHER NAME\n" + _lines(renamed))
     parts.append(_WHOLE.format(sums=SUMS_FILE))
     if any(run.has("report.html") for run in runs):
         parts.append(_REPORT)

@@ -6,11 +6,12 @@ import hashlib
 import os
 import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
+from madrob_console.export.portable_names import LONGEST_PATH, portable_names
 from madrob_console.files.plain import open_plain, refusal
 
 SUMS_FILE = "SHA256SUMS"
@@ -30,18 +31,21 @@ class Archive:
     Attributes:
         count: files in it.
         problems: what could not be read and why, in words.
+        renamed: what is called otherwise in the archive, in words.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self.count = 0
         self.problems: list[str] = []
+        self.renamed: list[str] = []
         self._zip = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED)
         self._sums: list[str] = []
 
     def add_folder(self, folder: Path, *, without: tuple[str, ...] = ()) -> list[str]:
         """Add the files of a folder under its name; what cannot be read is a problem.
 
-        Links are not followed, hidden files are temporary ones.
+        Links are not followed, hidden files are temporary ones. Names that not every system can
+        unpack are replaced, see `portable_names`.
 
         Args:
             folder: the folder.
@@ -54,8 +58,8 @@ class Archive:
             OSError: the archive cannot be written.
         """
         added = []
-        for found in _files_in(folder, self.problems):
-            if not any(part in found.name.rpartition("/")[2] for part in without):
+        for found in self._files_in(folder):
+            if not any(part in found.path for part in without):
                 added += [found.name] if self._add(found) else []
         return added
 
@@ -86,11 +90,7 @@ class Archive:
 
     def _add(self, found: _Found) -> bool:
         try:
-            found.name.encode()
             number = open_plain(found.path, folder=found.folder)
-        except UnicodeEncodeError:
-            self.problems.append(f"{found.name}: its name is no text")
-            return False
         except OSError as error:
             self.problems.append(f"{found.name}: cannot be read ({refusal(error)})")
             return False
@@ -124,9 +124,47 @@ class Archive:
 
     def _count(self, name: str, digest: str) -> None:
         self.count += 1
-        escaped = name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
-        mark = "\\" if escaped != name else ""
-        self._sums.append(f"{mark}{digest}  {escaped}\n")
+        self._sums.append(f"{digest}  {name}\n")
+
+    def _files_in(self, folder: Path) -> Iterator[_Found]:
+        """The files below a folder, by name; folders that are links are problems."""
+
+        def tell(error: OSError) -> None:
+            self.problems.append(f"{folder.name}: cannot be read ({error.strerror})")
+
+        called = {str(folder): folder.name}
+        for path, folders, files, number in _walk(folder, tell):
+            under = called[path]
+            names = self._portable(under, (*folders, *files))
+            folders[:] = sorted(name for name in folders if name in names)
+            links = (name for name in folders if Path(path, name).is_symlink())
+            self.problems.extend(f"{under}/{name}: is a link" for name in links)
+            called |= {f"{path}/{name}": names[name] for name in folders}
+            for name in sorted(name for name in files if name in names):
+                yield _Found(names[name], name, number)
+
+    def _portable(self, under: str, names: Iterable[str]) -> dict[str, str]:
+        """The paths in the archive of what is in a folder; what has none is a problem."""
+        found = {}
+        texts = []
+        for name in names:
+            if name.startswith("."):
+                continue
+            try:
+                name.encode()
+            except UnicodeEncodeError:
+                self.problems.append(f"{under}/{name}: its name is no text")
+            else:
+                texts.append(name)
+        for name, portable in portable_names(texts).items():
+            path = f"{under}/{portable}"
+            if len(path) > LONGEST_PATH:
+                self.problems.append(f"{under}/{name}: too many folders, one in another")
+                continue
+            if portable != name:
+                self.renamed.append(f"{path}: was {name}")
+            found[name] = path
+        return found
 
 
 class _Found(NamedTuple):
@@ -135,23 +173,6 @@ class _Found(NamedTuple):
     name: str
     path: str
     folder: int
-
-
-def _files_in(folder: Path, problems: list[str]) -> Iterator[_Found]:
-    """The files below a folder, by name; folders that are links are problems."""
-
-    def tell(error: OSError) -> None:
-        problems.append(f"{folder.name}: cannot be read ({error.strerror})")
-
-    top = str(folder.parent)
-    for path, folders, names, number in _walk(folder, tell):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        under = os.path.relpath(path, top)
-        links = (name for name in folders if Path(path, name).is_symlink())
-        problems.extend(f"{under}/{name}: is a link" for name in links)
-        for name in sorted(names):
-            if not name.startswith("."):
-                yield _Found(f"{under}/{name}", name, number)
 
 
 def _walk(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
+from pathlib import Path
 
 from madrob_console.files.plain import open_plain
 
@@ -31,5 +33,26 @@ def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
         found = os.fstat(number)
         with os.fdopen(number, "rb", closefd=False) as file:
             return file.read(limit), (found.st_mtime_ns, found.st_size)
+    finally:
+        os.close(number)
+
+
+def read_all(path: str | Path, limit: int) -> bytes:
+    """The content of a file that may have up to `limit` bytes.
+
+    Raises:
+        OSError: it cannot be read, it is a link or no file, or it is larger (`EFBIG`).
+    """
+    number = open_plain(path)
+    try:
+        size = os.fstat(number).st_size
+        data = b""
+        if size <= limit:
+            with os.fdopen(number, "rb", closefd=False) as file:
+                data = file.read(limit + 1)
+            size = len(data)
+        if size > limit:
+            raise OSError(errno.EFBIG, f"{size / 1e6:.1f} MB, more than {limit / 1e6:g} MB")
+        return data
     finally:
         os.close(number)

@@ -20,7 +20,15 @@ def open_plain(path: str | Path, *, folder: int | None = None) -> int:
     Raises:
         OSError: it cannot be read, or it is a link or no file.
     """
-    number = os.open(path, _READ, dir_fd=folder)
+    return checked_plain(os.open(path, _READ, dir_fd=folder))
+
+
+def checked_plain(number: int) -> int:
+    """An open file that is a plain one; another is closed.
+
+    Raises:
+        OSError: it is no file.
+    """
     if stat.S_ISREG(os.fstat(number).st_mode):
         return number
     os.close(number)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -13,14 +13,32 @@ from typing import BinaryIO
 from madrob_console.errors import MadrobError
 
 
-def atomic_write(path: Path, data: bytes) -> None:
+def atomic_write(path: Path, data: bytes | memoryview) -> None:
     """Write a file as `whole_file` does.
 
     Raises:
         MadrobError: the disk refuses.
     """
-    with whole_file(path) as file:
-        file.write(data)
+    atomic_writes(path.parent, {path.name: data})
+
+
+def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Write several files of a folder in their order, each as `whole_file` does.
+
+    The folder is brought to the disk once, at the end.
+
+    Raises:
+        MadrobError: the disk refuses; the files before the one that it names are written.
+    """
+    path = folder
+    try:
+        for name, data in files.items():
+            path = folder / name
+            with _replaced(path) as file:
+                file.write(data)
+        _sync_folder(folder)
+    except OSError as error:
+        raise _refused(path, error) from None
 
 
 @contextmanager
@@ -32,6 +50,16 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     Raises:
         MadrobError: the disk refuses.
     """
+    try:
+        with _replaced(path) as file:
+            yield file
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[BinaryIO]:
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         with part.open("xb") as file:
@@ -39,14 +67,16 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise MadrobError(
-            f"{path}: not written ({error.strerror}); make room or choose another folder"
-        ) from None
-    finally:
+    except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+        raise
+
+
+def _refused(path: Path, error: OSError) -> MadrobError:
+    return MadrobError(
+        f"{path}: not written ({error.strerror}); make room or choose another folder"
+    )
 
 
 def free_space(path: Path) -> int | None:

@@ -10,12 +10,13 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from madrob_console.clock import NS, seconds
 from madrob_console.errors import MadrobError
 from madrob_console.messages.cdr_layout import Layout, Numbers, Wanted
 from madrob_console.messages.field_paths import MessageField, find_field, find_stamp, parse_path
+from madrob_console.messages.message_sizes import usual_size
 from madrob_console.messages.message_types import Message, MessageError, MessageTypes
 from recorder.bag import Durability, Qos, Topic
 from recorder.message import RawMessage
@@ -73,6 +74,8 @@ class TopicMapping:
         field: path in the message, names separated by dots, each with an optional [index].
         scale: factor from the published to the protocol's unit; not 0.
         offset: added after scaling, in the protocol's unit.
+        largest: a message of more bytes is recorded but not read; None = each is read, as in
+            recordings that say nothing of it.
 
     Raises:
         MadrobError: the path is malformed, or scale or offset are of no use.
@@ -84,6 +87,7 @@ class TopicMapping:
     field: str
     scale: float = 1.0
     offset: float = 0.0
+    largest: int | None = None
 
     def __post_init__(self) -> None:
         parse_path(self.field)
@@ -91,6 +95,12 @@ class TopicMapping:
             raise MadrobError(f"{self.topic}: scale {self.scale} loses the signal; use another")
         if not math.isfinite(self.offset):
             raise MadrobError(f"{self.topic}: offset {self.offset} is no number; use another")
+
+    def limited(self, types: MessageTypes) -> TopicMapping:
+        """The same with a limit for its messages: the one that is set, or what its type needs."""
+        if self.largest is not None:
+            return self
+        return replace(self, largest=usual_size(types, self.type))
 
 
 DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
@@ -143,7 +153,8 @@ class Decoder:
         Its time is the header's stamp, or the receive time where the type has no header.
 
         Raises:
-            MessageError: the type is another or unknown, or the bytes are no message of it.
+            MessageError: the type is another or unknown, the message is larger than the mapping
+                allows, or the bytes are no message of the type.
         """
         mapping = self._mappings.get(message.topic)
         if mapping is None:
@@ -156,6 +167,11 @@ class Decoder:
     def _sample(self, message: RawMessage, mapping: TopicMapping) -> Sample:
         if message.type != mapping.type:
             raise MessageError(f"it sends {message.type}, not {mapping.type}; correct the settings")
+        if mapping.largest is not None and len(message.data) > mapping.largest:
+            raise MessageError(
+                f"{len(message.data)} bytes, not read above {mapping.largest}: stop what sends "
+                "that, or set `largest` of its [[topics]]"
+            )
         reader = self._readers.get(message.topic) or self._reader(mapping)
         return reader.sample(message)
 

@@ -32,6 +32,7 @@ def doctor(
     disk_space: int,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
+    lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
     """Look at everything the console needs, one after the other; never raises.
 
@@ -43,6 +44,7 @@ def doctor(
         listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
             takes 3 s at most.
         environment: environment variables.
+        lists: looks at the competition's lists.
     """
 
     def testbed() -> Iterator[Finding]:
@@ -50,11 +52,18 @@ def doctor(
 
         return look_at_ros(mappings, domain, listen, environment)
 
+    def session() -> Iterator[Finding]:
+        from madrob_console.preparing.doctor_session import look_at_session
+
+        return look_at_session(environment)
+
     checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
         ("python", look_at_python),
         ("packages", lambda: look_at_packages(_requirements())),
         ("results", lambda: look_at_results(results, disk_space)),
+        ("lists", lists),
         ("terminal", lambda: look_at_terminal(environment)),
+        ("log-out", session),
         ("ros", testbed),
     )
     for subject, check in checks:

@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
-from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes, TopicMapping
+from madrob_console.messages.codec import MessageTypes, TopicMapping
 from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.preparing.overheard import overheard
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.loading import (
     REMEDY,
-    domain_id,
+    SHARED_MEMORY,
     load_module,
     load_rclpy,
 )
 from madrob_console.testbeds.ros.parameters import DOOR_NODE, SET_PARAMETERS
+from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
 
 SYSTEM_ROS = Path("/opt/ros")
+ENOUGH_SHARED_MEMORY = 16_000_000
+"""Bytes; Fast DDS wants half a megabyte for each program, and files for its ports."""
+
 _WHEELS = "ros-jazzy-rclpy"
 _DISCOVERY = 3.0
 """Seconds to find everything; less where everything is there."""
@@ -47,6 +54,20 @@ def look_at_ros(
     yield _discovery(environment)
     if importlib.util.find_spec("rclpy") is None:
         return
+    yield from look_at_shared_memory()
+    try:
+        with overheard() as lines:
+            found = list(_look_inside(mappings, number, listen, environment))
+        yield from found
+        yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
+    except MadrobError as error:
+        yield Finding(Severity.WARNING, "ros", str(error))
+
+
+def _look_inside(
+    mappings: Sequence[TopicMapping], number: int, listen: float, environment: Mapping[str, str]
+) -> Iterator[Finding]:
+    """What ROS says when one joins the domain."""
     try:
         load_rclpy()
         utilities = load_module("rclpy.utilities")
@@ -56,6 +77,19 @@ def look_at_ros(
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
         yield Finding(Severity.WARNING, "ros", str(error))
+
+
+def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
+    """Where programs on one machine hand messages to each other."""
+    with suppress(OSError):
+        free = shutil.disk_usage(folder).free
+        if free < ENOUGH_SHARED_MEMORY:
+            yield Finding(
+                Severity.WARNING,
+                "shared memory",
+                f"{folder} has {free / 1e6:.1f} MB free, ROS may lose messages: make room; "
+                f"{folder}/fastrtps_* may go while no ROS program runs",
+            )
 
 
 def look_at_installation(
@@ -102,7 +136,9 @@ def look_at_testbed(
         MadrobError: ROS does not start.
     """
     needed = {m.topic for m in mappings if not m.signal.optional}
-    source = RosSource(mappings, MessageTypes(), SystemClock(), domain, environment=environment)
+    source = RosSource(
+        mappings, MessageTypes(), SystemClock(), domain, speaks=False, environment=environment
+    )
     connection = Connection(domain)
     try:
         source.open()
@@ -117,19 +153,15 @@ def look_at_testbed(
         counts = _take(source, listen if found else 0.0)
         statuses = source.status()
         has_door = door.service_is_ready()
-        consoles = node.count_publishers(REFEREE_STATE_TOPIC) - 1
+        console = source.other_referee
     finally:
         source.close()
         connection.close()
     for status in statuses:
         yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
     yield _door(present=has_door)
-    if consoles > 0:
-        yield Finding(
-            Severity.WARNING,
-            "console",
-            f"another one runs in domain {domain}: end it, or take turns",
-        )
+    if console is not None:
+        yield Finding(Severity.WARNING, "console", f"one runs in domain {domain}: {console}")
 
 
 def _all_matched(source: RosSource, topics: set[str]) -> bool:

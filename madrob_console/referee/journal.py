@@ -1,6 +1,6 @@
 """The run's journal: one JSON line for every act and every change.
 
-A line is on disk before what it says takes effect. A torn last line is set aside, never fatal.
+A torn last line is set aside, never fatal. A line that was withdrawn counts for nobody who reads.
 """
 
 from __future__ import annotations
@@ -8,15 +8,33 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import math
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from madrob_console.errors import MadrobError
-from madrob_console.files.plain import open_plain
+from madrob_console.files.bounded import read_all
+from madrob_console.files.held import Hold
+from madrob_console.files.plain import checked_plain
+
+HOLD_FILE = ".journal.lock"
+"""Beside a journal: whoever writes it holds this."""
+
+LARGEST_JOURNAL = 16_000_000
+"""A larger journal is none, bytes: a run of 300 s takes some 20,000."""
+
+MOST_LINES = 20_000
+"""In a journal: what sensors say is noted 500 times a run, and the rest is said by people."""
+
+_MOST_DIGITS = 300  # of a whole number: more do not fit a float
+
+WITHDRAWN: Final = "withdrawn"
+"""A line of this kind takes back one before it (`id`), or the last ones before it (`lines`)."""
 
 
 class Origin(StrEnum):
@@ -39,6 +57,8 @@ class Entry:
         referee: the referee's name; empty unless `origin` is the referee.
         reason: the reason given, in the referee's words.
         details: everything needed to do it again: JSON values by name.
+        id: of an act that takes effect only when it is on disk; empty for all others, and in
+            journals of versions that had none.
     """
 
     time: float
@@ -47,10 +67,13 @@ class Entry:
     referee: str = ""
     reason: str = ""
     details: dict[str, Any] = field(default_factory=dict)
+    id: str = ""
 
     def to_json(self) -> str:
         """The entry as one line of JSON, without the line end."""
         record = {name: getattr(self, name) for name in self.__slots__}
+        if not self.id:
+            del record["id"]
         return json.dumps(record, allow_nan=False)
 
     @classmethod
@@ -61,52 +84,72 @@ class Entry:
             MadrobError: it is not a journal line.
         """
         try:
-            record = json.loads(line)
+            record = _decoder.decode(line)
             return cls(
-                time=float(record["time"]),
+                time=_number(record["time"]),
                 origin=Origin(record["origin"]),
                 what=str(record["what"]),
                 referee=str(record.get("referee", "")),
                 reason=str(record.get("reason", "")),
                 details=dict(record.get("details", {})),
+                id=str(record.get("id", "")),
             )
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise MadrobError(f"not a journal line ({error}): {line[:60]!r}") from None
 
 
-_FLAGS = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+def _whole_number(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _number(found: str | float) -> float:
+    if not math.isfinite(value := float(found)):
+        raise ValueError(f"{found} is no number")
+    return value
+
+
+_decoder = json.JSONDecoder(parse_int=_whole_number, parse_float=_number, parse_constant=_number)
+
+
+_FLAGS = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 class Journal:
-    """Appends to a file; every line is synced before `append` returns.
+    """A file of lines, each on disk or no part of it. Its methods wait for the disk.
 
-    Lines from before the file exists, and lines that could not be written, are kept and
-    written with the next one, in order.
+    What a disk took and could not sync is taken back before anything else is written: nobody can
+    know whether it is there after a power cut.
+
+    Args:
+        before: the journal of the same run that this one takes the place of, and whose hold on the
+            run it shares; None = there is none.
+
+    Attributes:
+        refused: why the last lines were not all written; None when they were.
     """
 
-    def __init__(self) -> None:
-        self._pending: list[Entry] = []
+    def __init__(self, before: Journal | None = None) -> None:
+        self.refused: OSError | None = None
         self._file: int | None = None
-        self._torn = False
-        self._written = 0
-
-    @property
-    def pending(self) -> tuple[Entry, ...]:
-        """Lines that are not on disk yet."""
-        return tuple(self._pending)
+        self._before = before
+        self._hold: Hold | None = None
+        self._synced = 0  # bytes that are on disk
+        self._end = 0  # bytes of whole lines
+        self._loose = 0  # lines behind those that are on disk
+        self._torn = self._synced_torn = False
 
     def open(self, path: Path) -> None:
-        """Create the file and write what is pending.
+        """Create the file.
 
-        The file is locked, so that nobody else takes the run for one that was cut off.
+        It is held, so that nobody else takes the run for one that was cut off.
 
         Raises:
-            OSError: the file exists or cannot be written.
+            BlockingIOError: another program is about to write it.
+            OSError: the file exists or cannot be made.
         """
-        self._file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o644)
-        self._torn, self._written = False, 0
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._write()
+        self._take(path, _FLAGS | os.O_CREAT | os.O_EXCL)
 
     def reopen(self, path: Path) -> None:
         """Go on in the file of an earlier run; a torn last line stays by itself.
@@ -115,128 +158,186 @@ class Journal:
             BlockingIOError: another program writes it.
             OSError: there is none or it cannot be written.
         """
-        file = os.open(path, _FLAGS)
+        self._take(path, _FLAGS)
+
+    def _take(self, path: Path, flags: int) -> None:
+        """Open and hold a journal that nobody else holds."""
+        file = checked_plain(os.open(path, flags, 0o644))
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._hold = self._held(path.with_name(HOLD_FILE))
+            with suppress(BlockingIOError):  # older versions look here, and so can any reader
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             size = os.fstat(file).st_size
-            self._torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
+            torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
         except OSError:
             os.close(file)
             raise
-        self._file = file
+        self._file, self._synced, self._end, self._loose = file, size, size, 0
+        self._torn = self._synced_torn = torn
 
-    def append(self, entry: Entry, *, must_take_effect: bool) -> str | None:
-        """Add a line.
+    def _held(self, path: Path) -> Hold:
+        held = None if self._before is None else self._before._hold
+        self._before = None
+        if held is not None and held.path == path and held.stands:
+            return held.share()
+        return Hold(path)
 
-        Args:
-            entry: the line.
-            must_take_effect: keep it if it cannot be written now, and write it later; a stop, an
-                abort or a timeout waits for no disk.
-
-        Returns:
-            Why it is not on disk yet, in words; None when it is (or when no file is open yet).
-
-        Raises:
-            MadrobError: it cannot be written and need not take effect; it is forgotten.
-        """
-        self._pending.append(entry)
-        if self._file is None:
-            return None
-        try:
-            self._write()
-        except OSError as error:
-            if must_take_effect:
-                return self._waiting(error)
-            self._pending.pop()
-            raise MadrobError(f"{_refused(error)}: make room, then try again") from None
-        return None
-
-    def flush(self) -> str | None:
-        """Try again to write what waits.
+    def append(self, entries: Sequence[Entry]) -> int:
+        """Add lines and bring them to the disk, all of them by one sync.
 
         Returns:
-            Why it is not on disk yet, in words; None when it is (or when no file is open yet).
+            How many are on disk, the first ones; `refused` says why not all. The others are no
+            part of the journal.
         """
-        if self._file is None or not self._pending:
-            return None
+        written, self.refused = 0, None
         try:
-            self._write()
+            self._take_back()
+            for entry in entries:
+                self._put(entry)
+                written += 1
         except OSError as error:
-            return self._waiting(error)
-        return None
-
-    def _waiting(self, error: OSError) -> str:
-        return f"{_refused(error)}: {len(self._pending)} lines wait"
-
-    def _write(self) -> None:
+            self.refused = error
+        if written == 0:
+            return 0
         assert self._file is not None
-        for entry in self._pending[self._written :]:
-            # A full disk can take a part of a line: end it, and write the line again.
-            text = "\n" * self._torn + entry.to_json() + "\n"
-            data = text.encode()
-            written = os.write(self._file, data)
-            self._torn = self._torn if written == 0 else written < len(data)
-            if written < len(data):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            self._written += 1  # a line that waits for others is not written twice
-        self._written = 0  # one that cannot be synced is
-        os.fsync(self._file)
-        self._pending.clear()
+        try:
+            os.fsync(self._file)
+        except OSError as error:
+            self.refused = error
+            with suppress(OSError):
+                self._take_back()
+            return 0
+        self._synced, self._synced_torn, self._loose = self._end, self._torn, 0
+        return written
+
+    def _put(self, entry: Entry) -> None:
+        assert self._file is not None
+        # A full disk can take a part of a line: it is taken back, or ended before the next one.
+        data = ("\n" * self._torn + entry.to_json() + "\n").encode()
+        written = os.write(self._file, data)
+        if written < len(data):
+            try:
+                os.ftruncate(self._file, self._end)
+            except OSError:
+                self._torn = self._torn or written > 0
+                self._end += written
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._end += written
+        self._torn = False
+        self._loose += 1
+
+    def _take_back(self) -> None:
+        """Make what could not be synced no part of the journal."""
+        if self._loose == 0:
+            return
+        assert self._file is not None
+        try:
+            os.ftruncate(self._file, self._synced)
+        except OSError:  # a disk or a file where one can only append
+            loose, self._loose = self._loose, 0
+            try:
+                self._put(Entry(0.0, Origin.SYSTEM, WITHDRAWN, details={"lines": loose}))
+            except OSError:
+                self._loose = loose
+                raise
+            self._loose = 0
+        else:
+            self._end, self._torn, self._loose = self._synced, self._synced_torn, 0
 
     def close(self) -> None:
-        """Close the file; later lines wait for the next one."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
+        if self._hold is not None:
+            self._hold.release()
+            self._hold = None
 
 
-def _refused(error: OSError) -> str:
+def refusal_words(error: OSError) -> str:
+    """Why a journal is not on disk, in words."""
     return f"the journal cannot be written ({error.strerror})"
 
 
-def up_to_date(path: Path, entries: Sequence[Entry]) -> Journal:
+def up_to_date(path: Path, entries: Sequence[Entry], before: Journal | None = None) -> Journal:
     """The journal of a run, open and with all its lines: those that its file has not are added.
 
     Args:
         path: its file; made if there is none.
         entries: every line, in order.
+        before: as for `Journal`.
 
     Raises:
         MadrobError: a line cannot be written.
         OSError: the file cannot be; `BlockingIOError` if another program writes it.
     """
-    journal = Journal()
-    known: set[str] = set()
+    journal = Journal(before)
     try:
         journal.reopen(path)
-        known = {entry.to_json() for entry in read_journal(path)[0]}
     except FileNotFoundError:
         journal.open(path)
     try:
-        for entry in entries:
-            if entry.to_json() not in known:
-                journal.append(entry, must_take_effect=False)
-    except MadrobError:
+        known = {entry.to_json() for entry in read_journal(path)[0]}
+    except OSError:
         journal.close()
         raise
+    missing = [entry for entry in entries if entry.to_json() not in known]
+    if journal.append(missing) < len(missing):
+        journal.close()
+        assert journal.refused is not None
+        raise MadrobError(refusal_words(journal.refused))
     return journal
 
 
 def read_journal(path: Path) -> tuple[tuple[Entry, ...], tuple[str, ...]]:
-    """All entries of a journal file, and the lines that could not be read, as remarks.
+    """All entries of a journal file that stand, and the lines that could not be read, as remarks.
 
     Raises:
-        OSError: the file cannot be read, or it is a link or none.
+        OSError: the file cannot be read, it is a link or none, or it is too long.
     """
-    entries: list[Entry] = []
-    remarks: list[str] = []
-    with os.fdopen(open_plain(path), "rb") as file:
-        lines = file.read().decode(errors="replace").split("\n")
-    for number, line in enumerate(lines, start=1):
+    data = read_all(path, LARGEST_JOURNAL)
+    if (count := data.count(b"\n")) > MOST_LINES:
+        raise OSError(errno.EFBIG, f"{count} lines, more than {MOST_LINES}")
+    standing, remarks = _Standing(), list[str]()
+    for number, line in enumerate(data.decode(errors="replace").split("\n"), start=1):
         if not line.strip():
             continue
         try:
-            entries.append(Entry.from_json(line))
+            standing.add(Entry.from_json(line))
         except MadrobError:
             remarks.append(f"{path.name} line {number} is torn: set aside")
-    return tuple(entries), tuple(remarks)
+    return standing.entries, tuple(remarks)
+
+
+class _Standing:
+    """The lines that stand; each is looked at once, however many are withdrawn."""
+
+    def __init__(self) -> None:
+        self._entries: list[Entry | None] = []
+        self._places: list[int] = []
+        self._named: dict[str, list[int]] = {}
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Those that were not withdrawn, and the lines that say so."""
+        return tuple(entry for entry in self._entries if entry is not None)
+
+    def add(self, entry: Entry) -> None:
+        """The next line."""
+        if entry.what == WITHDRAWN:
+            lines = entry.details.get("lines")
+            if isinstance(lines, int):
+                self._drop(self._places, lines)
+            else:
+                self._drop(self._named.get(str(entry.details.get("id", "")), []), 1)
+        else:
+            self._places.append(len(self._entries))
+            if entry.id:
+                self._named.setdefault(entry.id, []).append(len(self._entries))
+        self._entries.append(entry)
+
+    def _drop(self, places: list[int], count: int) -> None:
+        while places and count > 0:
+            place = places.pop()
+            count -= self._entries[place] is not None
+            self._entries[place] = None

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from madrob_console.referee.run import CheckName, Run, Waiver
+from madrob_console.referee.run import CheckName, Phase, Run, Waiver
 
 
 class CheckState(StrEnum):
@@ -53,7 +53,8 @@ class Readings:
         largest_skew: the limit for it, s.
         disk_free: bytes; None = unknown.
         disk_needed: bytes.
-        recorder_problem: why the recorder cannot open a file, in words.
+        recorder_problems: why no run can be recorded, in words; None = the disk has not said.
+        other_referee: who else publishes the state of the run, in words; None = nobody.
     """
 
     topic_problems: tuple[str, ...]
@@ -66,11 +67,14 @@ class Readings:
     largest_skew: float
     disk_free: int | None
     disk_needed: int
-    recorder_problem: str | None
+    recorder_problems: tuple[str, ...] | None
+    other_referee: str | None
 
 
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
-    """All checks in order, with the waivers of `run` applied."""
+    """All checks in order, with the waivers of `run` applied; after a run those of the next."""
+    if run.phase in (Phase.STOPPED, Phase.FINAL):
+        run = Run()  # what was seen and let pass was for that run alone
     found = (
         _topics(readings),
         _door(readings),
@@ -79,6 +83,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
+        _referee(readings),
         _pose(run),
     )
     return tuple(_waive(check, run.waivers) for check in found)
@@ -160,9 +165,18 @@ def _disk(r: Readings) -> Check:
 
 
 def _recorder(r: Readings) -> Check:
-    if r.recorder_problem is not None:
-        return Check(CheckName.RECORDER, CheckState.FAILED, r.recorder_problem)
+    if r.recorder_problems is None:
+        silent = "no answer from the disk: look at the results folder"
+        return Check(CheckName.RECORDER, CheckState.NO_DATA, silent)
+    if r.recorder_problems:
+        return Check(CheckName.RECORDER, CheckState.FAILED, "; ".join(r.recorder_problems))
     return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
+
+
+def _referee(r: Readings) -> Check:
+    if r.other_referee is not None:
+        return Check(CheckName.REFEREE, CheckState.FAILED, r.other_referee)
+    return Check(CheckName.REFEREE, CheckState.OK, "none: only this engine tells the testbed")
 
 
 def _pose(run: Run) -> Check:

@@ -25,10 +25,26 @@ class Option:
     value: str | None
     free: bool = False
 
+    @property
+    def harmless(self) -> bool:
+        """Whether nothing happens by it."""
+        return self.value is None and not self.free
+
+
+NOTHING = Option("n", "nothing: close this", None)
+"""The first option of every question that has no other by which nothing happens."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """Choose one; Enter takes the marked one, which is the first to begin with.
+    """Choose one; Enter takes the marked one.
+
+    To begin with that is the first, by which nothing happens, whatever the question.
+
+    Attributes:
+        text: the question.
+        options: the answers.
+        listed: what has to be seen before it is answered, a row each.
 
     Raises:
         ValueError: two options have the same key: the second could never be chosen.
@@ -36,11 +52,16 @@ class Pick:
 
     text: str
     options: tuple[Option, ...]
+    listed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not any(option.harmless for option in self.options):
+            object.__setattr__(self, "options", (NOTHING, *self.options))
         keys = [option.key for option in self.options]
         if len(set(keys)) < len(keys):
             raise ValueError(f"{self.text!r}: two options have the same key, of {' '.join(keys)}")
+        if not self.options[0].harmless:
+            raise ValueError(f"{self.text!r}: the option by which nothing happens comes first")
 
 
 @dataclass(frozen=True, slots=True)

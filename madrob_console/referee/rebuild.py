@@ -8,16 +8,27 @@ from enum import StrEnum
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
+from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import FalseStart, Run, TestbedFault
-from madrob_console.referee.transitions import begin_run, stop, time_out
+from madrob_console.referee.transitions import (
+    begin_countdown,
+    begin_run,
+    decide_false_starts,
+    stop,
+    time_out,
+)
 from scoring.protocol import EventName, Outcome
+
+_LATEST = 1e11  # s since the epoch, within what calendars reach
 
 
 class Change(StrEnum):
     """Journal lines that no act wrote."""
 
+    COUNTDOWN_BEGINS = "countdown begins"
+    WITHDRAWN = journal.WITHDRAWN
     RUN_STARTS = "run starts"
     RUN_STOPS = "run stops"
     TIMEOUT_ELAPSED = "timeout elapsed"
@@ -68,31 +79,46 @@ def after(run: Run, entry: Entry, handle_zero: float) -> Run:
     Raises:
         MadrobError: the line is damaged.
     """
-    act = act_of(entry)
-    if act is not None:
+    try:
+        act = act_of(entry)
+        if act is None:
+            return _changed(run, entry)
         if run.setup is None and Consequence.NEW_RUN not in act.consequences:
             return run
-        return act.apply(Situation(run, measure=lambda: handle_zero), entry.time)
-    try:
-        match entry.what:
-            case Change.RUN_STARTS:
-                return begin_run(run)
-            case Change.TIMEOUT_ELAPSED:
-                return time_out(run, float(entry.details["time"]), entry.reason)
-            case Change.RUN_STOPS:
-                outcome = Outcome(entry.details["outcome"])
-                return stop(run, outcome, float(entry.details["time"]), entry.reason)
-            case Change.FALSE_START:
-                name = EventName(entry.details["event"])
-                mark = FalseStart(float(entry.details["time"]), name)
-                return replace(run, false_starts=(*run.false_starts, mark))
-            case Change.FAULT:
-                fault = TestbedFault(float(entry.details["time"]), entry.reason)
-                return replace(run, faults=(*run.faults, fault))
-            case Change.RESULT_WRITTEN:
-                return replace(run, issue=int(entry.details["issue"]))
-            case _:
-                return run
-    except (KeyError, ValueError, TypeError) as error:
+        if entry.id and Consequence.COUNTDOWN in act.consequences:
+            return run  # it begins when that line is on disk: a line of its own says when
+        return act.apply(Situation(run, measure=lambda: handle_zero), _time(entry.time))
+    except (KeyError, ValueError, TypeError, ArithmeticError) as error:
         what = terminal_safe(f"'{entry.what}' is damaged: {error}")
         raise MadrobError(f"journal line {what}") from None
+
+
+def _time(found: float) -> float:
+    if not 0.0 <= (time := float(found)) <= _LATEST:
+        raise ValueError(f"{time:g} is no time")
+    return time
+
+
+def _changed(run: Run, entry: Entry) -> Run:
+    """The run after a line that no act wrote."""
+    details = entry.details
+    match entry.what:
+        case Change.COUNTDOWN_BEGINS if run.setup is not None:
+            decided = decide_false_starts(run, "countdown restarted")
+            return begin_countdown(decided, _time(details["time"]))
+        case Change.RUN_STARTS:
+            return begin_run(run)
+        case Change.TIMEOUT_ELAPSED:
+            return time_out(run, _time(details["time"]), entry.reason)
+        case Change.RUN_STOPS:
+            return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
+        case Change.FALSE_START:
+            mark = FalseStart(_time(details["time"]), EventName(details["event"]))
+            return replace(run, false_starts=(*run.false_starts, mark))
+        case Change.FAULT:
+            fault = TestbedFault(_time(details["time"]), entry.reason)
+            return replace(run, faults=(*run.faults, fault))
+        case Change.RESULT_WRITTEN:
+            return replace(run, issue=max(run.issue, int(details["issue"])))
+        case _:
+            return run

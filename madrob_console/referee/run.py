@@ -5,11 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
+
+from msgspec import Meta
 
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
 from scoring.result import Ending
 from scoring.rulesets import RulesetName
+
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+"""A digest as `sha256sum` prints it."""
+
+VALID_OUTCOMES = (Outcome.COMPLETED, Outcome.TIMEOUT)
+"""A run that ended so is valid, unless it was voided (protocol section 2)."""
+
+DECISION_REMARKS = ("check waived: ", "false start: ")
+"""How remarks on the data begin that follow from what the referee decided."""
 
 
 class Phase(StrEnum):
@@ -33,6 +45,7 @@ class CheckName(StrEnum):
     CLOCK = "clock skew"
     DISK = "disk space"
     RECORDER = "recorder"
+    REFEREE = "another referee"
     POSE = "start pose"
 
 
@@ -43,6 +56,16 @@ class IncidentKind(StrEnum):
     COLLISION = "collision"
     FALL = "fall"
     OTHER = "other"
+
+
+class DecisionKind(StrEnum):
+    """What the referee decides of a run and can take back."""
+
+    RULING = "ruling"
+    INCIDENT = "incident"
+    WAIVER = "waiver"
+    VOID = "void"
+    CORRECTION = "correction"
 
 
 class TeamWord(StrEnum):
@@ -68,6 +91,9 @@ class RunSetup:
         countdown: s before the start; the recording needs at least 1 s.
         ruleset: which rules make the indicators.
         lock_detection: what decides step 6 (protocol section 7).
+        team_reason: why the team has another name than in the list of teams; empty = it has not.
+        practice: it counts for nothing and stands apart from official runs (protocol section 2).
+        out_of_plan: it was set up beyond the competition's plan.
     """
 
     subject: int
@@ -80,6 +106,9 @@ class RunSetup:
     countdown: float
     ruleset: RulesetName
     lock_detection: LockDetection
+    team_reason: str = ""
+    practice: bool = False
+    out_of_plan: bool = False
 
     def problem(self) -> str | None:
         """Why a run cannot be set up like this, naming the field; None when it can."""
@@ -191,6 +220,77 @@ class Closure:
 
 
 @dataclass(frozen=True, slots=True)
+class Voiding:
+    """The referee says that a valid run counts nowhere (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+    """
+
+    time: float
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What was set up wrongly was put right after the stop (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+        words: what was corrected.
+        before: what was set until then; the folder is named after the first.
+    """
+
+    time: float
+    reason: str
+    referee: str
+    words: str
+    before: RunSetup
+
+
+@dataclass(frozen=True, slots=True)
+class TakenBack:
+    """A decision that the referee took back: it counts no more and stays on record.
+
+    Attributes:
+        time: s since the epoch.
+        kind: what it was.
+        made: when it was made, s since the epoch.
+        words: what it said.
+        reason: why it was taken back.
+        referee: the referee's name.
+    """
+
+    time: float
+    kind: DecisionKind
+    made: float
+    words: str
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class JournalMark:
+    """The lines of a run's journal that its result depends on.
+
+    Those are its acts and changes; not events, which the recording has, not what was withdrawn, and
+    not what was said beside a final result.
+
+    Attributes:
+        lines: how many there are.
+        sha256: of them one after the other, each with its line end.
+    """
+
+    lines: int
+    sha256: Sha256
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
     """The state of the run; acts and transitions return a new one.
 
@@ -208,9 +308,16 @@ class Run:
         timeout_at: when the timeout came, while a running settle time delays the stop.
         outcome, outcome_reason: how and why it ended.
         false_starts, incidents, notes, rulings: what happened and what the referee said.
+        voided: by the referee; None = it counts as its outcome says.
+        corrections: of the set-up, which is as it is after them.
+        taken_back: what the referee decided and took back.
+        decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
+        signed_notes: how many of the notes were there when that was done; the others stand beside
+            the result.
+        journal: what says all this, for its result; None while that is of no interest.
     """
 
     phase: Phase = Phase.IDLE
@@ -228,9 +335,49 @@ class Run:
     incidents: tuple[Incident, ...] = ()
     notes: tuple[Note, ...] = ()
     rulings: tuple[Ruling, ...] = ()
+    voided: Voiding | None = None
+    corrections: tuple[Correction, ...] = ()
+    taken_back: tuple[TakenBack, ...] = ()
+    decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
     issue: int = 0
     closure: Closure | None = None
+    signed_notes: int = 0
+    journal: JournalMark | None = None
+
+    @property
+    def valid(self) -> bool:
+        """Whether its indicators count (protocol section 2)."""
+        return self.outcome in VALID_OUTCOMES and self.voided is None
+
+    def decided_and(self, kind: DecisionKind) -> tuple[DecisionKind, ...]:
+        """What stands after one more decision."""
+        return (*self.decided, kind)
+
+    def decided_without(self, kind: DecisionKind) -> tuple[DecisionKind, ...]:
+        """What stands without the last decision of a kind."""
+        left = list(reversed(self.decided))
+        if kind in left:
+            left.remove(kind)
+        return tuple(reversed(left))
+
+    @property
+    def unsigned(self) -> bool:
+        """Whether it is over with a result that counts, or may count, and is not final."""
+        void = self.outcome is Outcome.ABORTED or self.voided is not None
+        return self.phase is Phase.STOPPED and not void
+
+    @property
+    def set_up_as(self) -> RunSetup | None:
+        """What was set before any correction: the folder is named after it."""
+        return self.corrections[0].before if self.corrections else self.setup
+
+    def number_in(self, subject: int, condition: Condition) -> int | None:
+        """The run number that the run has, or had before a correction, in a series."""
+        known = [c.before for c in self.corrections] + ([self.setup] if self.setup else [])
+        return next(
+            (s.run_number for s in known if (s.subject, s.condition) == (subject, condition)), None
+        )
 
     @property
     def undecided_false_start(self) -> FalseStart | None:
@@ -246,6 +393,21 @@ class Run:
     def referee(self) -> str:
         """The referee's name; empty where none was set."""
         return self.setup.referee if self.setup else ""
+
+    @property
+    def team_reason(self) -> str:
+        """Why its team has another name than in the list; empty = it has not."""
+        return "" if self.setup is None else self.setup.team_reason
+
+    @property
+    def practice(self) -> bool:
+        """Whether it is set up as practice."""
+        return self.setup is not None and self.setup.practice
+
+    @property
+    def out_of_plan(self) -> bool:
+        """Whether it was set up beyond the competition's plan."""
+        return self.setup is not None and self.setup.out_of_plan
 
     @property
     def active(self) -> bool:
@@ -266,10 +428,11 @@ class Run:
 
     def remarks(self) -> list[str]:
         """What the referee's decisions and the testbed's faults say about the data, in words."""
-        remarks = [f"check waived: {w.check}: {w.reason}" for w in self.waivers]
+        waived, false_start = DECISION_REMARKS
+        remarks = [f"{waived}{w.check}: {w.reason}" for w in self.waivers]
         for mark in self.false_starts:
             decision = f"accepted: {mark.accepted}" if mark.accepted else "not decided"
-            remarks.append(f"false start: {mark.event} ({decision})")
+            remarks.append(f"{false_start}{mark.event} ({decision})")
         for fault in self.faults:
             at = "" if self.start is None else f" at {fault.time - self.start:.1f} s"
             remarks.append(f"fault{at}: {fault.text}")
@@ -281,3 +444,14 @@ def relative_text(at: float | None, start: float | None) -> str:
     if at is None or start is None:
         return "-"
     return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
+
+
+def seconds_of(text: str) -> float | None:
+    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
+    minutes, colon, rest = text.strip().rpartition(":")
+    sign = -1.0 if minutes.startswith("-") else 1.0
+    try:
+        whole = abs(int(minutes)) if colon else 0
+        return sign * (60.0 * whole + float(rest))
+    except ValueError:
+        return None

@@ -48,3 +48,10 @@ def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
         outcome_reason=reason,
         timeout_at=None,
     )
+
+
+def opened_again(run: Run) -> Run:
+    """A final result is open once more, and its next issue has a number; any other stays."""
+    if run.phase is not Phase.FINAL:
+        return run
+    return replace(run, phase=Phase.STOPPED, closure=None, issue=max(1, run.issue) + 1)

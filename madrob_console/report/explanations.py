@@ -29,11 +29,23 @@ INVALID: Mapping[Outcome, str] = {
 }
 """What stands on top of a run that does not count."""
 
+VOIDED = (
+    "VOID: the referee voided this run. It keeps its indicators, counts for nothing and stays on "
+    "record."
+)
+"""What stands on top of a run that was voided."""
+
 UNOFFICIAL: Mapping[SourceKind, str] = {
     SourceKind.SIMULATED: "SIMULATED: not an official result. No real door was opened.",
     SourceKind.REPLAY: "REPLAY: not an official result. A recording was played once more.",
 }
 """What stands on top of a run that was on no real testbed."""
+
+PRACTICE = "PRACTICE: not an official result."
+"""What stands on top of a practice run on a real one."""
+
+PRACTICE_STANDINGS = "PRACTICE: not official. Rehearsals, and runs of a simulated testbed."
+"""What stands on top of the standings of practice runs."""
 
 TEAM_WORDS: Mapping[TeamWord, str] = {
     TeamWord.ACKNOWLEDGED: "The team acknowledged the result.",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable
 from importlib.resources import files
 from typing import TypeAlias
 
 from madrob_console.names import terminal_safe
+from madrob_console.referee.run import JournalMark
 
 
 class Markup(str):
@@ -20,27 +22,41 @@ Content: TypeAlias = "str | Iterable[Content]"
 
 NOTHING = Markup()
 
+_MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
 _VOID = frozenset({"br", "meta"})
 _INLINE = frozenset({"b", "bdi", "del", "small", "span", "strong"})
 
 
-def page(title: str, *body: Content, style: str = "") -> str:
+def page(title: str, *body: Content, style: str = "", journal: JournalMark | None = None) -> str:
     """A whole page without scripts, and nothing from elsewhere.
 
     Args:
         title: in the browser's tab.
         body: of the page.
         style: CSS for this kind of page, beyond what all have.
+        journal: of which it was made, for `made_of`; None = nothing is said of it.
     """
+    mark = None if journal is None else f"{journal.lines} {journal.sha256}"
     css = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     head = element(
         "head",
         element("meta", charset="utf-8"),
+        NOTHING if mark is None else element("meta", name="journal", content=mark),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("title", title),
         element("style", Markup(css + style)),
     )
     return "<!DOCTYPE html>\n" + element("html", head, element("body", body), lang="en")
+
+
+def made_of(head: str) -> JournalMark | None:
+    """The mark of the journal of which a page was made; None where it does not say.
+
+    Args:
+        head: how it begins.
+    """
+    found = _MADE_OF.search(head)
+    return None if found is None else JournalMark(int(found[1]), found[2])
 
 
 def element(tag: str, *content: Content, **attributes: str) -> Markup:

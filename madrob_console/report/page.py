@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.history import OUTCOME_WORDS
+from madrob_console.archive.history import OUTCOME_WORDS, VOID
 from madrob_console.archive.scored import Scored
+from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.report import sections
 from madrob_console.report.explanations import (
     INVALID,
+    PRACTICE,
     UNOFFICIAL,
+    VOIDED,
     date_text,
     since,
     task_text,
@@ -33,7 +36,7 @@ def report_html(scored: Scored, software: str = "") -> str:
     setup = record.setup
     title = f"MADROB run {setup.run_number} of subject {setup.subject} {setup.team}".rstrip()
     return page(
-        f"{title}: {OUTCOME_WORDS[result.outcome].lower()}",
+        f"{title}: {(VOID if run.voided else OUTCOME_WORDS[result.outcome]).lower()}",
         _top(scored),
         sections.indicators(result),
         sections.steps(result),
@@ -43,18 +46,28 @@ def report_html(scored: Scored, software: str = "") -> str:
         sections.set_up(record, result),
         sections.data_quality(run, result),
         _foot(scored, software),
+        journal=run.journal,
     )
 
 
 def _top(scored: Scored) -> Markup:
-    """Warnings first; then whose run it is and how it ended."""
+    """Warnings first; then whose run it is, how it ended, and what a decision hangs on."""
     record, result = scored.record, scored.result
     setup = record.setup
     condition, task = setup.condition, task_text(setup.condition)
     ended = OUTCOME_WORDS[result.outcome].upper()
-    warnings = (UNOFFICIAL.get(record.source), INVALID.get(result.outcome))
+    waiting = undecided(scored.flags)
+    warnings = (
+        UNOFFICIAL.get(record.source, PRACTICE if setup.practice else None),
+        INVALID.get(result.outcome),
+        VOIDED if scored.run.voided else None,
+        "; ".join(flag.words for flag in waiting),
+    )
     team = (" · ", said(setup.team)) if setup.team else ()
-    reason = (": ", said(result.outcome_reason)) if result.outcome_reason else ()
+    whole = result.ended == result.outcome_reason  # else the summary says how many steps count
+    reason = (": ", said(result.ended)) if result.ended and whole else ()
+    told = (FlagKind.PRACTICE, FlagKind.VOID)
+    others = [f.words for f in scored.flags if f not in waiting and f.kind not in told]
     return element(
         "header",
         [element("p", words, class_="banner") for words in warnings if words],
@@ -63,6 +76,7 @@ def _top(scored: Scored) -> Markup:
         element("p", f"Condition {condition.number}, {condition.benchmark_type}: {task}"),
         element("p", f"Started {date_text(result.start)}"),
         element("p", element("strong", ended), reason, class_="outcome"),
+        element("p", element("strong", "; ".join(others)), class_="flags") if others else (),
         element("p", _summary(scored)),
     )
 
@@ -79,7 +93,7 @@ def _summary(scored: Scored) -> Iterator[Content]:
         yield f"The referee denies: {', '.join(denied)}. "
     issue = f", issue {run.issue}" if run.issue > 1 else ""
     if run.closure is None:
-        yield f"The result is provisional{issue}."
+        yield f"The result is not final{issue}."
     else:
         yield f"The result is final{issue}; {run.closure.team_word} by the team."
 

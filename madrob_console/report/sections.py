@@ -7,7 +7,15 @@ from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.run import FalseStart, Incident, Run, Waiver
+from madrob_console.referee.run import (
+    Correction,
+    FalseStart,
+    Incident,
+    Run,
+    TakenBack,
+    Voiding,
+    Waiver,
+)
 from madrob_console.report.explanations import (
     LOCKED_BY,
     MANUAL_START_NOTE,
@@ -15,7 +23,6 @@ from madrob_console.report.explanations import (
     SOURCES,
     TEAM_WORDS,
     date_text,
-    plain,
     since,
     task_text,
 )
@@ -98,8 +105,8 @@ def steps(result: Result) -> Markup:
     def row(record: StepRecord) -> tuple[Content, ...]:
         ruling = record.referee
         name: list[Content] = [f"{record.step:d} {record.step.text}"]
-        if record.reason:
-            name.append(element("small", record.reason))
+        if record.why_not:
+            name.append(element("small", record.why_not))
         referee: Content = NONE
         if ruling is not None:
             referee = RULED[ruling.confirmed], element("small", said(ruling.reason))
@@ -114,11 +121,18 @@ def steps(result: Result) -> Markup:
 
 
 def decisions(run: Run) -> Markup:
-    """Rulings, waivers, false starts, incidents and notes."""
-    said_so = [*map(_waiver, run.waivers), *((_at(r.time, run), _ruling(r)) for r in run.rulings)]
+    """Void, corrections, rulings, waivers, false starts, faults, incidents and notes."""
+    said_so = [
+        *([_voiding(run.voided)] if run.voided else []),
+        *map(_correction, run.corrections),
+        *map(_waiver, run.waivers),
+        *((_at(r.time, run), _ruling(r)) for r in run.rulings),
+        *map(_taken_back, run.taken_back),
+    ]
     lists = [
         section("Referee decisions", listed(said_so, "None: what the sensors found counts.")),
         _marks("False starts", ((_at(f.time, run), _false_start(f)) for f in run.false_starts)),
+        _marks("Testbed faults", ((_at(f.time, run), f.text) for f in run.faults)),
         _marks("Incidents", ((_at(i.time, run), _incident(i)) for i in run.incidents)),
         _marks("Notes", ((_at(n.time, run), said(n.text)) for n in run.notes)),
     ]
@@ -130,7 +144,7 @@ def team_word(run: Run) -> Markup:
     closure = run.closure
     if closure is None:
         return section(
-            "The team's word", element("p", "The result is PROVISIONAL: it was not finalised yet.")
+            "The team's word", element("p", "The result is NOT FINAL: it was not finalised yet.")
         )
     note = element("p", "“", said(closure.note), "”") if closure.note else NOTHING
     signed = ("Signed by referee ", said(closure.referee), f", {date_text(closure.time)}.")
@@ -160,15 +174,33 @@ def _waiver(waiver: Waiver) -> Content:
     return f"check “{waiver.check}” waived by ", by, ": ", said(waiver.reason)
 
 
+def _voiding(voided: Voiding) -> Content:
+    return "the run is void: ", said(voided.reason), *_by(voided)
+
+
+def _correction(correction: Correction) -> Content:
+    what = f"corrected after the stop: {correction.words}; "
+    return what, said(correction.reason), *_by(correction)
+
+
+def _taken_back(one: TakenBack) -> Content:
+    return element("del", said(one.words)), " taken back: ", said(one.reason), *_by(one)
+
+
+def _by(decision: Voiding | Correction | TakenBack) -> tuple[Content, ...]:
+    return ", by ", said(decision.referee or "the referee"), f", {date_text(decision.time)}"
+
+
 def _ruling(ruling: Ruling) -> Content:
     words = f"step {ruling.step:d}, {ruling.step.text}: {RULED[ruling.confirmed]} by "
     return words, said(ruling.referee or "the referee"), ": ", said(ruling.reason)
 
 
 def _false_start(mark: FalseStart) -> Content:
+    what = f"{mark.event.words} ({mark.event})"
     if mark.accepted is None:
-        return f"{plain(mark.event)}; not decided"
-    return f"{plain(mark.event)}; accepted: ", said(mark.accepted)
+        return f"{what}; not decided"
+    return f"{what}; accepted: ", said(mark.accepted)
 
 
 def _incident(mark: Incident) -> Content:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
+from madrob_console.referee.flags import undecided, weighty
 from madrob_console.standings.tally import Aggregate, Overall, Standing, overall, standings
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome
 
 CONDITION_NUMBERS = range(1, 21)
@@ -46,10 +49,11 @@ class CompetitionStandings:
     Attributes:
         made: when, s since the epoch.
         competitions: the names that the runs carry; empty text = none was set.
-        official: runs on the real testbed; else simulated ones, which count for nothing.
+        official: official runs; else practice runs, which count for nothing.
         best: how many runs of each team in each condition enter; 0 = all.
         groups: one a ruleset, by its name; their numbers do not compare.
         left_out: invalid, interrupted, unfinished and damaged runs, oldest first.
+        flagged: valid runs with a flag that weighs, oldest first.
         provisional: valid runs whose result is not final yet.
         protested: valid runs against whose final result the team protested.
     """
@@ -60,6 +64,7 @@ class CompetitionStandings:
     best: int
     groups: tuple[RulesetStandings, ...]
     left_out: tuple[LeftOut, ...]
+    flagged: tuple[RunSummary, ...]
     provisional: int
     protested: int
 
@@ -81,16 +86,27 @@ class CompetitionStandings:
             remarks.append(
                 f"Runs under several rulesets stand apart, do not compare them: {names}."
             )
+        remarks += self._other_names()
         if self.provisional:
-            remarks.append(f"Provisional: {self.provisional} of the valid runs are not final yet.")
+            remarks.append(f"Not final: {self.provisional} of the valid runs.")
+        if count := sum(bool(undecided(run.flags)) for run in self.flagged):
+            remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
         if self.protested:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")
         return tuple(remarks)
 
+    def _other_names(self) -> Iterator[str]:
+        """Teams whose runs carry several names."""
+        teams = {team.subject: team for group in self.groups for team in group.overall}
+        for team in (teams[subject] for subject in sorted(teams)):
+            if team.other_names:
+                names = ", ".join(f"'{name}'" for name in team.other_names)
+                yield f"Runs of {team.who} under other names count as well: {names}."
+
     @property
     def basis(self) -> str:
         """Which runs the numbers are of."""
-        kind = "official" if self.official else "SIMULATED"
+        kind = "official" if self.official else "practice"
         if not self.best:
             return f"Over all valid {kind} runs."
         return (
@@ -101,6 +117,7 @@ class CompetitionStandings:
 
 NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
+    f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
     "All conditions together: every run weighs the same.",
     "Teams stand in the order of their numbers: the protocol makes no ranking.",
 )
@@ -114,11 +131,13 @@ def competition_standings(
     competition: str | None = None,
     official: bool = True,
     best: int = 0,
+    listed: Mapping[int, str] | None = None,
 ) -> CompetitionStandings:
     """The standings over all teams.
 
-    A run without a result tells neither competition nor where it came from: it is always listed,
-    and counted as interrupted where its team has a standing. So is a damaged one, only listed.
+    A run without a result does not tell its competition: it is always listed, and counted as
+    interrupted where its team has a standing; not among official runs where it is known to be
+    practice. So is a damaged one, only listed.
 
     Args:
         runs: from a history.
@@ -126,6 +145,7 @@ def competition_standings(
         competition: only runs of the competition of this name; None = all.
         official: as for `standings`.
         best: as for `standings`.
+        listed: as for `standings`.
 
     Raises:
         MadrobError: no run is of this competition.
@@ -142,16 +162,26 @@ def competition_standings(
     entering = [
         run
         for run in runs
-        if not _told(run) or (_of_kind(run, official=official) and run.competition in names)
+        if (not _told(run) and not (official and run.practice))
+        or (_told(run) and _of_kind(run, official=official) and run.competition in names)
     ]
-    left_out = [LeftOut(run, _why(run)) for run in entering if not run.valid]
+    groups = _groups(entering, official=official, best=best, listed=listed or {})
+    teams = {team.subject: team.team for group in groups for team in group.overall}
+
+    def named(run: RunSummary) -> RunSummary:
+        return replace(run, team=teams.get(run.subject, run.team))
+
+    left_out = [
+        LeftOut(named(run), _why(run)) for run in entering if not run.valid and not run.never_ran
+    ]
     return CompetitionStandings(
         made=made,
         competitions=tuple(names),
         official=official,
         best=best,
-        groups=_groups(entering, official=official, best=best),
+        groups=groups,
         left_out=tuple(left_out),
+        flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
         provisional=sum(run.valid and not run.final for run in entering),
         protested=sum(run.valid and run.closing == "protested" for run in entering),
     )
@@ -171,11 +201,20 @@ def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str,
     return found
 
 
+def statistic_text(name: IndicatorName, value: float, width: int = 12) -> str:
+    """A statistic with the digits of its indicator, so that those of all teams are aligned.
+
+    Smallest and largest counts are as they are; what is too wide is in powers of ten.
+    """
+    text = str(value) if isinstance(value, int) else f"{value:.{name.spec.decimals}f}"
+    return text if len(text) <= width else f"{value:.1e}"
+
+
 def _groups(
-    runs: Sequence[RunSummary], *, official: bool, best: int
+    runs: Sequence[RunSummary], *, official: bool, best: int, listed: Mapping[int, str]
 ) -> tuple[RulesetStandings, ...]:
-    together = overall(runs, official=official, best=best)
-    single = standings(runs, official=official, best=best)
+    together = overall(runs, official=official, best=best, listed=listed)
+    single = standings(runs, official=official, best=best, listed=listed)
     return tuple(
         RulesetStandings(
             ruleset,

@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from madrob_console.kinds import SourceKind
 from madrob_console.names import terminal_safe
-from madrob_console.report.explanations import UNOFFICIAL
+from madrob_console.referee.flags import weighty
+from madrob_console.report.explanations import PRACTICE_STANDINGS
 from madrob_console.standings.competition import NOTES, CompetitionStandings, statistics_of
 from madrob_console.standings.tally import Tally
 from scoring.indicator_table import IndicatorName
@@ -25,7 +25,7 @@ ALL = "all"
 
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
-    *("subject", "team", "completed", "timeout", "invalid", "interrupted"),
+    *("subject", "team", "completed", "timeout", "invalid", "interrupted", "void"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
 )
 """Of the csv file."""
@@ -85,6 +85,16 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
             }
             for group in found.groups
         ],
+        "flagged": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "flags": weighty(run.flags),
+            }
+            for run in found.flagged
+        ],
         "left_out": [
             {
                 "folder": run.folder,
@@ -94,6 +104,7 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
                 "run_number": run.run_number,
                 "start": run.started,
                 "outcome": run.outcome,
+                "void": run.voided,
                 "damaged": run.problem is not None,
                 "why": why,
             }
@@ -126,11 +137,15 @@ def _tally(tally: Tally) -> dict[str, Any]:
     return {
         "subject": tally.subject,
         "team": tally.team,
+        "other_names": tally.other_names,
         "completed": tally.completed,
         "timeout": tally.timeout,
         "invalid": tally.aborted,
+        "void": tally.voided,
         "interrupted": tally.interrupted,
         "counted": tally.counted,
+        "flagged": tally.flagged,
+        "undecided": tally.undecided,
         "indicators": {
             name: {
                 "unit": name.spec.unit,
@@ -144,11 +159,11 @@ def _tally(tally: Tally) -> dict[str, Any]:
 
 
 def _source(found: CompetitionStandings) -> str:
-    return "official" if found.official else "SIMULATED"
+    return "official" if found.official else "practice"
 
 
 def _warning(found: CompetitionStandings) -> tuple[str, ...]:
-    return () if found.official else (UNOFFICIAL[SourceKind.SIMULATED],)
+    return () if found.official else (PRACTICE_STANDINGS,)
 
 
 def _cell(text: str) -> str:

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from madrob_console.archive.history import RunSummary
+from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.teams import TeamName
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
@@ -63,23 +65,37 @@ class Tally:
     Runs under different rulesets stand apart: their numbers do not compare (section 9).
 
     Attributes:
-        subject, team, ruleset: whose runs.
+        subject, ruleset: whose runs, under which rules.
+        team: its name; empty = it has none.
+        other_names: what else runs of it are called; they count all the same.
         completed, timeout: valid runs.
         aborted: invalid runs.
+        voided: runs that the referee voided, however they ended; the other counts are without them.
         interrupted: runs cut off by a failure, and runs without a result yet.
         counted: how many runs the aggregates are of.
+        flagged: valid runs with a flag that weighs.
+        undecided: those of them that wait for a decision of the referee.
         aggregates: by indicator; missing = no run has a value.
     """
 
     subject: int
     team: str
     ruleset: str
+    other_names: tuple[str, ...] = ()
     completed: int = 0
     timeout: int = 0
     aborted: int = 0
+    voided: int = 0
     interrupted: int = 0
     counted: int = 0
+    flagged: int = 0
+    undecided: int = 0
     aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
+
+    @property
+    def who(self) -> str:
+        """The team in words: its number and its name."""
+        return f"{self.subject} {self.team}".rstrip()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +115,6 @@ class Overall(Tally):
 class _Key(NamedTuple):
     subject: int
     condition: int
-    team: str
     ruleset: str
 
 
@@ -107,29 +122,41 @@ _Groups = Mapping[_Key, Sequence[RunSummary]]
 
 
 def standings(
-    runs: Iterable[RunSummary], *, official: bool = True, best: int = 0
+    runs: Iterable[RunSummary],
+    *,
+    official: bool = True,
+    best: int = 0,
+    listed: Mapping[int, str] | None = None,
 ) -> tuple[Standing, ...]:
     """The standings by subject and condition.
 
-    A run with a damaged result never counts, nor does a replay. A run without a result does not
-    say where it came from: it is counted as interrupted wherever its team has a standing.
+    A run with a damaged result never counts, nor does a replay. A run without a result is counted
+    as interrupted wherever its team has a standing; one of an older version does not say whether it
+    was practice.
 
     Args:
         runs: from a history.
-        official: runs on the real testbed; else the simulated ones. The two are never mixed.
+        official: official runs; else the practice runs. The two are never mixed.
         best: how many valid runs enter the aggregates: those with the highest capability level,
             completed before timed out, then with the least execution time. 0 = all. The counts
             are of all runs.
+        listed: subject -> team, the list of teams; a team that is not in it has the name of its
+            latest run.
     """
     groups = _grouped(runs, official=official)
+    names = _names(groups, listed or {})
     return tuple(
-        Standing(condition=key.condition, **_tally(key, [groups[key]], best))
+        Standing(condition=key.condition, **_tally(key, names, [groups[key]], best))
         for key in sorted(groups)
     )
 
 
 def overall(
-    runs: Iterable[RunSummary], *, official: bool = True, best: int = 0
+    runs: Iterable[RunSummary],
+    *,
+    official: bool = True,
+    best: int = 0,
+    listed: Mapping[int, str] | None = None,
 ) -> tuple[Overall, ...]:
     """The standings by subject, over all conditions.
 
@@ -137,15 +164,17 @@ def overall(
         runs: from a history.
         official: as for `standings`.
         best: how many valid runs of each condition enter; 0 = all.
+        listed: as for `standings`.
     """
     groups = _grouped(runs, official=official)
-    of_team: dict[tuple[int, str, str], list[_Key]] = defaultdict(list)
+    names = _names(groups, listed or {})
+    of_team: dict[tuple[int, str], list[_Key]] = defaultdict(list)
     for key in sorted(groups):
-        of_team[key.subject, key.team, key.ruleset].append(key)
+        of_team[key.subject, key.ruleset].append(key)
     return tuple(
         Overall(
             conditions=tuple(key.condition for key in keys),
-            **_tally(keys[0], [groups[key] for key in keys], best),
+            **_tally(keys[0], names, [groups[key] for key in keys], best),
         )
         for keys in of_team.values()
     )
@@ -155,40 +184,68 @@ def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
     groups: dict[_Key, list[RunSummary]] = defaultdict(list)
     unfinished: list[RunSummary] = []
     for run in runs:
-        if run.problem is not None:
+        if run.problem is not None or run.never_ran:
             continue
         if run.outcome is None:
             unfinished.append(run)
         elif run.official if official else run.practice:
             groups[_key(run)].append(run)
     for run in unfinished:
-        if _key(run) in groups:
+        if _key(run) in groups and not (official and run.practice):
             groups[_key(run)].append(run)
     return groups
 
 
 def _key(run: RunSummary) -> _Key:
-    return _Key(run.subject, run.condition, run.team, run.ruleset)
+    return _Key(run.subject, run.condition, run.ruleset)
 
 
-def _tally(key: _Key, groups: Iterable[Sequence[RunSummary]], best: int) -> dict[str, Any]:
+def _names(groups: _Groups, listed: Mapping[int, str]) -> Mapping[int, TeamName]:
+    """The teams by subject: one name each, whatever their runs say."""
+    of: dict[int, list[RunSummary]] = defaultdict(list)
+    for key, runs in groups.items():
+        of[key.subject] += runs
+    return {
+        subject: TeamName.of(
+            listed.get(subject, ""),
+            (run.team for run in sorted(runs, key=lambda run: (run.started, run.folder))),
+        )
+        for subject, runs in of.items()
+    }
+
+
+def _tally(
+    key: _Key,
+    names: Mapping[int, TeamName],
+    groups: Iterable[Sequence[RunSummary]],
+    best: int,
+) -> dict[str, Any]:
     """The fields of a tally over groups of runs; the best are taken of each group."""
+    team = names[key.subject]
     outcomes: list[Outcome | None] = []
+    voided = 0
     counted: list[RunSummary] = []
+    flagged: list[RunSummary] = []
     for runs in groups:
-        outcomes += [run.outcome for run in runs]
+        outcomes += [run.outcome for run in runs if not run.voided]
+        voided += sum(run.voided for run in runs)
         valid = sorted((run for run in runs if run.valid), key=_rank)
+        flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid
     found = {name: Aggregate.of(_values(counted, name)) for name in IndicatorName}
     return {
         "subject": key.subject,
-        "team": key.team,
+        "team": team.name,
+        "other_names": team.others,
         "ruleset": key.ruleset,
         "completed": outcomes.count(Outcome.COMPLETED),
         "timeout": outcomes.count(Outcome.TIMEOUT),
         "aborted": outcomes.count(Outcome.ABORTED),
+        "voided": voided,
         "interrupted": outcomes.count(Outcome.INTERRUPTED) + outcomes.count(None),
         "counted": len(counted),
+        "flagged": len(flagged),
+        "undecided": sum(bool(undecided(run.flags)) for run in flagged),
         "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
     }
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 
-from madrob_console.archive.history import RunSummary
-from madrob_console.kinds import SourceKind
+from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.referee.flags import weighty
 from madrob_console.report.explanations import (
     MANUAL_START_NOTE,
     NONE,
-    UNOFFICIAL,
+    PRACTICE_STANDINGS,
     date_text,
     task_text,
 )
@@ -29,11 +29,11 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
+    statistic_text,
     statistics_of,
 )
 from madrob_console.standings.tally import Overall, Tally
 from scoring.indicator_table import IndicatorName, unit_text
-from scoring.result import value_text
 
 
 def standings_html(found: CompetitionStandings, software: str) -> str:
@@ -44,12 +44,13 @@ def standings_html(found: CompetitionStandings, software: str) -> str:
         software: the version that makes the page.
     """
     several = len(found.groups) > 1
-    kind = "standings" if found.official else "SIMULATED standings"
+    kind = "standings" if found.official else "PRACTICE standings"
     return page(
         f"MADROB {kind} {found.title}".rstrip(),
         _top(found),
         [_group(group, several=several) for group in found.groups],
         element("p", "No run counts yet.") if not found.groups else (),
+        section("Runs that count, with flags", listed(_flagged(found), "None.")),
         section("Runs that do not count", listed(_left_out(found), "None.")),
         _foot(software),
         style=files(__package__).joinpath("standings.css").read_text(encoding="utf-8"),
@@ -57,12 +58,12 @@ def standings_html(found: CompetitionStandings, software: str) -> str:
 
 
 def _top(found: CompetitionStandings) -> Markup:
-    banner = element("p", UNOFFICIAL[SourceKind.SIMULATED], class_="banner")
+    banner = element("p", PRACTICE_STANDINGS, class_="banner")
     return element(
         "header",
         () if found.official else banner,
         element("p", "MADROB ", said(found.title), class_="competition"),
-        element("h1", "Standings" if found.official else "SIMULATED standings"),
+        element("h1", "Standings" if found.official else "PRACTICE standings"),
         element("p", f"As of {date_text(found.made)}"),
         [element("p", element("strong", said(remark))) for remark in found.remarks],
         element("p", found.basis),
@@ -81,7 +82,8 @@ def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
 
 def _teams(tallies: Iterable[Tally]) -> Markup:
     heads = [
-        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}"
+        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
+        f"{name.spec.better} is better"
         for name in IndicatorName
     ]
     return table(("team", "runs", *heads), map(_row, tallies), class_="standings")
@@ -103,6 +105,7 @@ def counts(tally: Tally) -> Iterator[str]:
         (tally.completed, "completed"),
         (tally.timeout, "timeout"),
         (tally.aborted, "INVALID"),
+        (tally.voided, VOID),
         (tally.interrupted, "INTERRUPTED"),
     ):
         if count:
@@ -115,18 +118,34 @@ def _indicator(tally: Tally, name: IndicatorName) -> Content:
     if aggregate is None:
         return NONE
     found = statistics_of(aggregate, name)
-    lines = [f"median {value_text(aggregate.median)}"]
+    lines = [f"median {statistic_text(name, aggregate.median)}"]
     if aggregate.deviation is not None:
-        lines.append(f"std {value_text(aggregate.deviation)}")
-    lines += [f"{word} {value_text(found[word] or 0)}" for word in ("min", "max") if word in found]
+        lines.append(f"std {statistic_text(name, aggregate.deviation)}")
+    lines += [
+        f"{word} {statistic_text(name, found[word] or 0)}"
+        for word in ("min", "max")
+        if word in found
+    ]
     if aggregate.count != tally.counted:
         lines.append(f"n = {aggregate.count}")
-    return element("b", value_text(aggregate.mean)), [element("small", line) for line in lines]
+    return element("b", statistic_text(name, aggregate.mean)), [
+        element("small", line) for line in lines
+    ]
 
 
 def _left_out(found: CompetitionStandings) -> Iterator[Content]:
     for run, why in found.left_out:
         yield f"{run_words(run)}: ", element("strong", run.outcome_word), ": ", said(why)
+
+
+def _flagged(found: CompetitionStandings) -> Iterator[Content]:
+    for run in found.flagged:
+        yield f"{run_words(run)}: ", element("strong", flag_words(run))
+
+
+def flag_words(run: RunSummary) -> str:
+    """What a decision on a run hangs on."""
+    return "; ".join(flag.words for flag in weighty(run.flags))
 
 
 def run_words(run: RunSummary) -> str:

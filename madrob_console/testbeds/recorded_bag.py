@@ -17,6 +17,7 @@ from madrob_console.messages.codec import (
     decode_text,
     referee_topics,
 )
+from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.recorded_clock import LONGEST, RecordedClock
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
@@ -153,6 +154,16 @@ class RecordedBag:
     @property
     def sides_problem(self) -> str | None:
         """Nothing has to be set by hand."""
+        return None
+
+    @property
+    def announcement(self) -> Announcement:
+        """Nothing: what it was stands in the record of its run."""
+        return SILENT
+
+    @property
+    def other_referee(self) -> str | None:
+        """Nobody: a recording obeys nobody."""
         return None
 
     def publish(self, message: RawMessage) -> None:

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
@@ -20,15 +21,16 @@ from madrob_console.messages.codec import (
     MessageTypes,
     TopicMapping,
 )
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.inbox import qos_profile
 from madrob_console.testbeds.ros.loading import (
     RosObject,
-    domain_id,
     load_message_class,
     load_module,
 )
 from madrob_console.testbeds.ros.parameters import ParameterValue, door_parameters
+from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -87,7 +89,7 @@ def serve_testbed(
         with _ended_by_signals(ended):
             say(
                 f"simulated testbed {testbed.scenario} in ROS domain {number}: "
-                "waits for the referee"
+                "waits for the referee; every run on it is practice"
             )
             while not ended.is_set() and not (repeat and node.has_done(repeat)):
                 connection.spin(_PERIOD)
@@ -116,6 +118,8 @@ class DoorNode:
         self._say = say
         self._condition = condition or _DEFAULT_CONDITION
         self._phase = ""
+        self._heeded: RefereeState | None = None
+        self._unheeded: RefereeState | None = None
         self._start: float | None = None
         self._runs = 0
         self._over_at = 0.0
@@ -131,9 +135,16 @@ class DoorNode:
             )
             for topic in source.status()
         }
+        self._announce(source.testbed.scenario)
         self._listen(REFEREE_STATE_TOPIC, "std_msgs/msg/String", self._on_state)
         self._listen(REFEREE_START_POSE_TOPIC, "geometry_msgs/msg/PoseStamped", self._on_pose)
         source.open()
+
+    def _announce(self, scenario: Scenario) -> None:
+        """Say that no run here is official, to late joiners, too."""
+        string = load_message_class(INFO_TYPE)
+        self._info = self._node.create_publisher(string, INFO_TOPIC, qos_profile(_KEPT, 1))
+        self._info.publish(string(data=info_text(scenario)))
 
     def has_done(self, runs: int) -> bool:
         """Whether so many runs are over, and the last one's recording too."""
@@ -143,6 +154,8 @@ class DoorNode:
 
     def publish(self) -> None:
         """Publish what the sensors have read since the last call."""
+        if self._unheeded is not None and self._alone():
+            self._heed(self._unheeded)  # who had the run is gone
         for message in self._source.take(0):
             self._publishers[message.topic].publish(message.data)
             self.published[message.topic] += 1
@@ -154,6 +167,8 @@ class DoorNode:
 
     def _on_parameters(self, parameters: Sequence[RosObject]) -> RosObject:
         result = load_module("rcl_interfaces.msg").SetParametersResult
+        if self._in_run and not self._alone():  # whoever asks: the run's own referee has no need
+            return result(successful=False, reason="a run goes on, and there are two referees")
         for parameter in parameters:
             reason = refusal(parameter.name, parameter.value)
             if reason is not None:
@@ -181,6 +196,30 @@ class DoorNode:
         except MadrobError as error:
             self._say(str(error))
             return
+        if self._is_strange(state):
+            if self._unheeded is None:
+                self._say("another referee is here: not heeded while the run goes on")
+            self._unheeded = state
+            return
+        self._heed(state)
+
+    def _is_strange(self, state: RefereeState) -> bool:
+        """Whether another referee says this, in the middle of a run."""
+        before = self._heeded
+        if before is None or not self._in_run or self._alone():
+            return False
+        return not state.goes_on_with(before)
+
+    @property
+    def _in_run(self) -> bool:
+        return self._phase in ("countdown", "running")
+
+    def _alone(self) -> bool:
+        """Whether there is one referee at most."""
+        return int(self._node.count_publishers(REFEREE_STATE_TOPIC)) < 2
+
+    def _heed(self, state: RefereeState) -> None:
+        self._heeded, self._unheeded = state, None
         before, self._phase = self._phase, state.phase
         self._start = self._start_of(state, before)
         if state.condition is not None and state.condition != self._condition:

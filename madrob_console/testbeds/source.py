@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from madrob_console.kinds import SourceKind
+    from madrob_console.testbeds.announcement import Announcement
     from recorder.bag import Topic
     from recorder.message import RawMessage
     from scoring.protocol import Condition
@@ -45,7 +46,10 @@ class Source(Protocol):
 
     @property
     def label(self) -> str:
-        """For people: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`."""
+        """For people: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`.
+
+        A simulated testbed over ROS: `SIMULATED over ROS domain 0`.
+        """
         ...
 
     def open(self) -> None:
@@ -78,6 +82,16 @@ class Source(Protocol):
     @property
     def sides_problem(self) -> str | None:
         """Why the sides must be set by hand, in words; None when the testbed confirmed them."""
+        ...
+
+    @property
+    def announcement(self) -> Announcement:
+        """What the testbed says of itself."""
+        ...
+
+    @property
+    def other_referee(self) -> str | None:
+        """Who else tells the testbed where the run stands, in words; None = nobody."""
         ...
 
     def publish(self, message: RawMessage) -> None:

@@ -3,29 +3,46 @@
 from __future__ import annotations
 
 import asyncio
+import getpass
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from textual import events
 from textual.app import App
 from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
+from textual.widget import MountError
 
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.shown.client import UnsureError
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Perform, TakeOver
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
-from madrob_console.referee.acts import Act, SetUp, Waive
+from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
 from madrob_console.referee.questions import Ask
+from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.asks import Intent, Leave
-from madrob_console.ui.keys.key_table import KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key, bindings
+from madrob_console.ui.keys.asks import Copy, Intent, Leave, OtherName
+from madrob_console.ui.keys.clipboard import clipboard_sequences, give_to_tmux, in_tmux
+from madrob_console.ui.keys.key_table import (
+    FUNCTION_KEYS,
+    KEYS,
+    LETTER_KEYS,
+    PLAYBACK_KEYS,
+    Key,
+    bindings,
+)
+from madrob_console.ui.keys.mouse import ButtonsDriver
+from madrob_console.ui.keys.type_ahead import TypeAhead
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.look.glyphs import ASCII, uses_ascii
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
@@ -35,11 +52,19 @@ if TYPE_CHECKING:
     from textual.command import Provider
 
     from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.cells.dialog import Dialog
     from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList
+    from madrob_console.ui.panes.plan_pane import PlanPane
     from madrob_console.ui.panes.runs_pane import RunsPane
     from madrob_console.ui.panes.setup_pane import SetupPane
+
+PATIENCE = 0.2
+"""A key waits so long for what the one before brings about, s."""
+
+LATEST = 1.0
+"""After a set-up that took longer than this nothing starts: nobody expects it any more, s."""
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
@@ -59,12 +84,15 @@ class MadrobApp(App[None], inherit_bindings=False):
         open_client: connects to the engine; called once the screens are there, off their loop.
         defaults: what the first run's set-up proposes.
         look: theme, characters, bell.
-        monotonic: a clock for the engine's silence, s.
+        monotonic: a clock for the engine's silence and the age of messages, s.
+        wall: the time of day, s since the epoch.
+        ahead: which keys were typed for what is not there any more.
 
     Attributes:
         ascii: whether only ASCII characters are drawn.
         rings: whether the bell rings.
         failure: why there is no engine; None while there is hope.
+        settled: called once the panes can be seen.
     """
 
     TITLE = "madrob"
@@ -81,10 +109,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         defaults: ConsoleDefaults,
         look: ConsoleSettings | None = None,
         monotonic: Callable[[], float] = time.monotonic,
+        wall: Callable[[], float] = time.time,
+        ahead: TypeAhead | None = None,
     ) -> None:
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
-        super().__init__()
+        super().__init__(driver_class=ButtonsDriver)
         self._look = look or ConsoleSettings()
         self._environ = environ
         for theme in THEMES:
@@ -93,8 +123,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.ascii = uses_ascii(environ, self._look.ascii)
         self.rings = self._look.bell
         self.failure: MadrobError | None = None
+        self._monotonic = monotonic
         self._link = EngineLink(open_client, monotonic)
-        self._console = ConsoleScreen(self._link, defaults)
+        self._awaited: dict[str, bool] = {}
+        self._ahead = ahead or TypeAhead()
+        self.settled: Callable[[], None] = lambda: None
+        self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
 
     def get_default_screen(self) -> Screen[None]:
         """The console."""
@@ -119,7 +153,17 @@ class MadrobApp(App[None], inherit_bindings=False):
             self.failure = error
             self.call_later(self.exit)
             return
-        self.call_later(self._console.begin)
+        self.call_later(self.begin)
+
+    async def begin(self) -> None:
+        """There is an engine to show."""
+        try:
+            await self._console.begin()
+        except MountError:
+            if self.return_code is None:  # else it is leaving: nothing can be mounted any more
+                raise
+            return
+        self.call_after_refresh(self.settled)
 
     def close_link(self) -> None:
         """Let the engine go, after the screens have."""
@@ -152,9 +196,25 @@ class MadrobApp(App[None], inherit_bindings=False):
         replays = snapshot is not None and snapshot.playback is not None
         return replays or key not in PLAYBACK_KEYS
 
+    async def on_event(self, event: events.Event) -> None:
+        """Leave out what was typed or clicked for what is not there any more."""
+        if (
+            isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp)
+            and not event.is_forwarded
+            and self.screen is self._console
+        ):
+            if not isinstance(event, events.MouseUp):
+                self._console.key_pressed()
+            if (words := self._ahead.leaves_out(event)) is not None:
+                self._console.leave_out(words)
+                return
+        await super().on_event(event)
+
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave the keys of a replay to the panes wherever they move none."""
+        """Leave keys to the panes: of a replay wherever they move none, others where they say."""
         key = KEYS.get(str(parameters[0])) if action == "press" and parameters else None
+        if key is not None and self._console.pane in key.left_to:
+            return False
         if key in PLAYBACK_KEYS:
             return self._console.pane in key.where and self.has_key(key)
         return super().check_action(action, parameters)
@@ -172,37 +232,122 @@ class MadrobApp(App[None], inherit_bindings=False):
             return
         elif key.name == "menu":
             self.action_command_palette()
+        elif key.name == "copy":
+            await self._ask_copy(key)
+        elif key.name == "engine":
+            self._start_engine(key)
         elif key.pane:
             self._console.show_pane(key.pane)
+        elif key.name == "abort" and self.withdraw():
+            pass
         else:
-            await self._press_act(key, pressed)
+            await self._soon(self._press_act(key, pressed), key.act)
+
+    def _start_engine(self, key: Key) -> None:
+        """Look for an engine, and start one where none runs, in place of one that has ended."""
+        if (refused := self.key_refusal(key)) is not None:
+            self._refuse(key.act, refused)
+            return
+        self._console.say("Starting the engine ...")
+
+        def connect() -> None:
+            try:
+                self._link.connect()
+            except MadrobError as error:
+                self.call_later(self._refuse, key.act, str(error))
+            else:
+                self.call_later(self._console.say, "The engine is there again.", Tone.GOOD)
+
+        self.run_worker(connect, thread=True, group="engine", exclusive=True)
+
+    async def _ask_copy(self, key: Key) -> None:
+        if not self._link.connected:
+            self._refuse(Copy.name, NOT_YET)
+            return
+        try:
+            user = getpass.getuser()
+        except (OSError, KeyError):  # one without a name
+            user = str(os.getuid())
+        asked = self._console.ask_copy(user)
+        if isinstance(asked, str):
+            self._refuse(Copy.name, asked)
+        else:
+            await self._ask(key, asked, lambda _now: asked)
+
+    async def _copy(self, copy: Copy) -> None:
+        """Through the terminal, and through the tmux of this machine."""
+        if self._driver is not None:
+            self._driver.write(clipboard_sequences(copy.text, self._environ))
+        kept = await give_to_tmux(copy.text, self._environ)
+        words = "Copied, also into tmux's buffer" if kept else "Copied"
+        if in_tmux(self._environ) and not kept:
+            words = "Copied, if tmux has `set-clipboard on`"
+        shown = copy.text if "\n" not in copy.text else ""
+        self._console.say(f"{words}: {copy.what}{f': {shown}' if shown else ''}", Tone.GOOD)
+
+    async def _soon(self, deed: Coroutine[Any, Any, None], what: str) -> None:
+        """Do what a key brings about; the next key waits for it, but not for long."""
+        over = asyncio.Event()
+
+        async def bring_about() -> None:
+            try:
+                await deed
+            finally:
+                over.set()
+
+        self.run_worker(bring_about(), group="keys")
+        with suppress(TimeoutError):
+            await asyncio.wait_for(over.wait(), PATIENCE)
+        if not over.is_set():  # it may have come just now: then there are better words
+            durable = next((name for name, durable in self._awaited.items() if durable), None)
+            words = "no answer of the engine yet; the keys work"
+            if durable is not None:
+                what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
+            self._console.say(f"{what}: {words}", Tone.WARN)
+
+    def withdraw(self) -> bool:
+        """Take back what waits for the disk; False where nothing does."""
+        durable = next((name for name, durable in self._awaited.items() if durable), None)
+        if durable is None:
+            return False
+        self.run_worker(self._withdraw(durable), group="keys")
+        return True
+
+    async def _withdraw(self, what: str) -> None:
+        self._console.say(f"{what}: withdrawing it ...", Tone.WARN)
+        try:
+            refused = await self._link.answer(Perform.of(Abort()))
+        except MadrobError as error:
+            refused = str(error)
+        if refused is not None:
+            self._refuse(Abort.name, refused)
 
     async def _press_act(self, key: Key, pressed: str) -> None:
         if not self._link.connected:
-            self._refuse(key.act, NOT_YET)
-        elif key.commits and (problem := self._commit()):
-            self._refuse(key.act, problem)
-        elif key.name == "next":
-            await self._next_run()
-        elif key.name == "take" and self.key_refusal(key) is None:
-            await self._do(TakeOver(), key.name, key.act)
+            self._refuse_key(key, NOT_YET)
+        elif key.commits and (problem := await self._commit()):
+            self._refuse_key(key, problem)
+        elif key.name in ("next", "again"):
+            await self._next_run(key)
         elif key.name == "export" and self.key_refusal(key) is None:
-            team = self._console.team
-            await self._do(ExportTeam(team) if isinstance(team, int) else team, key.name, key.act)
+            await self._do(self._console.export, key.name, key.act)
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
-            self._refuse(key.act, refused)
+            self._refuse_key(key, refused)
         elif key.ask is not None and (snapshot := self._link.snapshot()) is not None:
-            await self._ask(key, key.ask(snapshot, pressed))
+            await self._ask(key, key.ask(snapshot, pressed), partial(key.question, pressed=pressed))
 
-    def _commit(self) -> str | None:
+    async def _commit(self) -> str | None:
         """What is typed in the set-up counts; returns what is wrong with it."""
-        problem = self._console.panes.setup.commit_edits()
+        pressed = self._monotonic()
+        problem = await self._console.panes.setup.commit_edits()
         self._console.poll()
+        if problem is None and (took := self._monotonic() - pressed) > LATEST:
+            return f"the engine took {took:.0f} s to answer: press again"
         return problem
 
     def _elsewhere(self, key: Key) -> str | None:
         """Among many runs, a key is not for the one that happens to be open."""
-        if self._console.pane in ("history", "standings") and key in LETTER_KEYS:
+        if self._console.pane in ("history", "plan", "standings") and key in LETTER_KEYS:
             return "Enter opens the marked run first, F4 shows the one that is open"
         return None
 
@@ -213,82 +358,161 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._console.say("A question is open: answer it, or Escape closes it.", Tone.WARN)
         return False
 
-    async def _ask(self, key: Key, intent: Intent | Ask[Intent]) -> None:
-        """Do at once what a key brings about, or ask first."""
-        if isinstance(intent, Ask):
-            await self._console.open(key.name, intent.shortest if self._console.tiny else intent)
-        else:
+    async def _ask(
+        self,
+        key: Key,
+        intent: Intent | Ask[Intent],
+        question: Callable[[Snapshot], Ask[Intent] | str],
+    ) -> None:
+        """Do at once what a key brings about, or ask first.
+
+        Args:
+            key: that was pressed.
+            intent: what it brings about.
+            question: what it asks as things stand later, or why nothing.
+        """
+        if not isinstance(intent, Ask):
             await self._do(intent, key.name, key.act)
+            return
+        tiny = self._console.tiny
+
+        def fresh() -> Ask[Intent] | str:
+            snapshot = self._link.snapshot()
+            asked = NOT_YET if snapshot is None else question(snapshot)
+            return asked.shortest if tiny and isinstance(asked, Ask) else asked
+
+        await self._console.open(key.name, intent.shortest if tiny else intent, fresh)
 
     async def _do(self, intent: Intent, name: str, what: str) -> None:
         """Do what a key or a dialog of that name brings about; `what` a refusal is of."""
         match intent:
             case Leave():
                 self.exit()
+            case OtherName():
+                self._console.panes.setup.take_name(intent)
             case str():
                 self._refuse(what, intent)
+            case Copy():
+                await self._copy(intent)
+            case Ask():
+                key, asked = KEYS[name], intent
+                await self._ask(key, asked, lambda now: key.refusal(now) or asked)
             case OpenRun():
                 await self._open_run(intent)
-            case PlaybackCommand():
-                await self._request(intent, "")  # its bar shows what became of it
             case TakeOver():
                 await self._request(intent, "This console has the right to act now.")
-            case ExportTeam():
-                await self._request(intent)  # the snapshot says when the zip is there
+            case PlaybackCommand() | ExportTeam():  # bar and snapshot show what became of it
+                await self._request(intent, "" if isinstance(intent, PlaybackCommand) else None)
             case Act():
                 await self._act(intent, name)
 
     async def _act(self, act: Act, name: str) -> None:
-        if not await self._request(Perform.of(act), done_text(act)):
+        durable = not act.at_once
+        if not await self._request(Perform.of(act), done_text(act), durable=durable):
+            if isinstance(act, Start):  # its number may be used now
+                self._console.panes.setup.propose_again(only_later=True)
+            elif isinstance(act, Abort):
+                self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
         if act.signature:
             self._console.panes.setup.remember_referee(act.signature)
-        if name == "next":
-            self._console.show_pane("setup")
+        if name in ("next", "again"):
+            self._console.show_pane("setup", chosen=False)
+
+    async def _void_instead(self, reason: str) -> None:
+        """An abort that was confirmed while the run came to its end offers to void the run."""
+        key, snapshot = KEYS["void"], self._link.snapshot()
+        if snapshot is None or snapshot.run.phase is not Phase.STOPPED:
+            return
+        if key.refusal(snapshot) is None:
+            void = Void.instead_of_abort(reason)
+            await self._ask(key, void, lambda now: key.refusal(now) or void)
+            self._ahead.replaced("the question has just changed")
 
     async def _request(
         self,
         command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam,
         done: str | None = None,
+        *,
+        durable: bool = False,
     ) -> bool:
         """Have something done, say what became of it, and return whether it took effect.
 
-        The screens go on while the engine's disk makes it wait.
+        Until then the keys work; what is `durable` waits for the disk and can be withdrawn.
         """
-        refused = await asyncio.to_thread(self._link.do, command)
-        self._console.poll()  # first: a change of phase wipes the message
+        what = command.name
+        if what in self._awaited:
+            self._refuse(what, "the one before is not answered yet")
+            return False
+        self._awaited[what] = durable
+        try:
+            refused = await self._link.answer(command)
+        except UnsureError as error:
+            self._console.say(f"{what}: {error}", Tone.BAD)
+            return False
+        except MadrobError as error:
+            refused = str(error)
+        finally:
+            del self._awaited[what]
+        self._console.poll()  # first: what it shows takes the place of the message
         if refused is not None:
             self._refuse(command.name, refused)
         elif done is not None:
             self._console.say(done, Tone.GOOD)
         return refused is None
 
-    async def _next_run(self) -> None:
-        key = KEYS["next"]
-        self._console.take_marked_run()
-        setup = self._console.panes.setup.draft()
+    async def _next_run(self, key: Key) -> None:
+        form = self._console.panes.setup
+        if key.name == "again":
+            form.propose_same()
+        elif not self._console.take_marked_run():
+            await form.propose_planned()
+        setup = await form.draft()
         if isinstance(setup, str):
+            self._console.show_pane("setup", chosen=False)
             self._refuse(key.act, setup)
-            self._console.show_pane("setup")
             return
         if (refused := self.key_refusal(key)) is not None:
             self._refuse(key.act, refused)
             return
         snapshot = self._link.snapshot()
         assert snapshot is not None
-        await self._ask(key, SetUp(setup).unless_final(snapshot))
+
+        def question(now: Snapshot) -> Ask[Intent] | str:
+            asked = self.key_refusal(key) or SetUp(setup).unless_final(now)
+            return "press x again" if isinstance(asked, Act) else asked
+
+        await self._ask(key, SetUp(setup).unless_final(snapshot), question)
 
     async def on_dialog_answered(self, event: Dialog.Answered) -> None:
-        """Do what the answers say."""
+        """Do what the answers say; a text that says nothing is asked for again."""
         dialog = event.dialog
+        if dialog not in self._console.dialogs:
+            return
+        intent = dialog.ask.make(*event.answers)
+        if isinstance(intent, str) and dialog.ask_again(intent):
+            return
         await self._console.close(dialog)
+        if not isinstance(intent, Ask):
+            self._ahead.closed()
         name = dialog.name or ""
-        await self._do(dialog.ask.make(*event.answers), name, name)
+        await self._soon(self._do(intent, name, name), name)
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
         """Nothing happens."""
-        await self._console.close(event.dialog)
-        self._console.say("Closed: nothing was done.")
+        if event.dialog in self._console.dialogs:
+            await self._console.close(event.dialog)
+            self._ahead.closed()
+            self._console.say("Closed: nothing was done.")
+
+    async def on_dialog_too_late(self, event: Dialog.TooLate) -> None:
+        """What was asked can be answered no more; who confirms an abort is offered another act."""
+        dialog = event.dialog
+        key = KEYS.get(dialog.name or "")
+        self._refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
+        if key is KEYS["abort"] and event.confirmed and dialog in self._console.dialogs:
+            await self._console.close(dialog)
+            await self._void_instead(", ".join(dialog.answers) or "none given")
 
     async def on_check_list_chosen(self, event: CheckList.Chosen) -> None:
         """Waive the check that is marked in the list."""
@@ -296,21 +520,40 @@ class MadrobApp(App[None], inherit_bindings=False):
         if (refused := self.key_refusal(key)) is not None:
             self._refuse(key.act, refused)
         elif (snapshot := self._link.snapshot()) is not None:
-            await self._ask(key, Waive.ask_why(snapshot, event.check))
+            check = event.check
+
+            def question(now: Snapshot) -> Ask[Intent] | str:
+                return self.key_refusal(key) or Waive.ask_why(now, check)
+
+            await self._soon(self._ask(key, Waive.ask_why(snapshot, check), question), key.act)
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         """The last field of the set-up asks for the next run."""
-        await self._next_run()
+        await self._soon(self._next_run(KEYS["next"]), KEYS["next"].act)
+
+    def on_plan_pane_chosen(self, event: PlanPane.Chosen) -> None:
+        """Propose a team in a condition; nothing is set up yet."""
+        form = self._console.panes.setup
+        form.propose(event.task)
+        form.propose_again()
+        self._console.show_pane("setup", chosen=False)
+
+    async def on_setup_pane_naming(self, event: SetupPane.Naming) -> None:
+        """The team has another name than in the list: what, and why."""
+        await self._console.open("other name", event.ask)
 
     async def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
-        """Show an earlier run, whose bag takes a moment to read, or the runs behind a standing."""
+        """Show an earlier run, whose bag takes a moment to read, or the runs behind a standing.
+
+        One that was cut off is asked about: opening it is no decision.
+        """
         from madrob_console.standings.tally import Standing
         from madrob_console.ui.panes.standings_pane import filter_for
 
         if isinstance(event.row, Standing):
             self._console.show_runs(filter_for(event.row))
-        else:
-            await self._open_run(OpenRun(event.row.folder))
+        elif not await self._console.ask_about(event.row.folder):
+            await self._soon(self._open_run(OpenRun(event.row.folder)), OpenRun.name)
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
@@ -324,6 +567,13 @@ class MadrobApp(App[None], inherit_bindings=False):
         """A letter typed into a number."""
         what = f"'{event.letter}' is no number: Escape leaves the field, then letters are keys"
         self._console.say(what, Tone.WARN)
+
+    def _refuse_key(self, key: Key, why: str) -> None:
+        """What would have been typed after a key is for nothing else, a text field included."""
+        if key in FUNCTION_KEYS:
+            self._console.end_typing()
+        self._ahead.refused(key.cap, why, answered=key.answered)
+        self._refuse(key.act, why)
 
     def _refuse(self, what: str, why: str) -> None:
         self._console.say(f"Refused: {what}: {why}", Tone.BAD)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,9 +22,7 @@ class ConsoleDefaults:
         host: name of the machine, for the top line.
         best_runs: as many of a team's runs count in the standings; 0 = all.
         hint: what the first message says.
-        problems: what is wrong with the teams file, one line each.
         team, referee: who.
-        teams: subject -> team's name, as far as known.
         poses: start poses to choose from.
         run: timeout, countdown, ruleset and what decides step 6.
     """
@@ -35,9 +32,7 @@ class ConsoleDefaults:
     host: str = ""
     best_runs: int = 0
     hint: str = "F1 lists the keys."
-    problems: tuple[str, ...] = ()
     team: str = ""
     referee: str = ""
-    teams: Mapping[int, str] = field(default_factory=dict)
     poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     run: RunDefaults = field(default_factory=RunDefaults)

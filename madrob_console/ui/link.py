@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from madrob_console.engine.shown.client import ON_ITS_WAY, given_up
 from madrob_console.errors import MadrobError
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.client import EngineClient
-    from madrob_console.engine.shown.requests import Command, Request, T
+    from madrob_console.engine.shown.requests import Request, T
     from madrob_console.engine.shown.snapshot import Snapshot
 
-LONGEST_SILENCE = 2.0
-"""An engine of which nothing is heard for longer is called silent, s."""
-
 NOT_YET = "the engine is starting"
+
+LATELY = 1.0
+"""What an act brings about may be seen so long after its answer, s."""
 
 
 class EngineLink:
     """An engine client that keeps the last snapshot.
 
     Args:
-        open_client: makes the client; called once, by `connect`.
+        open_client: makes the client; called by `connect`.
         monotonic: a clock for the engine's silence, s.
     """
 
@@ -34,48 +38,43 @@ class EngineLink:
         self._client: EngineClient | None = None
         self._latest: Snapshot | None = None
         self._moved = 0.0
-        self._failure: str | None = None
+        self._asked: dict[str, float] = {}
 
     def connect(self) -> None:
-        """Connect to the engine; may take seconds, so not on the loop of the screens.
+        """Connect to the engine, in place of the one before; may take seconds: in a thread.
 
         Raises:
             MadrobError: there is no engine to be had, or it gives no snapshot at all.
         """
-        client = self._open_client()
+        before, client = self._client, self._open_client()
         self._latest = client.snapshot()
         self._moved = self._monotonic()
         self._client = client
+        if before is not None:
+            before.close()
 
     @property
     def connected(self) -> bool:
         """Whether there is an engine."""
         return self._client is not None
 
-    @property
-    def trouble(self) -> str | None:
-        """Why the snapshot cannot be trusted, in words; None when it can."""
-        if self._failure is not None:
-            return f"{self._failure}: what you see is old"
-        silence = self._monotonic() - self._moved
-        if self.connected and silence > LONGEST_SILENCE:
-            return f"the engine is silent for {silence:.0f} s: what you see is old"
-        return None
-
     def snapshot(self) -> Snapshot | None:
-        """The latest snapshot, or the last one that the engine gave; None before the first."""
-        if self._client is None:
+        """The latest snapshot, or the last one that the engine gave; None before the first.
+
+        Of an engine that has gone, or is silent, only the screen itself can tell.
+        """
+        if self._client is None or self._latest is None:
             return None
+        from madrob_console.engine.shown.snapshot import Pulse
+
         try:
-            snapshot = self._client.snapshot()
+            latest = self._client.snapshot()
         except MadrobError as error:
-            self._failure = str(error)
-            return self._latest
-        self._failure = None
-        if snapshot is not self._latest:
-            self._moved = self._monotonic()
-        self._latest = snapshot
-        return snapshot
+            return replace(self._latest, pulse=Pulse(gone=str(error)))
+        if latest is not self._latest:
+            self._latest, self._moved = latest, self._monotonic()
+        silence = int(self._monotonic() - self._moved)
+        return replace(latest, pulse=Pulse(server=silence)) if silence else latest
 
     def ask(self, request: Request[T]) -> T:
         """Have a request carried out; may take as long as its timeout.
@@ -87,12 +86,33 @@ class EngineLink:
             raise MadrobError(NOT_YET)
         return self._client.ask(request)
 
-    def do(self, command: Command) -> str | None:
-        """The same; returns in words why it is refused or failed, None when it is done."""
+    async def answer(self, request: Request[T]) -> T:
+        """The same, while the screens go on; who is cancelled gives the request up.
+
+        Raises:
+            UnsureError: no answer came, though it may have begun.
+            MadrobError: it failed, or there is no engine that answers.
+        """
+        if self._client is None:
+            raise MadrobError(NOT_YET)
+        name = str(getattr(request, "name", ""))
+        self._asked[name] = math.inf
         try:
-            return self.ask(command)
-        except MadrobError as error:
-            return str(error)
+            answer = self._client.begin(request)
+            if not answer.done():
+                patience = request.timeout + ON_ITS_WAY
+                try:
+                    return await asyncio.wait_for(asyncio.wrap_future(answer), patience)
+                except TimeoutError:
+                    raise given_up(answer) from None
+            return answer.result()
+        finally:
+            self._asked[name] = self._monotonic()
+
+    def asked_lately(self, *names: str) -> bool:
+        """Whether this screen asks, or asked a moment ago, for one of these acts or commands."""
+        now = self._monotonic()
+        return any(now - self._asked.get(name, -math.inf) < LATELY for name in names)
 
     def close(self) -> None:
         """Let the engine go."""

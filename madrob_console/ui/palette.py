@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import cast
+from typing import NamedTuple, cast
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
 
@@ -18,25 +18,43 @@ class ConsoleCommands(Provider):
     """Searches the console's commands."""
 
     async def discover(self) -> Hits:
-        """All of them, in the order of the keys."""
-        for text, command, help_text in _commands(self._console_app):
+        """All of them, in the order of the keys; those that are not possible now come last."""
+        for text, command, help_text, _possible in _commands(self._console_app):
             yield DiscoveryHit(text, command, help=help_text)
 
     async def search(self, query: str) -> Hits:
         """Those that match what is typed."""
         matcher = self.matcher(query)
-        for text, command, help_text in _commands(self._console_app):
+        for text, command, help_text, possible in _commands(self._console_app):
             score = max(matcher.match(text), matcher.match(help_text) / 2)
             if score > 0:
-                yield Hit(score, matcher.highlight(text), command, help=help_text)
+                yield Hit(
+                    score if possible else score / 4,
+                    matcher.highlight(text),
+                    command,
+                    help=help_text,
+                )
 
     @property
     def _console_app(self) -> ConsoleApp:
         return cast("ConsoleApp", self.app)
 
 
-def _commands(app: ConsoleApp) -> Iterator[tuple[str, Callable[[], object], str]]:
-    """Name, what it does, and what that means, with the reason where it is not possible now."""
+class _Command(NamedTuple):
+    """One line of the palette: its text, what it does, what that means, whether it is possible."""
+
+    text: str
+    command: Callable[[], object]
+    help: str
+    possible: bool = True
+
+
+def _commands(app: ConsoleApp) -> list[_Command]:
+    """All, with the reason where one is not possible now: those are the last."""
+    return sorted(_in_order(app), key=lambda command: not command.possible)
+
+
+def _in_order(app: ConsoleApp) -> Iterator[_Command]:
     for key in KEYS.values():
         if key.name == "menu" or not app.has_key(key):
             continue
@@ -45,11 +63,12 @@ def _commands(app: ConsoleApp) -> Iterator[tuple[str, Callable[[], object], str]
         if key.name == "rule":
             for step in Step:
                 press = partial(app.action_press, "rule", str(int(step)))
-                yield f"{int(step)}  step {int(step)}: {step.text}", press, help_text
+                text = f"{int(step)}  step {int(step)}: {step.text}"
+                yield _Command(text, press, help_text, refused is None)
             continue
         press = partial(app.action_press, key.name, key.keys.partition(",")[0])
-        yield f"{key.cap}  {key.label.strip()}", press, help_text
+        yield _Command(f"{key.cap}  {key.label.strip()}", press, help_text, refused is None)
     for name in ThemeName:
-        yield f"Theme: {name}", partial(app.set_theme, name), "colours of the screens"
+        yield _Command(f"Theme: {name}", partial(app.set_theme, name), "colours of the screens")
     state = "off" if app.rings else "on"
-    yield f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault"
+    yield _Command(f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault")

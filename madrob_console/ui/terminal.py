@@ -6,10 +6,10 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.errors import MadrobError
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""
 
+SELDOM = 1000
+"""Collections of the middle generation between two full ones."""
+
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
@@ -29,6 +32,8 @@ def run_console(
     open_client: Callable[[], EngineClient],
     defaults: ConsoleDefaults,
     look: ConsoleSettings | None = None,
+    *,
+    wall: bool = False,
 ) -> int:
     """Show the screens until the referee leaves; returns the exit code.
 
@@ -36,6 +41,7 @@ def run_console(
         open_client: connects to the engine, once the screens can be seen; closed at the end.
         defaults: what the first run's set-up proposes.
         look: theme, characters, bell, mouse.
+        wall: show the wall display instead of the referee's screens.
 
     Raises:
         MadrobError: the terminal cannot show screens, or there is no engine to be had.
@@ -48,7 +54,13 @@ def run_console(
         return client
 
     look = look or ConsoleSettings()
-    app = MadrobApp(connected, defaults, look)
+    kind: Callable[..., MadrobApp] = MadrobApp
+    if wall:
+        from madrob_console.ui.wall_app import WallApp
+
+        kind = WallApp
+    app = kind(connected, defaults, look)
+    app.settled = _rest
     try:
         with leaving_on_signals(app):
             app.run(mouse=look.mouse)
@@ -59,12 +71,32 @@ def run_console(
     return app.return_code or 0
 
 
-def check_terminal(environ: Mapping[str, str]) -> None:
-    """Refuse a terminal that cannot move its cursor.
+def _rest() -> None:
+    """The panes stay as long as the program: no garbage collection searches them.
+
+    What is drawn lives for a while, and a full collection among it holds up a key, too: it comes
+    a hundred times more seldom than Python would have it. The young are collected as ever.
+    """
+    gc.freeze()
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, SELDOM)
+
+
+def check_terminal(environ: Mapping[str, str], streams: Iterable[TextIO | None] = ()) -> None:
+    """Refuse a terminal that cannot move its cursor, and what is none.
+
+    Args:
+        environ: of the process.
+        streams: input, output and error output.
 
     Raises:
-        MadrobError: TERM is `dumb` or not set.
+        MadrobError: TERM is `dumb` or not set, or one of the streams is a file or a pipe.
     """
+    if not all(stream is not None and stream.isatty() for stream in streams):
+        raise MadrobError(
+            "input and output are no terminal: start it without `|`, `<` and `>`; use `madrob run`,"
+            " which prints plain lines, for a script"
+        )
     term = environ.get("TERM", "")
     if term in ("", "dumb", "unknown"):
         raise MadrobError(

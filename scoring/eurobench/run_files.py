@@ -1,4 +1,4 @@
-"""EUROBENCH's files of a run, read and written (protocol section 10).
+"""EUROBENCH's files of a run, read from a folder and made for one (protocol section 10).
 
 The only module of `scoring` that opens data files.
 """
@@ -9,8 +9,8 @@ import csv
 import io
 import math
 import os
+import stat
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from scoring.errors import ScoringError
 from scoring.eurobench.csv_tables import CsvTable, parse_table
-from scoring.eurobench.run_info import CONDITION_KEYS, RunInfo, condition_from, condition_mapping
+from scoring.eurobench.run_info import (
+    CONDITION_KEYS,
+    SET_UP_AS,
+    RunInfo,
+    condition_from,
+    condition_mapping,
+)
 from scoring.eurobench.run_names import numbers_of
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
@@ -93,13 +99,18 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     subject, condition_number, run_number = numbers
     info_path = folder / f"run_info_{prefix}.yaml"
     info = _read_mapping(info_path) if _exists(info_path) else {}
+    corrected = info.get(SET_UP_AS) == prefix
     events = _events(folder / f"{prefix}_event.csv")
     return EurobenchRun(
         path=folder,
         subject=subject,
         run_number=run_number,
         prefix=prefix,
-        condition=_condition(folder, condition_number, info_path, info),
+        condition=(
+            condition_from(info, str(info_path))
+            if corrected
+            else _condition(folder, condition_number, info_path, info)
+        ),
         events=events,
         joint_state=_joint_state(folder / f"{prefix}_jointState.csv"),
         wrench=_wrench(folder / f"{prefix}_wrench.csv"),
@@ -136,20 +147,16 @@ def recorded_until(joint: JointState, thresholds: Thresholds) -> float:
     return float(joint.time[-1] + (np.max(regular) if regular.size else 0.0))
 
 
-def write_run_files(
-    folder: Path,
+def run_files(
     info: RunInfo,
     events: Sequence[Event],
     joint: JointState,
     wrench: Wrench,
     indicators: Mapping[IndicatorName, Indicator],
-) -> None:
-    """Write EUROBENCH's files of a run into a folder: YAML, pre-processed data, indicators.
-
-    Each file is written under a temporary name, brought to disk and renamed.
+) -> dict[str, bytes]:
+    """EUROBENCH's files of a run by name: YAML, pre-processed data, indicators.
 
     Args:
-        folder: an existing folder.
         info: what was set for the run.
         events: the events of the run.
         joint: the panel's motion, cut as the ruleset wants it; undefined cells stay empty.
@@ -157,13 +164,13 @@ def write_run_files(
         indicators: the indicators; none for an invalid run.
 
     Raises:
-        ScoringError: a file cannot be written.
+        ScoringError: a setting has no form in YAML.
     """
     prefix = info.prefix
     missing = ruleset(info.ruleset).missing_value
-    texts = {
+    files = {
         f"run_info_{prefix}.yaml": _yaml(info.mapping()),
-        f"condition_{info.condition.number}.yaml": _yaml(condition_mapping(info.condition)),
+        f"condition_{info.filed_as[1]}.yaml": _yaml(condition_mapping(info.condition)),
         f"{prefix}_event.csv": _csv(
             {
                 "time": [event.time for event in events],
@@ -182,10 +189,8 @@ def write_run_files(
     }
     for name, indicator in indicators.items():
         value = missing if indicator.value is None else indicator.value
-        texts[f"{name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
-    for file, text in texts.items():
-        _write(folder / file, text)
-    _sync(folder)
+        files[f"{name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
+    return {name: text.encode() for name, text in files.items()}
 
 
 def _table(path: Path, *columns: str) -> CsvTable:
@@ -283,19 +288,27 @@ def _exists(path: Path) -> bool:
 
 def _read_text(path: Path, largest: int) -> str:
     try:
-        if not path.is_file():
-            raise ScoringError(f"{path}: is missing: put it beside the other files of the run")
-        with path.open("rb") as file:
-            content = file.read(largest + 1)
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
+        with os.fdopen(number, "rb") as file:
+            plain = stat.S_ISREG(os.fstat(number).st_mode)
+            content = file.read(largest + 1) if plain else None
+        if content is None:
+            raise _missing(path)
         if len(content) > largest:
             raise ScoringError(f"{path}: is larger than {largest >> 20} MiB: cut it to the run")
         return content.decode("utf-8-sig")
+    except (FileNotFoundError, IsADirectoryError):
+        raise _missing(path) from None
     except OSError as error:
         raise ScoringError(
             f"{path}: cannot be read ({error.strerror}): check its permissions"
         ) from None
     except UnicodeDecodeError:
         raise ScoringError(f"{path}: is no UTF-8 text: write it again as text") from None
+
+
+def _missing(path: Path) -> ScoringError:
+    return ScoringError(f"{path}: is missing: put it beside the other files of the run")
 
 
 def _yaml(content: Mapping[str, object]) -> str:
@@ -322,29 +335,3 @@ def _cells(values: Sequence[object] | NDArray[np.float64]) -> Sequence[object]:
 
 def _or_nan(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise ScoringError(
-            f"{path}: cannot be written ({error.strerror}): check disk space and permissions"
-        ) from None
-
-
-def _sync(folder: Path) -> None:
-    """Bring the new names to disk, where the file system can."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -13,6 +13,9 @@ from scoring.rulesets import RulesetName
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
 """The keys that describe a condition."""
 
+SET_UP_AS = "set_up_as"
+"""The key of a run whose subject or condition was corrected: how its files' names begin."""
+
 
 def series_prefix(subject: int, condition_number: int) -> str:
     """What the file names of all runs of a subject and condition begin with (section 10)."""
@@ -34,6 +37,8 @@ class RunInfo:
         ruleset: the ruleset of the indicators.
         rosbag_path: the recording, relative to the folder.
         settings: whatever else was set, in plain YAML types.
+        set_up_as: subject, condition number and run number that the run's files are named after,
+            where these were corrected later; None = they are as above.
     """
 
     subject: int
@@ -46,11 +51,18 @@ class RunInfo:
     ruleset: RulesetName
     rosbag_path: str
     settings: Mapping[str, object] = field(default_factory=dict)
+    set_up_as: tuple[int, int, int] | None = None
+
+    @property
+    def filed_as(self) -> tuple[int, int, int]:
+        """Subject, condition number and run number that the run's files are named after."""
+        return self.set_up_as or (self.subject, self.condition.number, self.run_number)
 
     @property
     def prefix(self) -> str:
         """How the names of the run's files begin: `subject_SSS_cond_CCC_run_RRR`."""
-        return f"{series_prefix(self.subject, self.condition.number)}{self.run_number:03d}"
+        subject, condition_number, run_number = self.filed_as
+        return f"{series_prefix(subject, condition_number)}{run_number:03d}"
 
     def mapping(self) -> dict[str, object]:
         """The content of `run_info_<prefix>.yaml`: EUROBENCH's keys and ours."""
@@ -62,6 +74,7 @@ class RunInfo:
             **condition_mapping(self.condition),
             "condition_number": self.condition.number,
             "door_controller_mode": door_controller_mode(kind),
+            **({SET_UP_AS: self.prefix} if self.set_up_as else {}),
             "rosbag_path": self.rosbag_path,
             "team": self.team,
             "start_pose": None if pose is None else {"x": pose.x, "y": pose.y, "yaw": pose.yaw},

@@ -26,7 +26,7 @@ def console(testbed: Sequence[str], size: Size = SMALL, *, blind: bool = True) -
             with Wire([*MADROB, "console", *testbed, *own], size, blind=blind, env=env) as wire:
                 yield wire
         finally:
-            stop = [*MADROB, "engine", "stop", "--force"]
+            stop = [*MADROB, "engine", "stop", "--force", *own]
             subprocess.run(
                 stop, env=os.environ | env, cwd=ROOT, capture_output=True, timeout=60, check=False
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import tempfile
 import time
@@ -56,7 +57,7 @@ def _by_itself(run: Path) -> float:
     scored = score_opened(run)
     reporting = Reporting(aside.COMMAND, lambda: False)
     began = time.perf_counter()
-    reporting.report(run, scored)
+    reporting.report(run, pickle.dumps(scored))
     assert reporting.wait(60.0)
     took = time.perf_counter() - began
     assert reporting.problem is None

@@ -9,16 +9,21 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
+from madrob_console.engine.live.core import HURRIED_STEP
+from madrob_console.engine.process.scoring_process import ScoringProcess
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from recorder.stats import RecorderState
 from scoring.kinematics import load_filters
+from scoring.protocol import POST_ROLL
 from tests.benchmarks import csv_scorer
 from tests.benchmarks.bags import copies, long_bag, simulated_run
 from tests.benchmarks.programs import MADROB, run_time
 from tests.benchmarks.report import Baseline, Figure, Goal
-from tests.benchmarks.wire import ROOT
+from tests.benchmarks.wire import ROOT, cpu_time
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 
 PACKAGES = ("mcap", "rosbags", "numpy", "pandas", "scipy", "joblib")
@@ -31,6 +36,10 @@ MOST = 2
 LENGTHS = {20.0: 5, 120.0: 3, 600.0: 2}
 """Lengths of runs, s, and how often each is played at most."""
 RESULT = Goal(times=25)
+WAITING = 10_000
+"""Samples that may wait for the scoring process while a run is played faster than it was."""
+QUIET = 0.1
+"""A process that used nothing for so long has no work, s."""
 BAGS = {
     "20 s": (20.0, 1, 5, 0.28),
     "2 min": (120.0, 1, 3, 0.4),
@@ -43,33 +52,69 @@ MEMORY = Goal(times=3.8)
 
 
 def after_the_run(repeats: int) -> Iterator[Figure]:
-    """From the end of the post-roll to the result on disk: bag closed, scored, written."""
+    """From the end of the post-roll to the result on disk: bag closed, scored, written.
+
+    As an engine of screens has it, by the process that followed the run, and as `madrob run` has
+    it, by itself.
+    """
     load_filters()  # as an engine does in its first second
     for length, most in LENGTHS.items():
-        ours: list[float] = []
+        beside_engine: list[float] = []
+        inline: list[float] = []
         bare: list[float] = []
         for _ in range(min(repeats, most)):
             with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-                took, run = _finish(Path(folder), length)
-                ours.append(took)
+                with closing(ScoringProcess()) as scorer:
+                    beside_engine.append(_finish(Path(folder, "beside"), length, scorer)[0])
+                took, run = _finish(Path(folder, "inline"), length)
+                inline.append(took)
                 bare += [_from_csv(run) for _ in range(3)][1:]
         beside = Baseline("from ready-made csv files", bare)
-        yield Figure(f"result of a run of {length:g} s", "s", ours, RESULT, beside)
+        yield Figure(f"result of a run of {length:g} s", "s", beside_engine, RESULT, beside)
+        yield Figure(f"the same in `madrob run`, {length:g} s", "s", inline, RESULT, beside)
 
 
-def _finish(results: Path, length: float) -> tuple[float, Path]:
+def _finish(
+    results: Path, length: float, scorer: ScoringProcess | None = None
+) -> tuple[float, Path]:
     """Seconds, and the run's folder."""
-    drive = Drive(results, Scenario.NO_CLOSE)
+    drive = Drive(results, Scenario.NO_CLOSE, scorer=scorer)
+    engine = drive.engine
+    engine.warm()
     drive.start(make_setup(timeout=length))
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.STOPPED, patience=2 * length + 60)
-    while True:
+    while engine.run.phase is not Phase.STOPPED:
+        engine.step(STEP)
+        if scorer is not None:
+            _give_time(scorer, most=WAITING)
+    drive.wait(POST_ROLL - 2 * STEP)
+    assert engine.snapshot().recorder.state == RecorderState.RECORDING
+    if scorer is not None:
+        _give_time(scorer)
+    while engine.snapshot().recorder.state == RecorderState.RECORDING:
         began = time.perf_counter()
-        drive.engine.step(STEP)
-        took = time.perf_counter() - began
-        if drive.engine.scored is not None:
-            drive.engine.close()
-            assert drive.engine.folder is not None
-            return took, drive.engine.folder
+        engine.step(STEP)
+    while engine.scored is None:
+        time.sleep(HURRIED_STEP)  # an engine waits for messages
+        engine.step(0.0)
+    took = time.perf_counter() - began
+    engine.close()
+    assert engine.folder is not None
+    return took, engine.folder
+
+
+def _give_time(scorer: ScoringProcess, most: int = 0) -> None:
+    """Wait until it has followed the run so far, as it does where a run takes its time.
+
+    Args:
+        scorer: of the run.
+        most: samples that may wait for it; 0 = and it has looked at all others.
+    """
+    while len(scorer._questions) > most:
+        time.sleep(HURRIED_STEP)
+    assert scorer.pid is not None
+    used = -1.0
+    while most == 0 and used != (used := cpu_time(scorer.pid)):
+        time.sleep(QUIET)
 
 
 def _from_csv(run: Path) -> float:
@@ -108,7 +153,9 @@ _SCORE_ONE = """
 import resource, sys, time
 from pathlib import Path
 from madrob_console.archive.scored import score_recording
+from recorder.stats import RecorderState
 from scoring.kinematics import load_filters
+from scoring.protocol import POST_ROLL
 load_filters()
 score_recording(Path(sys.argv[1]))
 began = time.perf_counter()

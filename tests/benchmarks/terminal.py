@@ -10,6 +10,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from random import Random
+from statistics import median
 
 from tests.benchmarks.console import console, start_run
 from tests.benchmarks.report import Baseline, Figure, Goal
@@ -19,6 +20,7 @@ from tests.readme_console import ENTER
 PACKAGES = ("textual",)
 
 BARE = [sys.executable, "-m", "tests.benchmarks.bare_app"]
+STOCK = [sys.executable, "-m", "tests.benchmarks.stock_app"]
 FAKE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
 SIMULATED = ("--testbed", "simulated")
 
@@ -27,6 +29,9 @@ LIVE_BYTES = {SMALL: Goal(times=6), LARGE: Goal(times=6)}
 IDLE_BYTES = Goal(times=1.5)
 LIVE_SHARE = Goal(times=3)
 ANSWER = Goal(times=25)
+PANE = Goal(times=1)
+OUTLIER = Goal(times=2)
+"""The slowest key beside the median of them all."""
 FIRST_PAINT = Goal(times=1.7)
 ENGINE_ATTACHED = Goal(times=7.5)
 MOST = 3
@@ -46,6 +51,8 @@ PANE_KEYS = (
     ("?, back", "?", LIVE),
 )
 """Keys that change the pane, and what comes."""
+STOCK_TEXTS = (b"check 5 passed", b"view 11", b"this page", b"view 11")
+"""The same of the app with textual's own widgets."""
 PARTS = (("bytes", "kB/s"), ("CPU", "% core"), ("CPU with the engine", "% core"))
 """What the parts of a cost are called."""
 
@@ -90,6 +97,7 @@ def answers(repeats: int) -> list[Figure]:
     rounds = max(4, -(-LEAST_KEYS // (repeats * len(PANE_KEYS))))
     ours = defaultdict[str, list[float]](list)
     bare: list[float] = []
+    stock: list[float] = []
     for repeat in range(repeats):
         random = Random(repeat)
         with Wire([*FAKE, "--running"]) as wire:
@@ -102,10 +110,18 @@ def answers(repeats: int) -> list[Figure]:
             wire.read_for(SETTLING)
             counts = (b"keys %d." % n for n in range(1, len(PANE_KEYS) * rounds + 1))
             bare += [_answer(wire, "k", count, random) for count in counts]
+        with Wire(STOCK) as wire:
+            wire.arrival(STOCK_TEXTS[-1])
+            wire.read_for(SETTLING)
+            texts = list(zip(PANE_KEYS, STOCK_TEXTS, strict=True)) * rounds
+            stock += [_answer(wire, key, text, random) for (_, key, _), text in texts]
     beside = Baseline("bare app", bare)
     every = [value for values in ours.values() for value in values]
+    as_many, usual = Baseline("stock app", stock), Baseline("the median", [median(every)])
     return [
         Figure(f"a key answers ({len(every)} keys)", "ms", every, ANSWER, beside),
+        Figure("a key changes the screen, as many widgets", "ms", every, PANE, as_many),
+        Figure("the slowest key", "ms", [max(every)], OUTLIER, usual),
         *(Figure(f"  {name}", "ms", values, ANSWER, beside) for name, values in ours.items()),
     ]
 

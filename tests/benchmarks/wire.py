@@ -73,11 +73,11 @@ class Wire(Terminal):
         self.read_for(SETTLING)
         children = _children(self.pid)
         written, began = len(self.output), time.monotonic()
-        used = [_cpu_time(pid) for pid in (self.pid, *children)]
+        used = [cpu_time(pid) for pid in (self.pid, *children)]
         self.read_for(SAMPLE)
         elapsed = time.monotonic() - began
         shares = [
-            100 * (_cpu_time(pid) - before) / elapsed
+            100 * (cpu_time(pid) - before) / elapsed
             for pid, before in zip((self.pid, *children), used, strict=True)
         ]
         return Cost((len(self.output) - written) / 1000 / elapsed, shares[0], sum(shares))
@@ -99,7 +99,7 @@ class Wire(Terminal):
         return repr(bytes(self.output[-500:]))
 
 
-def _cpu_time(pid: int) -> float:
+def cpu_time(pid: int) -> float:
     """Of all threads of a process, user and system, s."""
     fields = _stat(pid)
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -50,7 +51,7 @@ class Hall:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.madrob("engine", "stop", "--force")
+        self.madrob("engine", "stop", "--force", f"--results={self.results}")
         shutil.rmtree(self.folder, ignore_errors=True)  # a process that was killed may still write
 
     @property
@@ -74,8 +75,13 @@ class Hall:
 
     def engine_pid(self) -> int:
         """The process of the one engine."""
-        listed = self.madrob("engine", "status").stdout
-        return int(listed.partition("pid ")[2].partition(",")[0])
+        (line,) = self.status()
+        return int(line.partition("pid ")[2].partition(",")[0])
+
+    def status(self) -> list[str]:
+        """What `madrob engine status` says of the engines of this hall: others may run, too."""
+        listed = self.madrob("engine", "status").stdout.splitlines()
+        return [line for line in listed if line.endswith(f"runs in {self.results}")]
 
     def kill_engine(self) -> None:
         """As a machine that fails: kill -9."""
@@ -85,7 +91,7 @@ class Hall:
 
     def run_folders(self) -> list[Path]:
         """The runs on disk, oldest first."""
-        return sorted(self.results.glob("subject_*"))
+        return sorted(self.results.glob("practice/subject_*"))
 
     def wait_for_result(self, folder: Path, timeout: float = 60.0) -> dict[str, Any]:
         """The content of a run's `result.json`, once it is there."""
@@ -115,12 +121,20 @@ class Hall:
         return folder
 
 
+READING = 1.0
+"""A person takes so long to read why a key was left out, s: what is typed sooner goes with it."""
+
+
 def start_a_run(terminal: Terminal) -> None:
     """From the first screen to a countdown, by keys; again from the result of a run."""
     ready, result = "all fresh and at rate", "f finalises it"
     if terminal.wait_for(ready, result, timeout=STARTING) == result:
+        question = "Set up the next run?"
         terminal.send("x")
-        terminal.wait_for("Set up the next run?")
+        if terminal.wait_for(question, "is left out: ") != question:
+            time.sleep(READING)
+            terminal.send("x")
+            terminal.wait_for(question)
         terminal.send("y")
         terminal.wait_for(ready, timeout=STARTING)
     terminal.send(ENTER)

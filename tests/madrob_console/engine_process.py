@@ -11,10 +11,10 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -26,6 +26,7 @@ from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import CheckName, Phase, RunSetup
+from tests.madrob_console.warm_starts import WarmProcess, WarmStarts
 from tests.watching import until
 
 ROOT = Path(__file__).parents[2]
@@ -77,28 +78,48 @@ class EngineProcess:
 
     Args:
         results: the results folder.
-        scenario: of the simulated testbed.
+        scenario: of the simulated testbed; None = the live one of `ROS_DOMAIN_ID`.
         clock: the process's wall clock; None = the machine's.
+        speed: of the simulated testbed.
+        warm: starts it; None = it imports everything itself.
+        environment: of its own.
+        settings: what its settings file says besides.
     """
 
-    def __init__(self, results: Path, scenario: str, clock: WallClock | None = None) -> None:
+    def __init__(
+        self,
+        results: Path,
+        scenario: str | None,
+        clock: WallClock | None = None,
+        *,
+        speed: float = 1.0,
+        warm: WarmStarts | None = None,
+        environment: Mapping[str, str] = MappingProxyType({}),
+        settings: str = "",
+    ) -> None:
         # a socket's path has 107 characters at most: pytest's folders are longer
         self._runtime = tempfile.TemporaryDirectory(prefix="madrob-")
         self.results = results
         self.log = Path(self._runtime.name) / "engine.log"
         faked = {} if clock is None else clock.environment
-        own = {"XDG_RUNTIME_DIR": self._runtime.name, "PYTHONPATH": str(ROOT)}
-        settings = Path(self._runtime.name) / "settings.toml"
-        settings.write_text("[checks]\ndisk_space = 0\n")
-        testbed = ["--testbed", "simulated", f"--scenario={scenario}", "--speed=1"]
-        where = [f"--results={results}", f"--settings={settings}"]
-        with self.log.open("wb") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", _SERVE, "engine", "serve", *testbed, *where],
-                env={**os.environ, **own, **faked},
-                stdout=log,
-                stderr=log,
-            )
+        own = {"XDG_RUNTIME_DIR": self._runtime.name, "PYTHONPATH": str(ROOT), **environment}
+        file = Path(self._runtime.name) / "settings.toml"
+        file.write_text(f"[checks]\ndisk_space = 0\n{settings}")
+        testbed = ["--testbed", "simulated", f"--scenario={scenario}", f"--speed={speed:g}"]
+        if scenario is None:
+            testbed = ["--testbed", "ros"]
+        arguments = ["engine", "serve", *testbed, f"--results={results}", f"--settings={file}"]
+        self.process: subprocess.Popen[bytes] | WarmProcess
+        if warm is not None:
+            self.process = warm.start(arguments, own, self.log)
+        else:
+            with self.log.open("wb") as log:
+                self.process = subprocess.Popen(
+                    [sys.executable, "-c", _SERVE, *arguments],
+                    env={**os.environ, **own, **faked},
+                    stdout=log,
+                    stderr=log,
+                )
         try:
             self.client = self._attach()
         except BaseException:
@@ -132,6 +153,22 @@ class EngineProcess:
     ) -> None:
         self.client.close()
         self._end()
+
+    def end(self, patience: float = STARTING) -> None:
+        """Let it end as `systemctl stop` would, and wait; what it said stays in `log`.
+
+        Args:
+            patience: it may write for so long what is still to be written, s.
+
+        Raises:
+            AssertionError: it has not ended by then.
+        """
+        self.client.close()
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(patience)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"did not end within {patience:g} s of SIGTERM") from None
 
     def _end(self) -> None:
         self.process.send_signal(signal.SIGTERM)

@@ -7,13 +7,27 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from madrob_console.referee.acts import Finalise, Reissue, Rule
-from madrob_console.referee.run import TeamWord
+from madrob_console.referee.acts import (
+    AddNote,
+    ConfirmPose,
+    DeclareTimeout,
+    Finalise,
+    MarkIncident,
+    Reissue,
+    Rule,
+    SetUp,
+    Start,
+    Waive,
+)
+from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 _kept: list[TemporaryDirectory[str]] = []
+
+INCIDENT_AT, STOP_AT = 3.0, 5.0
+"""Of the run that was appealed, s from its start."""
 
 
 @cache
@@ -37,6 +51,33 @@ def completed(run_number: int = 1) -> Path:
     _kept.append(TemporaryDirectory())
     drive = Drive(Path(_kept[-1].name))
     drive.whole_run(make_setup(run_number=run_number))
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+@cache
+def appealed() -> Path:
+    """A run with an incident, a note, a declared timeout, rulings, a protest and a re-issue.
+
+    Its folder is never to be changed.
+    """
+    _kept.append(TemporaryDirectory())
+    drive = Drive(Path(_kept[-1].name))
+    drive.act(SetUp(make_setup()))
+    drive.wait(1.5)
+    drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose(), Start())
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    drive.wait(INCIDENT_AT)
+    drive.act(MarkIncident(IncidentKind.COLLISION, "frame"), AddNote("looks tired"))
+    drive.wait(STOP_AT - INCIDENT_AT)
+    drive.act(DeclareTimeout("gave up"))
+    drive.finish()
+    drive.wait(3.0)
+    drive.act(Rule(Step.OPEN, confirmed=False, reason="a draught"))
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
+    drive.act(Reissue("appeal granted"), Rule(Step.OPEN, confirmed=True, reason="video"))
+    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
     drive.engine.close()
     assert drive.engine.folder is not None
     return drive.engine.folder

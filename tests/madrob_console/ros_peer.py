@@ -19,10 +19,10 @@ from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.inbox import qos_profile
 from madrob_console.testbeds.ros.loading import (
     RosObject,
-    domain_id,
     load_message_class,
     load_module,
 )
+from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Durability, Qos, Reliability
 from recorder.message import RawMessage
 from scoring.protocol import Signal
@@ -118,8 +118,10 @@ class Taker:
         return len(self.taken) >= count
 
 
-def source(*mappings: TopicMapping, direct: bool = True) -> RosSource:
-    return RosSource(mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), direct=direct)
+def source(*mappings: TopicMapping, direct: bool = True, speaks: bool = True) -> RosSource:
+    return RosSource(
+        mappings or DEFAULT_MAPPINGS, MessageTypes(), SystemClock(), direct=direct, speaks=speaks
+    )
 
 
 def latch(topic: str = "/madrob/door/locked", type_name: str = BOOL) -> TopicMapping:

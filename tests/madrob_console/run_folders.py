@@ -9,6 +9,7 @@ from typing import Any
 
 from madrob_console.archive.folders import RESULT_FILE, RunId
 from madrob_console.archive.history import RunSummary
+from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
@@ -37,7 +38,7 @@ def document(run: RunSummary) -> dict[str, Any]:
         "team": run.team,
         "run_number": run.run_number,
         "condition_number": run.condition,
-        "setup": {"team": "of the set-up"},
+        "setup": {"team": "of the set-up", "practice": run.practice},
         "ruleset": run.ruleset,
         "outcome": run.outcome,
         "outcome_reason": "all six steps done" if run.valid else run.reason,
@@ -54,6 +55,15 @@ def document(run: RunSummary) -> dict[str, Any]:
         if run.final
         else None,
     }
+
+
+UNDECIDED_START = Flag(
+    FlagKind.FALSE_START,
+    "1 false start UNDECIDED (handle touched)",
+    FlagWeight.ALARM,
+    undecided=True,
+)
+"""A flag that waits for the referee."""
 
 
 def summary(
@@ -76,6 +86,7 @@ def summary(
         "ruleset": "protocol",
     }
     told.update(fields)
+    told.setdefault("practice", told["source"] == "simulated")
     return RunSummary(
         folder=RunId(subject, condition, run_number).folder_name(started),
         subject=subject,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
 import threading
 import time
@@ -9,12 +10,14 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from msgspec.structs import replace
 
 from recorder.bag import MAX_NS, Topic
 from recorder.errors import RecorderError
+from recorder.mcap_file import McapFile
 from recorder.reader import read_bag
 from recorder.stats import DropReason, RecorderState
 from recorder.writer import BagWriter
@@ -246,6 +249,50 @@ def test_a_folder_that_cannot_be_made_is_refused_in_one_line(tmp_path: Path) -> 
         with pytest.raises(RecorderError, match=r"cannot record to .*; choose a folder") as caught:
             BagWriter(folder, [talk()], {}).open()
         assert "\n" not in str(caught.value)
+
+
+def test_a_recording_without_a_thread_to_write_it_is_refused_and_can_be_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: threading.Thread) -> NoReturn:
+        raise RuntimeError("can't start new thread")
+
+    writer = BagWriter(tmp_path / "bag", [talk()], {})
+    with monkeypatch.context() as short:
+        short.setattr(threading.Thread, "start", refuse)
+        with pytest.raises(RecorderError, match="can't start new thread; end other programs"):
+            writer.open()
+    assert list(tmp_path.iterdir()) == []
+    assert writer.put(strings(["a"])[0]) is False
+    writer.open()
+    assert writer.close().error is None
+
+
+def test_a_recording_that_wants_memory_says_that_it_has_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> NoReturn:
+        raise MemoryError
+
+    writer = BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02)
+    writer.open()
+    with monkeypatch.context() as short:
+        short.setattr(McapFile, "add_message", fail)
+        short.setattr(writer, "_report", fail)  # nor is there any to say how far it came
+        writer.put(strings(["a"])[0])
+        until(lambda: writer.stats().state is RecorderState.FAILED)
+    assert "MemoryError" in (writer.close().error or "")
+
+
+def test_without_file_handles_a_recording_is_refused_with_that_remedy(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+    try:
+        with pytest.raises(RecorderError, match=r"Too many open files; raise `ulimit -n`$"):
+            BagWriter(tmp_path / "bag", [talk()], {}).open()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

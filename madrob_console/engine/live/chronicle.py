@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
-from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.clock import Clock
+from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.event_log import EventLog
+from madrob_console.engine.live.journal_keeper import JournalKeeper, OpenJournal, Promise
 from madrob_console.engine.live.recording import Recording
-from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
-    MessageTypes,
     encode_start_pose,
     encode_text,
     referee_topics,
 )
-from madrob_console.referee.journal import Entry, Journal, up_to_date
-from madrob_console.referee.run import Run
-from madrob_console.testbeds.source import Source
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.run import JournalMark, Run
 from recorder.message import RawMessage
 from scoring.protocol import StartPose
 
@@ -34,85 +29,67 @@ class Chronicle:
     """Keeps the records of one run after the other.
 
     Args:
-        source: publishes what is said.
-        clock: stamps it.
-        types: the message types.
+        equipment: what the engine works with.
 
     Attributes:
         log: the last lines, for people.
-        problem: why the journal is not on disk, in words; None when it is.
     """
 
-    def __init__(self, source: Source, clock: Clock, types: MessageTypes) -> None:
+    def __init__(self, equipment: Equipment) -> None:
         self.log = EventLog()
-        self.problem: str | None = None
-        self._source = source
-        self._clock = clock
-        self._types = types
+        self._source = equipment.source
+        self._clock = equipment.clock
+        self._types = types = equipment.types
         self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
-        self._journal = Journal()
-        self._path: Path | None = None
-        self._entries: list[Entry] = []
+        self._lines = JournalKeeper(equipment.keepers.own, equipment.keepers.monotonic)
         self._recording: Recording | None = None
         self._early: list[RawMessage] = []
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Every line of the run at hand."""
-        return tuple(self._entries)
+        """Every line of the run at hand, on disk or not."""
+        return self._lines.entries
+
+    @property
+    def mark(self) -> JournalMark:
+        """The mark of all these lines."""
+        return self._lines.mark
+
+    @property
+    def problem(self) -> str | None:
+        """Why the disk refuses lines of the journal, in words; None when it does not."""
+        return self._lines.problem
+
+    @property
+    def unwritten(self) -> tuple[int, float]:
+        """How many lines are not on disk, and for how long, s. From any thread."""
+        return self._lines.unwritten
 
     def begin(self) -> None:
         """A new run is set up; its journal waits for its folder."""
-        self.close()
-        self._journal = Journal()
-        self._path, self._entries = None, []
+        self._lines.begin()
         self.log.clear()
-        self.problem = None
+        self._recording = None
         self._early = []
 
-    def attach(self, recording: Recording) -> None:
-        """Write what was said so far into the run's folder and its bag, and go on there.
+    def attach(self, recording: Recording, journal: OpenJournal, entries: Sequence[Entry]) -> None:
+        """Go on in the run's folder and its bag.
 
-        Raises:
-            MadrobError: the folder refuses.
+        Args:
+            recording: gets what was said so far.
+            journal: of the run.
+            entries: the lines that it has.
         """
-        path = recording.folder / JOURNAL_FILE
-        try:
-            self._journal.open(path)
-        except OSError as error:
-            self._journal.close()
-            raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
-        self._path, self._recording = path, recording
+        self._lines.adopt(journal, entries)
+        self._recording = recording
         now_ns = self._clock.now_ns()
         self._record([replace(message, receive_ns=now_ns) for message in self._early])
         self._early = []
 
-    def reopen(self, folder: Path, entries: Sequence[Entry]) -> None:
-        """Put the run at hand away and go on with the journal of an earlier one.
-
-        Args:
-            folder: the run's folder.
-            entries: its journal so far; written down where the folder has none.
-
-        Raises:
-            MadrobError: another program writes it, or the folder refuses.
-        """
-        path, journal = folder / JOURNAL_FILE, Journal()
-        try:
-            try:
-                journal.reopen(path)
-            except FileNotFoundError:
-                for entry in entries:
-                    journal.append(entry, must_take_effect=True)
-                journal.open(path)
-        except BlockingIOError:
-            raise MadrobError(f"{folder.name}: another console works on this run") from None
-        except OSError as error:
-            raise MadrobError(
-                f"{path}: cannot be written ({error.strerror}); `madrob score` reads such a run"
-            ) from None
+    def go_on(self, journal: OpenJournal, entries: Sequence[Entry]) -> None:
+        """Put the run at hand away and go on with the journal of an earlier one."""
         self.begin()
-        self._journal, self._path, self._entries = journal, path, list(entries)
+        self._lines.adopt(journal, entries)
 
     def detach(self) -> None:
         """The bag is about to be closed; the journal goes on."""
@@ -120,47 +97,35 @@ class Chronicle:
 
     def close(self) -> None:
         """Close the journal."""
-        self._journal.close()
+        self._lines.close()
 
-    def write(self, entry: Entry, start: float | None, *, must_take_effect: bool) -> None:
-        """Write a line to journal, log, topic and bag.
+    def write(self, entry: Entry, start: float | None) -> None:
+        """Write a line to journal, log, topic and bag; where the disk does not take it, it waits.
 
         Args:
             entry: the line.
             start: of the run, s since the epoch, for the log; None outside a run.
-            must_take_effect: as for `Journal.append`.
-
-        Raises:
-            MadrobError: the line cannot be written and need not take effect.
         """
-        self.problem = self._journal.append(entry, must_take_effect=must_take_effect)
-        self._entries.append(entry)
-        if self._deleted():
-            self._renew()
+        self._lines.add(entry)
+        self.say(entry, start)
+
+    def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
+        """Write a line to the journal alone; `say` the rest when it takes effect.
+
+        Args:
+            promise: the line.
+            done: as for `JournalKeeper.promise`.
+        """
+        self._lines.promise(promise, done)
+
+    def say(self, entry: Entry, start: float | None) -> None:
+        """Write a line to log, topic and bag; arguments as for `write`."""
         self.log.add(entry, start)
         self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
 
     def catch_up(self) -> None:
         """Try again to write what waits; a journal that was deleted is written anew."""
-        if not self._deleted():
-            self.problem = self._journal.flush()
-        if self._deleted() or self.problem is not None:
-            self._renew()
-
-    def _deleted(self) -> bool:
-        return self._path is not None and not os.path.lexists(self._path)
-
-    def _renew(self) -> None:
-        """Go on in a new file, or in the one that is there when the disk has come back."""
-        assert self._path is not None
-        try:
-            journal = up_to_date(self._path, self._entries)
-        except (OSError, MadrobError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
-            self.problem = self.problem or f"the journal was deleted, a new one is refused ({why})"
-            return
-        self._journal.close()
-        self._journal, self.problem = journal, None
+        self._lines.catch_up()
 
     def announce_state(self, run: Run) -> None:
         """Tell robot and testbed where the run stands (`/madrob/referee/state`)."""
@@ -178,6 +143,7 @@ class Chronicle:
             "start_time": run.start,
             "timeout": setup.timeout if setup else None,
             "outcome": run.outcome,
+            "void": run.voided is not None,
         }
         self._say(REFEREE_STATE_TOPIC, encode_text(self._types, json.dumps(content)))
 

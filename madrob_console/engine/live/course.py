@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,9 +11,9 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import FalseStart, Phase, Run
 from madrob_console.referee.transitions import begin_run, stop, time_out
-from scoring.evaluate import Assessment
+from scoring.evaluate import LiveAssessment
 from scoring.events import EventDetector
-from scoring.procedure import Procedure
+from scoring.procedure import Procedure, Ruling
 from scoring.protocol import Event, EventName, Outcome, Step
 from scoring.samples import Sample
 
@@ -56,15 +56,22 @@ class Course:
     Args:
         record: what is set for the run.
         run: its state as the countdown begins.
+        assess: a new assessment of a run that is planned to start then, s since the epoch.
         silence: how long a settle time may wait for a door that went silent, s.
         before: the newest sample of each signal; what is up before the countdown is no false
             start. None: what was a false start is known already, nothing is taken for one.
     """
 
     def __init__(
-        self, record: RunRecord, run: Run, silence: float, before: Sequence[Sample] | None = ()
+        self,
+        record: RunRecord,
+        run: Run,
+        assess: Callable[[RunRecord, float], LiveAssessment],
+        silence: float,
+        before: Sequence[Sample] | None = (),
     ) -> None:
         self._record = record
+        self._assess = assess
         self._patience = record.thresholds.settle_time + silence
         self._before = before
         self._preroll: list[Sample] = []
@@ -74,12 +81,12 @@ class Course:
         """The countdown begins (again): the run has another planned start."""
         assert run.start is not None
         assert run.countdown_began is not None
-        self.assessment: Assessment = self._record.assessment(run.start)
+        self.assessment: LiveAssessment = self._assess(self._record, run.start)
         for sample in self._preroll:
             self.assessment.feed(sample)
         self.procedure: Procedure = self.assessment.procedure()
         self._known: set[Event] = set()
-        self._judged = -1
+        self._judged: tuple[int, tuple[Ruling, ...]] = (-1, ())
         self._counting_down = True
         self._watch: EventDetector | None = None
         if self._before is None:
@@ -101,13 +108,20 @@ class Course:
         if self._watch is not None:
             self._watch.feed(sample)
 
-    def advance(self, run: Run, now: float) -> tuple[Run, list[Happening]]:
-        """What has become of the run at `now` (s since the epoch), and what happened."""
+    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+        """What has become of the run, and what happened.
+
+        Args:
+            run: its state.
+            now: s since the epoch.
+            seen: up to when all that was measured has been fed, s since the epoch: what depends on
+                that is not judged before.
+        """
         happened: list[Happening] = []
         if run.phase is Phase.COUNTDOWN:
             run = self._count_down(run, now, happened)
         if run.phase is Phase.RUNNING:
-            run = self._follow(run, now, happened)
+            run = self._follow(run, now, seen, happened)
         return run, happened
 
     def _count_down(self, run: Run, now: float, happened: list[Happening]) -> Run:
@@ -133,12 +147,12 @@ class Course:
         happened.append(Happening(Origin.CLOCK, Change.RUN_STARTS, details=details))
         return begin_run(run)
 
-    def _follow(self, run: Run, now: float, happened: list[Happening]) -> Run:
+    def _follow(self, run: Run, now: float, seen: float, happened: list[Happening]) -> Run:
         assert run.setup is not None
         assert run.start is not None
-        changes = self.assessment.changes
-        if changes != self._judged or self.procedure.settling or run.rulings:
-            self._judged = changes
+        judged = (self.assessment.changes, run.rulings)
+        if judged != self._judged or self.procedure.settling:
+            self._judged = judged
             self._note_events(happened, now)
             self.procedure = self.assessment.procedure(run.rulings)
         limit = run.start + run.setup.timeout
@@ -148,8 +162,8 @@ class Course:
             change = Change.TIMEOUT_ELAPSED
             happened.append(Happening(Origin.CLOCK, change, run.outcome_reason, details))
         completed = self.procedure.completed
-        if run.timeout_at is not None and now >= run.timeout_at + IN_FLIGHT:
-            return self._time_out(run, run.timeout_at, now, happened)
+        if run.timeout_at is not None and seen >= run.timeout_at + IN_FLIGHT:
+            return self._time_out(run, run.timeout_at, seen, happened)
         if run.timeout_at is None and completed is not None:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         return run
@@ -166,14 +180,14 @@ class Course:
                 happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
                 return
 
-    def _time_out(self, run: Run, limit: float, now: float, happened: list[Happening]) -> Run:
+    def _time_out(self, run: Run, limit: float, seen: float, happened: list[Happening]) -> Run:
         """Section 2: a timeout that falls into the settle time waits for its end."""
         completed = self.procedure.completed
         closed = self.procedure.steps[Step.CLOSE - 1].final
         if completed is not None and completed <= limit:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         settling = self.procedure.settling and closed is not None and closed <= limit
-        if settling and now < limit + self._patience:
+        if settling and seen < limit + self._patience:
             return run
         return _stop(run, Outcome.TIMEOUT, limit, run.outcome_reason, happened)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from madrob_console.engine.live.limits import SensorLimits
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.codec import MessageTypes, TopicMapping
 from madrob_console.version import software_version
 from scoring.protocol import Thresholds
 
@@ -34,3 +34,7 @@ class EngineConfig:
     competition: str = ""
     version: str = field(default_factory=software_version)
     lossless: bool = False
+
+    def limited(self, types: MessageTypes) -> EngineConfig:
+        """The same with a limit for the messages of each topic."""
+        return replace(self, mappings=tuple(m.limited(types) for m in self.mappings))

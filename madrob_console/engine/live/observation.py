@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from madrob_console.archive.run_record import RunRecord
-from madrob_console.archive.scored import Scored
 from madrob_console.engine.live.course import Course, Happening
 from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.engine.live.scorer import PastRun
 from madrob_console.engine.live.sensors import Sensors
 from madrob_console.messages.codec import Decoder, MessageError, MessageTypes, TopicMapping
 from madrob_console.referee.run import Run
 from recorder.message import RawMessage
-from scoring.evaluate import Assessment
-from scoring.procedure import Procedure
+from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import Thresholds
 
 
@@ -42,49 +40,70 @@ class Observation:
         self.sensors = Sensors(mappings, thresholds, limits)
         self.course: Course | None = None
         self.procedure: Procedure | None = None
-        self._past: Assessment | None = None
+        self._past: PastRun | None = None
         self._decoder = Decoder(mappings, types)
 
     @property
-    def assessment(self) -> Assessment | None:
-        """Of the run that is followed or looked back on; None = there is none."""
-        return self._past if self.course is None else self.course.assessment
+    def steps(self) -> tuple[StepRecord, ...]:
+        """The six steps as they were judged last; empty before that."""
+        return () if self.procedure is None else self.procedure.steps
 
-    def look_back(self, assessment: Assessment | None = None) -> None:
-        """Follow no run; that of an earlier run may be shown instead."""
-        self.course, self.procedure, self._past = None, None, assessment
+    @property
+    def provisional(self) -> Mapping[str, float]:
+        """The time indicators known so far, by file name, s."""
+        if self.course is not None and self.procedure is not None:
+            return self.course.assessment.provisional(self.procedure)
+        return {} if self._past is None else self._past.provisional
 
-    def receive(self, message: RawMessage, *, recorded: bool = True) -> None:
-        """A message came; what is not recorded says nothing of a run."""
+    @property
+    def largest_force(self) -> float | None:
+        """Largest abs(force) since the start of the run, N; None before any."""
+        if self.course is not None:
+            return self.course.assessment.largest_force
+        return None if self._past is None else self._past.largest_force
+
+    def look_back(self, past: PastRun | None = None) -> None:
+        """Follow no run; an earlier one may be shown instead."""
+        self.course, self._past = None, past
+        self.procedure = None if past is None else past.procedure
+
+    def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
+        """A message came.
+
+        Args:
+            message: it.
+            recorded: whether it is in the bag; what is not says nothing of a run.
+            shown: whether it says how the testbed is now; else it is too late for that.
+        """
+        judged = recorded and self.course is not None
+        if not shown:
+            self.sensors.note_arrival(message)
+            if not judged:
+                return
         sample, error = None, None
         try:
             sample = self._decoder.decode(message)
         except MessageError as problem:
             error = str(problem)
-        self.sensors.receive(message, sample, error)
-        if not recorded or self.course is None:
+        if shown:
+            self.sensors.receive(message, sample, error)
+        if not judged:
             return
+        assert self.course is not None
         if sample is not None:
             self.course.feed(sample)
         elif error is not None:
             self.course.assessment.report_problem(error)
 
-    def advance(self, run: Run, now: float) -> tuple[Run, list[Happening]]:
-        """What has become of a run at `now` (s since the epoch), and what happened."""
+    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+        """What has become of a run, and what happened; see `Course.advance`."""
         if self.course is None or not run.active:
             return run, []
-        found = self.course.advance(run, now)
+        found = self.course.advance(run, now, seen)
         self.procedure = self.course.procedure
         return found
 
     def judge(self, run: Run) -> None:
         """What was live is judged as of the stop of the run."""
-        if (assessment := self.assessment) is not None:
-            self.procedure = assessment.procedure(run.rulings, run.stop)
-
-    def score(self, record: RunRecord, run: Run) -> Scored:
-        """The result of a run that is over, and what is behind it."""
-        assessment = self.assessment
-        assert assessment is not None
-        self.judge(run)
-        return Scored.of(record, run, assessment)
+        if self.course is not None:
+            self.procedure = self.course.assessment.procedure(run.rulings, run.stop)

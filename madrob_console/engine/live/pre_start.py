@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
+from madrob_console.archive.recordable import recording_problem
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.reading import Reader
 from madrob_console.engine.live.sensors import Sensors
 from madrob_console.files.whole import free_space
 from madrob_console.referee.preflight import Check, Readings, preflight
-from madrob_console.referee.run import Run
-from madrob_console.testbeds.source import TopicStatus
+from madrob_console.referee.run import Phase, Run
+from madrob_console.testbeds.source import Source
 
 _DISK_PERIOD = 2.0
 
@@ -20,20 +25,26 @@ class PreStart:
     Args:
         config: limits and the results folder.
         sensors: the testbed as it is now.
+        reading: asks the disk.
     """
 
-    def __init__(self, config: EngineConfig, sensors: Sensors) -> None:
+    def __init__(self, config: EngineConfig, sensors: Sensors, reading: Reader) -> None:
         self._config = config
         self._sensors = sensors
-        self._disk_free: int | None = None
+        self._reading = reading
+        self._disk = _UNKNOWN
         self._disk_asked: float | None = None
+        self._disk_answered = True
+        self._starts_next = self._practice = False
 
-    def checks(self, run: Run, status: Sequence[TopicStatus], now: float) -> tuple[Check, ...]:
+    def checks(self, run: Run, source: Source, now: float) -> tuple[Check, ...]:
         """The pre-start checks at `now`, s since the epoch."""
         sensors, config = self._sensors, self._config
-        force = sensors.force(now)
+        self._starts_next = run.phase is Phase.READY
+        self._practice = run.setup is not None and run.setup.practice
+        force, disk = sensors.force(now), self._look_at_disk(now)
         readings = Readings(
-            topic_problems=sensors.topic_problems(status, now),
+            topic_problems=sensors.topic_problems(source.status(), now),
             angle=sensors.angle(now),
             closed_angle=config.thresholds.closed_angle,
             force=None if force is None else force - run.handle_zero,
@@ -41,15 +52,55 @@ class PreStart:
             occupied=sensors.occupied(now),
             skew=sensors.skew(now),
             largest_skew=config.thresholds.largest_skew,
-            disk_free=self.free_disk(now),
+            disk_free=disk.free,
             disk_needed=config.disk_needed,
-            recorder_problem=None,
+            recorder_problems=disk.problems,
+            other_referee=source.other_referee,
         )
         return preflight(readings, run)
 
     def free_disk(self, now: float) -> int | None:
-        """Bytes free for results, asked every other second; None = unknown."""
+        """Bytes free for results; None = unknown, or no answer comes."""
+        return self._look_at_disk(now).free
+
+    def _look_at_disk(self, now: float) -> _Disk:
+        """What the disk said last, asked every other second; nothing while no answer comes."""
         if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
-            self._disk_free = free_space(self._config.results)
             self._disk_asked = now
-        return self._disk_free
+            if not self._disk_answered:
+                self._disk = _UNKNOWN  # what it said before says nothing
+                return self._disk
+            self._disk_answered = False
+            look = partial(
+                _look_at,
+                self._config.results,
+                attempt=self._starts_next,
+                practice=self._practice,
+            )
+            self._reading.ask(look, self._heard_of_disk)
+        return self._disk
+
+    def _heard_of_disk(self, answer: Future[_Disk]) -> None:
+        self._disk_answered = True
+        self._disk = _UNKNOWN if answer.exception() else answer.result()
+
+
+@dataclass(frozen=True, slots=True)
+class _Disk:
+    """What the disk says of the results folder; None = it has not said.
+
+    Attributes:
+        free: bytes.
+        problems: why no run can be recorded there, in words.
+    """
+
+    free: int | None
+    problems: tuple[str, ...] | None
+
+
+_UNKNOWN = _Disk(None, None)
+
+
+def _look_at(results: Path, *, attempt: bool, practice: bool) -> _Disk:
+    problem = recording_problem(results, attempt=attempt, practice=practice)
+    return _Disk(free_space(results), () if problem is None else (problem,))

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 
 from madrob_console.archive.folders import RunId, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
+from madrob_console.engine.live.reading import Reader
 from madrob_console.engine.shown.snapshot import RecorderView
 from madrob_console.errors import MadrobError
 from recorder.bag import Topic
@@ -30,6 +33,7 @@ class Recording:
         start: planned start, s since the epoch; stands in the folder's name.
         topics: those known by now; more can be added.
         lossless: wait for the disk instead of dropping (virtual time).
+        reading: looks at the folder now and then.
         monotonic: a clock of the machine's, s.
 
     Raises:
@@ -44,14 +48,17 @@ class Recording:
         topics: Sequence[Topic],
         *,
         lossless: bool,
+        reading: Reader,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
         run_id = RunId(setup.subject, setup.condition.number, setup.run_number)
-        self.folder = reserve_run_folder(root, run_id, start)
+        self.folder = reserve_run_folder(root, run_id, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
         self._monotonic = monotonic
+        self._reading = reading
         self._looked = monotonic()
+        self._answered = True
         self._folder_problem: str | None = None
         self._writer = BagWriter(
             self.folder, topics, {RECORD_NAME: record.to_metadata()}, block_when_full=lossless
@@ -76,6 +83,13 @@ class Recording:
         """Messages dropped, by topic."""
         return dict(self._writer.stats().dropped)
 
+    @property
+    def silent(self) -> float:
+        """How long the disk has taken nothing of what is recorded, s. From any thread."""
+        stats = self._writer.stats()
+        since = stats.seconds_since_sync if stats.state is RecorderState.RECORDING else None
+        return since or 0.0
+
     def view(self) -> RecorderView:
         """The recorder as screens show it."""
         stats = self._writer.stats()
@@ -93,12 +107,14 @@ class Recording:
     def _problem_of_folder(self) -> str | None:
         """Why no result could be written beside the recording, which goes on in its open file."""
         now = self._monotonic()
-        if now - self._looked >= _LOOK_PERIOD:
-            self._looked, self._folder_problem = now, None
-            if not os.access(self.folder, os.W_OK | os.X_OK):
-                why = "cannot be written" if os.path.lexists(self.folder) else "is gone"
-                self._folder_problem = f"{self.folder} {why}: the result would not be on disk"
+        if self._answered and now - self._looked >= _LOOK_PERIOD:
+            self._looked, self._answered = now, False
+            self._reading.ask(partial(_problem_of, self.folder), self._heard_of_folder)
         return self._folder_problem
+
+    def _heard_of_folder(self, answer: Future[str | None]) -> None:
+        self._answered = True
+        self._folder_problem = None if answer.exception() else answer.result()
 
     def remarks(self) -> tuple[str, ...]:
         """What is not in the recording and why, in words, for the result's data quality."""
@@ -111,5 +127,12 @@ class Recording:
         )
 
     def close(self) -> BagSummary:
-        """Write what is queued and finish the bag."""
-        return self._writer.close()
+        """Write what is queued and finish the bag; waits for the disk as long as it takes."""
+        return self._writer.close(None)
+
+
+def _problem_of(folder: Path) -> str | None:
+    if os.access(folder, os.W_OK | os.X_OK):
+        return None
+    why = "cannot be written" if os.path.lexists(folder) else "is gone"
+    return f"{folder} {why}: the result would not be on disk"

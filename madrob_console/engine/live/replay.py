@@ -40,7 +40,7 @@ from madrob_console.referee.transitions import stop
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.recorded_clock import LONGEST, TICK
 from recorder.errors import RecorderError
-from scoring.evaluate import Assessment
+from scoring.evaluate import LiveAssessment
 from scoring.protocol import Outcome
 from scoring.result import Result
 
@@ -145,7 +145,7 @@ class Replay:
             timeout_at=None,
         )
 
-    def report(self, assessment: Assessment, run: Run) -> None:
+    def report(self, assessment: LiveAssessment, run: Run) -> None:
         """What is wrong with the recording, and what the stored result says of its data."""
         report_bag(assessment, self.recorded)
         keep_stored_remarks(assessment, run, self.source.path)

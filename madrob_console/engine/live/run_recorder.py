@@ -2,82 +2,131 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
 
+from msgspec.structs import replace
+
+from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.live.chronicle import Chronicle
-from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.equipment import Equipment
+from madrob_console.engine.live.journal_keeper import OpenJournal, Promise
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.shown.snapshot import RecorderView
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
-from madrob_console.testbeds.source import Source
+from madrob_console.referee.transitions import begin_countdown
 from recorder.message import RawMessage
+from recorder.stats import BagSummary
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """What was made for a run that starts.
+
+    Attributes:
+        record: what is set for it.
+        recording: its folder and its bag.
+        journal: with its first lines.
+        entries: these lines, the start being the last.
+    """
+
+    record: RunRecord
+    recording: Recording
+    journal: OpenJournal
+    entries: Sequence[Entry]
+
+    def give_up(self, withdrawal: Entry) -> None:
+        """Close it: the run does not start. Its folder stays, its number is used."""
+        self.journal.append([withdrawal], again=False)
+        self.journal.close()
+        self.recording.close()
 
 
 class RunRecorder:
     """Opens and closes the recording of one run after the other, and knows what it lacks.
 
     Args:
-        source: the testbed.
-        config: where runs are kept, and what stands in their record.
+        equipment: what the engine works with.
         chronicle: writes into the run's folder and its bag, too.
     """
 
-    def __init__(self, source: Source, config: EngineConfig, chronicle: Chronicle) -> None:
-        self._source = source
-        self._config = config
+    def __init__(self, equipment: Equipment, chronicle: Chronicle) -> None:
+        self._source = equipment.source
+        self._config = equipment.config
         self._chronicle = chronicle
+        self._keepers = equipment.keepers
         self._recording: Recording | None = None
+        self._closing: Recording | None = None
         self._closed_view = RecorderView("closed")
         self._lost_before: dict[str, int] = {}
 
     @property
     def recording(self) -> bool:
-        """Whether a bag is open."""
+        """Whether messages are recorded."""
         return self._recording is not None
+
+    @property
+    def open(self) -> bool:
+        """Whether a bag is open: one that is being closed, too."""
+        return self._recording is not None or self._closing is not None
 
     def clear(self) -> None:
         """Nothing is to be said any more of the recording before."""
         self._closed_view = RecorderView("closed")
 
-    def start(self, run: Run) -> tuple[RunRecord, Path]:
-        """Record a run; returns what is set for it, and its folder.
+    def start(
+        self, run: Run, promise: Promise, done: Callable[[Future[OpenRecording | None]], None]
+    ) -> Future[OpenRecording | None]:
+        """Have a run's folder, bag and journal made; nothing is recorded yet.
 
-        Raises:
-            MadrobError: the folder or the bag cannot be made; the message names the remedy.
+        Args:
+            run: as it is set up.
+            promise: the line of its start.
+            done: told what came of it: what is open now, None if it was withdrawn, or a
+                `MadrobError` that names the remedy.
+
+        Returns:
+            The same.
         """
         assert run.setup is not None
-        assert run.start is not None
-        config = self._config
+        config, entry, told = self._config, promise.entry, self._source.announcement
         record = RunRecord(
             setup=run.setup,
             handle_zero=run.handle_zero,
             thresholds=config.thresholds,
             mappings=config.mappings,
-            source=self._source.kind,
+            source=self._source.kind if told.simulated is None else SourceKind.SIMULATED,
             competition=config.competition,
             version=config.version,
         )
-        recording = Recording(
-            config.results, record, run.start, self._source.topics(), lossless=config.lossless
+        start = begin_countdown(run, entry.time).start
+        assert start is not None
+        make = partial(
+            Recording,
+            config.results,
+            record,
+            start,
+            self._source.topics(),
+            lossless=config.lossless,
+            reading=self._keepers.reading,
         )
-        try:
-            self._chronicle.attach(recording)
-        except MadrobError:
-            recording.close()
-            raise
-        self._recording = recording
-        self._lost_before = self._lost()
-        return record, recording.folder
+        entries = (*self._chronicle.entries, entry)
+        return self._keepers.own.ask(partial(_open, record, make, entries, promise), done)
 
-    def discard(self) -> None:
-        """A start that could not take effect: its folder stays, its number is used."""
-        self._chronicle.detach()
-        if self._recording is not None:
-            self._recording.close()
-        self._recording = None
+    def adopt(self, opened: OpenRecording, now_ns: int) -> None:
+        """Record from now on; what the testbed said of itself is recorded, too."""
+        self._chronicle.attach(opened.recording, opened.journal, opened.entries)
+        self._recording = opened.recording
+        if (told := self._source.announcement.message) is not None:
+            self._recording.add_topics(self._source.topics())
+            self.put(replace(told, receive_ns=now_ns))  # said before the bag was open
+        self._lost_before = self._lost()
 
     def put(self, message: RawMessage) -> None:
         """Record a message if a bag is open."""
@@ -89,14 +138,23 @@ class RunRecorder:
         if self._recording is not None:
             self._recording.add_topics(self._source.topics())
 
-    def finish(self) -> tuple[str, ...]:
-        """Close the bag; returns what is not in it, in words."""
-        recording, self._recording = self._recording, None
+    def finish(self, done: Callable[[tuple[str, ...]], None]) -> None:
+        """Have the bag closed; nothing more is recorded.
+
+        Args:
+            done: told when it is, with what is not in it, in words.
+        """
+        recording = self._closing = self._recording
         assert recording is not None
+        self._recording = None
         self._chronicle.detach()
-        recording.close()
-        self._closed_view = recording.view()
-        return (*recording.remarks(), *self._losses())
+        losses = tuple(self._losses())
+
+        def closed(_answer: Future[BagSummary]) -> None:
+            self._closing, self._closed_view = None, recording.view()
+            done((*recording.remarks(), *losses))
+
+        self._keepers.own.ask(recording.close, closed)
 
     def _losses(self) -> Iterator[str]:
         for topic, count in self._lost().items():
@@ -107,10 +165,42 @@ class RunRecorder:
         """Messages lost on the way since the source was opened, where that is known."""
         return {status.topic: status.lost or 0 for status in self._source.status()}
 
+    @property
+    def silent(self) -> float:
+        """How long the disk has taken nothing of what is recorded, s. From any thread."""
+        recording = self._recording or self._closing
+        return 0.0 if recording is None else recording.silent
+
     def view(self) -> RecorderView:
         """As screens show it."""
-        return self._recording.view() if self._recording else self._closed_view
+        recording = self._recording or self._closing
+        return recording.view() if recording else self._closed_view
 
     def dropped(self) -> dict[str, int]:
-        """Messages dropped from the recording that is open, by topic."""
+        """Messages dropped from the recording that goes on, by topic."""
         return self._recording.dropped() if self._recording else {}
+
+
+def _open(
+    record: RunRecord,
+    make: Callable[[], Recording],
+    entries: Sequence[Entry],
+    promise: Promise,
+) -> OpenRecording | None:
+    """Make folder, bag and journal; None if the start was withdrawn meanwhile.
+
+    Raises:
+        MadrobError: the disk refuses; the message names the remedy.
+    """
+    recording = make()
+    try:
+        journal = OpenJournal.create(recording.folder / JOURNAL_FILE, entries)
+    except MadrobError:
+        recording.close()
+        raise
+    opened = OpenRecording(record, recording, journal, entries)
+    if promise.keep():
+        return opened
+    assert promise.withdrawal is not None
+    opened.give_up(promise.withdrawal)
+    return None

@@ -57,6 +57,11 @@ class Sensors:
         # A start that never comes: this detector only keeps states.
         self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
 
+    def note_arrival(self, message: RawMessage) -> None:
+        """A message arrived; what it says comes too late to be shown."""
+        if (watch := self._watches.get(message.topic)) is not None:
+            watch.note_arrival(message.receive_ns / 1e9)
+
     def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
         """A message arrived; `sample` is what it says, `error` why it cannot be decoded."""
         watch = self._watches.get(message.topic)

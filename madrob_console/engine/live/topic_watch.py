@@ -37,6 +37,7 @@ class Trouble(StrEnum):
     NO_READING = "messages without a reading"
     STAMPS = "stamps that are missing, repeat or go back"
     SKEW = "stamps off the time of reception"
+    BEHIND = "the engine is behind"
 
 
 class TopicWatch:
@@ -70,6 +71,11 @@ class TopicWatch:
 
     # ------------------------------------------------------------------ what arrives
 
+    def note_arrival(self, now: float) -> None:
+        """A message arrived at `now`, s since the epoch."""
+        self.received += 1
+        self.messages.seen(now)
+
     def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
         """A message arrived.
 
@@ -79,8 +85,7 @@ class TopicWatch:
             error: why it cannot be read; None when it can.
             angle: of the panel, rad: sensors under which it passes need no reading.
         """
-        self.received += 1
-        self.messages.seen(now)
+        self.note_arrival(now)
         if error is not None:
             self._unreadable.seen(now)
             self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")

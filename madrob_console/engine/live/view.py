@@ -1,17 +1,146 @@
-"""Parts of a snapshot that are worked out from the state: clock, faults, questions."""
+"""The state as screens get it, made whole of what the parts of the engine know."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
-from madrob_console.engine.shown.snapshot import DoorView, LatchView, RecorderView, TopicView
+from madrob_console.archive.unfinished import Unfinished
+from madrob_console.engine.live.acting import Acting
+from madrob_console.engine.live.backlog import Backlog
+from madrob_console.engine.live.equipment import Equipment
+from madrob_console.engine.live.observation import Observation
+from madrob_console.engine.live.pre_start import PreStart
+from madrob_console.engine.live.replay import NO_ACTS
+from madrob_console.engine.live.run_at_hand import RunAtHand
+from madrob_console.engine.shown.snapshot import (
+    DoorView,
+    ExportView,
+    LatchView,
+    RecorderView,
+    Snapshot,
+    TopicView,
+)
+from madrob_console.referee.acts import ACTS, Situation
+from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.run import Phase, Run
+from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step
 
 NO_STEPS = tuple(StepRecord(step, step.text) for step in Step)
 """The six steps before a run."""
+
+_NAMES = tuple(act.name for act in ACTS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateView:
+    """Makes the state that screens get, of the parts of an engine.
+
+    Attributes:
+        equipment: what the engine works with.
+        observation: what the testbed's messages say.
+        backlog: messages that wait.
+        pre_start: knows the disk.
+        at_hand: the run, and its result.
+        acting: which acts are possible.
+    """
+
+    equipment: Equipment
+    observation: Observation
+    backlog: Backlog
+    pre_start: PreStart
+    at_hand: RunAtHand
+    acting: Acting
+
+    def snapshot(
+        self,
+        now: float,
+        seen: float,
+        situation: Situation,
+        unfinished: tuple[Unfinished, ...],
+        plan: Plan,
+        export: ExportView | None,
+        others: Iterable[str | None],
+    ) -> Snapshot:
+        """Everything that a screen shows.
+
+        Args:
+            now: s since the epoch.
+            seen: up to when messages were surely taken, s since the epoch.
+            situation: what acts are judged against.
+            unfinished: runs that were cut off.
+            plan: of the competition.
+            export: the last export of a team's runs.
+            others: what is wrong around the engine, in words.
+        """
+        at_hand, replay, source = self.at_hand, self.equipment.replay, self.equipment.source
+        run, observation = at_hand.run, self.observation
+        sensors, procedure = observation.sensors, observation.procedure
+        recorder = at_hand.recorder.view()
+        topics = sensors.topics(source.status(), at_hand.recorder.dropped(), seen)
+        door, latch = sensors.door_view(seen), sensors.latch_view(seen)
+        scored = at_hand.result.scored
+        rescoring = scored is not None and at_hand.result.outdated
+        result = scored.result if scored and not rescoring else None
+        kind = scored.record.source if scored and not replay else source.kind
+        other = source.other_referee
+        told = testbed_problem(source.announcement, run)
+        problems = (
+            f"another referee: {other}" if other else None,
+            f"{INFO_TOPIC}: {told}" if told else None,
+            self.backlog.problem,
+            at_hand.chronicle.problem,
+            *at_hand.result.problems,
+            *(replay.problems if replay else ()),
+        )
+        return Snapshot(
+            time=now,
+            source_kind=source.kind,
+            source_label=source.label,
+            simulated=source.announcement.simulated,
+            sides_problem=source.sides_problem,
+            run=run,
+            elapsed=elapsed(run, now),
+            remaining=remaining(run, now),
+            settling=procedure is not None and procedure.settling and run.active,
+            checks=() if replay else situation.checks,
+            refusals=(
+                dict.fromkeys(_NAMES, NO_ACTS) if replay else self.acting.refusals(situation)
+            ),
+            steps=observation.steps or NO_STEPS,
+            ask_referee=question(run, procedure, latch),
+            door=door,
+            handle=sensors.handle_view(seen, run.handle_zero, observation.largest_force),
+            latch=latch,
+            passage=sensors.passage_view(seen),
+            topics=topics,
+            recorder=recorder,
+            disk_free=None if replay else self.pre_start.free_disk(seen),
+            faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
+            provisional=dict(observation.provisional),
+            log=at_hand.chronicle.log.lines,
+            result=result,
+            result_source=kind if result else None,
+            rescoring=rescoring,
+            unfinished=unfinished,
+            opened=at_hand.opened is not None,
+            folder=str(at_hand.folder) if at_hand.folder else None,
+            playback=replay.view(result) if replay else None,
+            export=export,
+            teams=situation.teams,
+            plan=plan,
+        )
+
+
+def testbed_problem(told: Announcement, run: Run) -> str | None:
+    """What is wrong with what the testbed says of itself, in words; None = nothing."""
+    official = run.active and run.setup is not None and not run.setup.practice
+    if official and told.simulated is not None:
+        return f"the testbed is simulated ({told.simulated}): void this run after its stop"
+    return told.problem
 
 
 def elapsed(run: Run, now: float) -> float | None:

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-import pickle
+import errno
+import os
+import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from tempfile import TemporaryFile
+from dataclasses import dataclass, replace
 from typing import IO
+
+from recorder.errors import remedy
 
 PERIOD = 0.1
 """A process gives way to a run within this time, s."""
+
+PAUSE = 10.0
+"""A chore that wanted something is tried again after so long, s; the next time after twice that."""
+
+LONGEST_PAUSE = 80.0
+"""But at least so often, s."""
 
 _PATIENCE = 2.0  # with a process that was told to end, s
 
@@ -25,11 +35,13 @@ class Finished:
         code: the exit code of its process; None where none could be started.
         said: the last line that it printed.
         complained: the last line that it printed as an error.
+        again: it wanted memory, file handles, a program or a disk, and is tried again by itself.
     """
 
     code: int | None
     said: str
     complained: str
+    again: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,26 +49,33 @@ class _Chore:
     name: str
     arguments: tuple[str, ...]
     done: Callable[[Finished], None]
-    given: object
+    given: bytes | memoryview | None
+    pause: float
 
 
 class Background:
     """Does one chore after the other, none while a run goes on.
 
-    A chore that a run cuts short is done again after the run. What has the same name as a chore
-    that has not begun takes its place. Nobody waits: everything happens in a thread of its own,
-    which sleeps while there is nothing to do.
+    A chore that a run cuts short is done again after the run, one for which something was wanting
+    after a pause. What has the same name as a chore that has not begun takes its place. Nobody
+    waits: everything happens in a thread of its own, which sleeps while there is nothing to do,
+    and which ends at nothing that goes wrong with a chore.
 
     Args:
         command: the program that does the chores; their arguments come behind it.
         busy: whether a run goes on; may be asked from any thread.
+        pause: before a chore for which something was wanting is tried again, s.
     """
 
-    def __init__(self, command: Sequence[str], busy: Callable[[], bool]) -> None:
+    def __init__(
+        self, command: Sequence[str], busy: Callable[[], bool], pause: float = PAUSE
+    ) -> None:
         self._command = tuple(command)
         self._busy = busy
+        self._pause = pause
         self._changed = threading.Condition()
         self._waiting: dict[str, _Chore] = {}
+        self._resting: dict[str, tuple[float, _Chore]] = {}
         self._working = False
         self._closing = False
         self._thread = threading.Thread(target=self._work, name="background", daemon=True)
@@ -67,22 +86,24 @@ class Background:
         name: str,
         arguments: Sequence[str],
         done: Callable[[Finished], None],
-        given: object = None,
+        given: bytes | memoryview | None = None,
     ) -> None:
         """Ask for a chore.
 
         Args:
             name: what it is about.
             arguments: of the command.
-            done: called with its outcome, in the thread of the chores.
-            given: comes to the process pickled, on its standard input; None = nothing.
+            done: called with its outcome, in the thread of the chores; with each if it is tried
+                again.
+            given: comes to the process on its standard input; None = nothing.
         """
         with self._changed:
-            self._waiting[name] = _Chore(name, tuple(arguments), done, given)
+            self._resting.pop(name, None)
+            self._waiting[name] = _Chore(name, tuple(arguments), done, given, self._pause)
             self._changed.notify_all()
 
     def wait(self, patience: float) -> bool:
-        """Wait at most `patience` s; returns whether everything is done."""
+        """Wait at most `patience` s; whether everything is done, or rests after a failure."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._waiting and not self._working, patience)
 
@@ -96,47 +117,69 @@ class Background:
             self._changed.notify_all()
         self._thread.join(patience)
         with self._changed:
-            left = tuple(self._waiting.values())
+            left = (*self._waiting.values(), *(chore for _, chore in self._resting.values()))
             self._waiting.clear()
+            self._resting.clear()
         for chore in left:
-            with suppress(OSError):  # this program is at its end: nobody is there to be told
+            with suppress(Exception):  # this program is at its end: nobody is there to be told
                 self._start(chore, subprocess.DEVNULL, subprocess.DEVNULL)
 
     # ------------------------------------------------------------------ the thread
 
     def _work(self) -> None:
         while (chore := self._next()) is not None:
-            finished = self._do(chore)
-            if finished is not None:
-                chore.done(finished)
+            finished = self._attempt(chore)
             with self._changed:
                 if finished is None:
                     self._waiting.setdefault(chore.name, chore)
+                elif finished.again and chore.name not in self._waiting:
+                    self._rest(chore)
                 self._working = False
                 self._changed.notify_all()
+
+    def _rest(self, chore: _Chore) -> None:
+        later = replace(chore, pause=min(2 * chore.pause, LONGEST_PAUSE))
+        self._resting[chore.name] = (time.monotonic() + chore.pause, later)
 
     def _next(self) -> _Chore | None:
         """Wait for something to do and for the end of a run; None when there is no more."""
         with self._changed:
             while True:
-                self._changed.wait_for(lambda: self._waiting or self._closing)
-                if not self._waiting:
-                    return None
-                if not self._must_wait():
+                self._wake()
+                if self._waiting and not self._must_wait():
                     self._working = True
                     return self._waiting.pop(next(iter(self._waiting)))
-                self._changed.wait(PERIOD)
+                if self._closing:
+                    return None
+                due = min((due for due, _ in self._resting.values()), default=None)
+                rest = None if due is None else max(0.0, due - time.monotonic())
+                self._changed.wait(PERIOD if self._waiting else rest)
+
+    def _wake(self) -> None:
+        """What has rested for long enough waits for its turn again."""
+        now = time.monotonic()
+        for name in [name for name, (due, _) in self._resting.items() if due <= now]:
+            self._waiting[name] = self._resting.pop(name)[1]
 
     def _must_wait(self) -> bool:
         return self._busy() and not self._closing
 
+    def _attempt(self, chore: _Chore) -> Finished | None:
+        """Do a chore and tell what became of it; None when a run came in between."""
+        try:
+            finished = self._do(chore)
+            if finished is not None:
+                chore.done(finished)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the others want to be done
+            finished = Finished(None, "", _words(error), isinstance(error, OSError | MemoryError))
+            with suppress(MemoryError):  # then it is told the next time
+                chore.done(finished)
+        return finished
+
     def _do(self, chore: _Chore) -> Finished | None:
         """Do a chore; None when a run came in between."""
-        with TemporaryFile() as out, TemporaryFile() as err:
-            try:
-                process = self._start(chore, out, err)
-            except OSError as error:
-                return Finished(None, "", f"no process could be started ({error.strerror})")
+        with _scratch() as out, _scratch() as err:
+            process = self._start(chore, out, err)
             while True:
                 try:
                     code = process.wait(PERIOD)
@@ -145,14 +188,18 @@ class Background:
                         _end(process)
                         return None
                     continue
-                return Finished(code, _last_line(out), _last_line(err))
+                again = code in (
+                    os.EX_TEMPFAIL,
+                    -signal.SIGKILL,
+                )  # which ends it for want of memory
+                return Finished(code, _last_line(out), _last_line(err), again)
 
     def _start(
         self, chore: _Chore, out: IO[bytes] | int, err: IO[bytes] | int
     ) -> subprocess.Popen[bytes]:
-        with TemporaryFile() as given:
+        with _scratch() as given:
             if chore.given is not None:
-                pickle.dump(chore.given, given)
+                given.write(chore.given)
                 given.seek(0)
             return subprocess.Popen(
                 [*self._command, *chore.arguments],
@@ -161,6 +208,24 @@ class Background:
                 stderr=err,
                 start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
             )
+
+
+def _scratch() -> IO[bytes]:
+    """A file that is nowhere: a folder for temporary files may go while the engine runs."""
+    return os.fdopen(os.memfd_create("madrob"), "w+b")
+
+
+def _words(error: Exception) -> str:
+    """Why no process could be started, and the remedy."""
+    if isinstance(error, MemoryError):
+        error = OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+    if not isinstance(error, OSError):
+        return f"no process could be started ({type(error).__name__}: {error})"
+    why = error.strerror or str(error)
+    if error.filename is not None:
+        why = f"{error.filename}: {why}"
+    hint = remedy(error)
+    return f"no process could be started ({why})" + (f"; {hint}" if hint else "")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -2,38 +2,41 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import Any, cast
+from typing import Any
+
+import msgspec
 
 from madrob_console.archive.folders import parse_folder_name
-from madrob_console.archive.scored import open_run
+from madrob_console.archive.history import History
 from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.lanes import Lanes
+from madrob_console.engine.live.scorer import EarlierRun
 from madrob_console.engine.process.reporting import Reporting
-from madrob_console.engine.shown.curves import Curves, curves_of
+from madrob_console.engine.process.turns import Done, Turn, fail
+from madrob_console.engine.shown.client import awaited
+from madrob_console.engine.shown.curves import Curves
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import (
-    NO_ANSWER,
     ExportTeam,
     GiveCurves,
+    GivePlan,
     NextRunNumber,
     OpenRun,
     Perform,
     Request,
-    StopEngine,
     T,
     TakeOver,
 )
-from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.engine.shown.snapshot import Pulse, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import act_named
-from scoring.kinematics import load_filters
+from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 
 TAKE_TIMEOUT = 0.02
 """How long the engine waits for messages before it looks at acts and the clock, s."""
@@ -41,44 +44,59 @@ TAKE_TIMEOUT = 0.02
 SNAPSHOT_PERIOD = 0.05
 """Screens get a new snapshot this often, s."""
 
+USUAL_WRITING = 0.5
+"""An act that waits for the disk no longer than this is no news, s."""
+
 _ENDED = "the engine has ended: start the console again"
 
 
 class LocalEngine:
     """Runs an engine in a thread; an `EngineClient`.
 
-    Nothing that a screen does holds the engine up: calls are queued, snapshots are taken from
-    the latest one.
+    Nothing that a screen does holds the engine up: requests wait for their turn, the urgent ones
+    before all others; what only reads is read beside it; snapshots are taken from the latest one.
 
     Args:
         engine: not opened yet.
         reporting: what makes reports and exports, closed by the caller; None = nobody does.
+        fallen: tells which part of this process has ended, in words; None = none.
 
     Raises:
         MadrobError: the testbed cannot be reached.
     """
 
-    def __init__(self, engine: Engine, reporting: Reporting | None = None) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        reporting: Reporting | None = None,
+        fallen: Callable[[], str | None] = lambda: None,
+    ) -> None:
         self._engine = engine
+        self._fallen = fallen
         self._reporting = reporting
         if reporting is not None:
             engine.on_result = reporting.report
-        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._turns: Lanes[Turn] = Lanes()
+        self._begun: set[Turn] = set()
+        self._history = History(engine.config.results)
         self._stop = threading.Event()
-        self._ended = False
         self._failure: BaseException | None = None
+        self._writing = "", 0.0
         engine.open()
         self._look()
+        self._stepped = time.monotonic()
         self._thread = threading.Thread(target=self._work, name="engine")
         self._thread.start()
-        threading.Thread(target=load_filters, name="filters", daemon=True).start()
+        engine.warm()
 
     def _work(self) -> None:
         shown = 0.0
         try:
             while not self._stop.is_set():
-                self._engine.step(TAKE_TIMEOUT)
-                self._answer_calls()
+                self._stepped = time.monotonic()
+                self._engine.step(TAKE_TIMEOUT, self._is_wanted)
+                for turn in self._turns.waiting():
+                    self._take(turn)
                 if time.monotonic() - shown >= SNAPSHOT_PERIOD:
                     self._look()
                     shown = time.monotonic()
@@ -87,127 +105,173 @@ class LocalEngine:
             raise
         finally:
             self._engine.close()
-            self._ended = True
-            self._answer_calls()
+            for turn in (*self._begun, *self._turns.close()):
+                fail(turn.answer, self._gone)
 
-    def _answer_calls(self) -> None:
-        with suppress(Empty):
-            while True:
-                self._calls.get_nowait()()
+    def _is_wanted(self) -> bool:
+        """Whether something urgent waits for the engine's thread."""
+        return self._turns.count(first=True) > 0 or self._stop.is_set()
 
-    def _call(self, question: Callable[[], T], deadline: float) -> T:
-        """Ask in the engine's thread; what was given up before its turn never happens."""
-        answer: Future[T] = Future()
+    @property
+    def _gone(self) -> str:
+        """Why nothing is asked any more."""
+        return _ENDED if self._failure is None else f"the engine has failed: {self._failure}"
 
-        def call() -> None:
-            if not answer.set_running_or_notify_cancel():
-                return
-            if self._ended:
-                answer.set_exception(MadrobError(_ENDED))
-                return
-            try:
-                result = question()
-                self._look()  # before the answer: it shows what was done
-            except MadrobError as error:
-                answer.set_exception(error)
-            except BaseException as error:
-                answer.set_exception(MadrobError(f"the engine has failed: {error}"))
-                raise
-            else:
-                answer.set_result(result)
+    def _take(self, turn: Turn) -> None:
+        """In the engine's thread: ask; the answer may come at a later step."""
+        if not turn.begin():
+            return
+        self._begun.add(turn)
 
-        if self._stop.is_set():
-            raise MadrobError(_ENDED)
-        self._calls.put(call)
-        if self._ended:  # only now: nobody may be there to see it
-            self._answer_calls()
+        def done(answer: object) -> None:
+            self._begun.discard(turn)
+            self._look()  # before the answer: it shows what was done
+            turn.answer.set_result(answer)
+
         try:
-            return answer.result(deadline - time.monotonic())
-        except TimeoutError:
-            answer.cancel()
-            raise MadrobError(NO_ANSWER) from None
+            turn.question(done)
+        except MadrobError as error:
+            self._begun.discard(turn)
+            fail(turn.answer, error)
+
+    def _put(self, turn: Turn, *, urgent: bool = False) -> Future[Any]:
+        if self._stop.is_set() or not self._turns.put(turn, first=urgent):
+            fail(turn.answer, self._gone)
+        return turn.answer
 
     def snapshot(self) -> Snapshot:
-        """The latest snapshot.
+        """The latest snapshot, with the pulse of now: the engine's thread may stand still.
 
         Raises:
             MadrobError: the engine has failed.
         """
         if self._failure is not None:
             raise MadrobError(f"the engine has failed: {self._failure}")
-        return self._snapshot
+        latest, pulse = self._snapshot, self._pulse()
+        return latest if pulse == latest.pulse else replace(latest, pulse=pulse)
+
+    def _pulse(self) -> Pulse:
+        engine, now = self._engine, time.monotonic()
+        (lines, age), disk = engine.unwritten, int(engine.disk_silence)
+        if engine.writing != self._writing[0]:
+            self._writing = engine.writing, now
+        writing, since = self._writing
+        return Pulse(
+            core=int(now - self._stepped),
+            disk=disk,
+            unwritten=lines if age >= 1 or disk else 0,
+            writing=writing if now - since >= USUAL_WRITING else "",
+        )
 
     def _look(self) -> None:
         """Make a new snapshot, in the engine's thread."""
         reporting = self._reporting
+        fallen = self._fallen()
         self._snapshot = (
-            self._engine.snapshot()
+            self._engine.snapshot(others=[fallen])
             if reporting is None
-            else self._engine.snapshot(reporting.exported, reporting.problem)
+            else self._engine.snapshot(reporting.exported, [reporting.problem, fallen])
         )
 
-    def ask(self, request: Request[T], deadline: float = math.inf) -> T:
-        """Carry a request out.
+    def begin(
+        self, request: Request[T], deadline: float | None = None, *, first: bool = True
+    ) -> Future[T]:
+        """Have a request carried out, and do not wait.
 
         Args:
             request: what is asked.
-            deadline: if it comes before the request's timeout, s of the monotonic clock.
+            deadline: what has not begun by then never takes effect, s of the monotonic clock;
+                None = as the request has it.
+            first: what only reads comes before that of others.
+        """
+        if deadline is None:
+            deadline = time.monotonic() + request.latest_begin
+        try:
+            return self._carry_out(request, deadline, first=first)
+        except MadrobError as error:
+            answer: Future[T] = Future()
+            answer.set_exception(error)
+            return answer
+
+    def ask(self, request: Request[T]) -> T:
+        """Have a request carried out.
 
         Raises:
             MadrobError: it failed, or the engine has ended or does not answer.
         """
-        deadline = min(time.monotonic() + request.timeout, deadline)
-        return cast("T", self._carry_out(request, deadline))
+        return awaited(self.begin(request), request.timeout)
 
-    def _carry_out(self, request: Request[Any], deadline: float) -> object:
+    def _carry_out(self, request: Request[Any], deadline: float, *, first: bool) -> Future[Any]:
         """The one place that knows what each request means."""
         engine = self._engine
+
+        def core(question: Callable[[Done], None]) -> Future[Any]:
+            return self._put(Turn(question, deadline, Future()), urgent=request.urgent)
+
         match request:
-            case Perform(name, details):
+            case Perform(name, details, number):
                 act = act_named(name, details)
-                return self._call(lambda: engine.perform(act), deadline)
-            case NextRunNumber(subject, condition):
-                return self._call(lambda: engine.next_run_number(subject, condition), deadline)
+                return core(lambda done: engine.submit(act, done, id=number))
+            case NextRunNumber(subject, condition, practice):
+                return engine.next_run_number(subject, condition, practice=practice, first=first)
             case OpenRun(folder, invalid):
                 return self._open_run(folder, deadline, invalid=invalid)
-            case ExportTeam(subject):
-                return self._export(subject, deadline)
+            case ExportTeam(subject, practice):
+                return core(lambda done: done(self._export(subject, practice=practice)))
             case GiveCurves():
-                return self._curves()
+                return engine.read(self._curves, first=first)
+            case GivePlan():
+                return engine.read(self._progress, first=first)
             case PlaybackCommand():
-                return self._call(lambda: engine.control(request), deadline)
+                return core(lambda done: done(engine.control(request)))
             case TakeOver():
-                return None  # this screen has it: others are the server's
-            case StopEngine(force):
-                return self._end(force=force)
+                return _answered(None)  # this screen has it: others are the server's
             case _:
                 raise NotImplementedError(f"nobody carries out {request}")
 
-    def _open_run(self, folder: str, deadline: float, *, invalid: bool) -> str | None:
-        """The bag is read here, and the engine goes on meanwhile."""
+    def _open_run(self, folder: str, deadline: float, *, invalid: bool) -> Future[str | None]:
+        """The bag is read beside the engine, which goes on meanwhile, maybe with another run."""
         if parse_folder_name(folder) is None:
             raise MadrobError(f"{folder!r} is no run folder")
-        refused = self._call(self._engine.opening_refusal, deadline)
-        if refused is not None:
-            return refused
-        opened = open_run(self._engine.config.results / folder)
-        return self._call(lambda: self._engine.open_run(opened, invalid=invalid), deadline)
+        engine = self._engine
+        asked = engine.generation
+        if (refused := engine.opening_refusal()) is not None:
+            return _answered(refused)
+        answer: Future[str | None] = Future()
 
-    def _export(self, subject: int, deadline: float) -> str | None:
-        reporting = self._reporting
-        if reporting is None:
+        def show(read: Future[EarlierRun]) -> None:
+            if isinstance(error := read.exception(), MadrobError):
+                fail(answer, error)
+                return
+
+            def question(done: Done) -> None:
+                engine.open_run(read.result(), done, invalid=invalid, instead_of=asked)
+
+            self._put(Turn(question, deadline, answer))
+
+        path = self.results / folder
+        engine.read(lambda: engine.read_run(path).result()).add_done_callback(show)
+        return answer
+
+    def _export(self, subject: int, *, practice: bool) -> str | None:
+        if self._reporting is None:
             return "nobody packs runs here: use `madrob export`"
-        return self._call(lambda: reporting.export(subject), deadline)
+        self._reporting.export(subject, practice=practice)
+        return None
 
     def _curves(self) -> Curves | None:
         scored = self._engine.scored  # immutable: may be read from any thread
-        return None if scored is None else curves_of(scored.result, scored.rows)
+        return None if scored is None else msgspec.msgpack.decode(scored.curves, type=Curves)
 
-    def _end(self, *, force: bool) -> str | None:
-        if self.busy and not force:
-            return "a run is going on"
-        self._stop.set()
-        return None
+    def _progress(self) -> PlanProgress:
+        plan = self.snapshot().plan
+        runs = self._history.refresh() if plan.lines else ()
+        return plan_progress(plan, runs, self._engine.config.competition)
+
+    def repair(self) -> None:
+        """Have the results made again that are not what their journals say. Never waits."""
+        if self._reporting is not None and self._engine.replay is None:
+            self._reporting.repair(self.results)
 
     @property
     def results(self) -> Path:
@@ -220,11 +284,18 @@ class LocalEngine:
         return self._failure is None and self._engine.busy
 
     @property
-    def ended(self) -> bool:
-        """Whether it was told to end."""
-        return self._stop.is_set()
+    def failed(self) -> bool:
+        """Whether its thread ended with an error."""
+        return self._failure is not None
 
     def close(self) -> None:
         """End the engine; a run that goes on is cut off and kept as interrupted."""
         self._stop.set()
         self._thread.join()
+
+
+def _answered(answer: T) -> Future[T]:
+    """What is known at once."""
+    known: Future[T] = Future()
+    known.set_result(answer)
+    return known

@@ -1,11 +1,11 @@
-"""Where an engine can be found: one folder of the user, one name for each testbed."""
+"""Where an engine has its files: one folder of the user, one name for each testbed."""
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import stat
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +14,8 @@ from pathlib import Path
 
 from platformdirs import user_runtime_path
 
+from madrob_console.engine.process.owned import Owned
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +42,10 @@ class Place:
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Be the testbed's one engine while inside.
+        """Keep engines of older versions off the testbed while inside: they know no other lock.
 
         Raises:
-            MadrobError: another one is.
+            MadrobError: one of them is there.
         """
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         lock = os.open(self.folder / f"{self.name}.lock", flags, 0o600)
@@ -54,12 +54,21 @@ class Place:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise MadrobError(
-                    f"an engine for {self.name} runs already: `madrob console` attaches to it, "
-                    "`madrob engine stop` ends it"
+                    f"an engine of another version has {self.name}: `madrob engine stop` ends it"
                 ) from None
             yield
         finally:
             os.close(lock)
+
+
+def make_private(folder: Path) -> None:
+    """Make a folder that only the user may enter; those above it that are missing, too.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    for path in (*reversed(folder.parents), folder):
+        path.mkdir(mode=0o700, exist_ok=True)
 
 
 def runtime_folder() -> Path:
@@ -68,19 +77,19 @@ def runtime_folder() -> Path:
     Raises:
         MadrobError: it cannot be made, or others may enter it.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a fallback in /tmp: it is checked below
-        folder = user_runtime_path("madrob")
+    folder = Path("the runtime folder")
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a fallback in /tmp: it is checked below
+            folder = user_runtime_path("madrob")
+        make_private(folder)
+        own = _is_own(folder)
     except OSError as error:
         raise MadrobError(
-            f"{folder}: cannot be used for the engine's socket ({error.strerror}); set "
+            f"{folder} cannot be used for the engine's socket ({error.strerror or error}): set "
             "XDG_RUNTIME_DIR to a folder of your own"
         ) from None
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-    if not own or stat.S_IMODE(found.st_mode) & 0o077:
+    if not own:
         raise MadrobError(
             f"{folder}: others may enter it; make it yours with `chmod 700`, or set "
             "XDG_RUNTIME_DIR to a folder of your own"
@@ -88,25 +97,40 @@ def runtime_folder() -> Path:
     return folder
 
 
-def place_of(kind: str, *what: object) -> Place:
-    """The place of a testbed: its kind, and what tells it from others of that kind.
+def place_of(owned: Owned) -> Place:
+    """The place of an engine's files.
 
     Raises:
         MadrobError: there is no folder for it.
     """
-    if kind == SourceKind.ROS:
-        name = f"ros_domain_{what[0]}"
-    else:
-        digest = hashlib.blake2s("\n".join(map(str, what)).encode(), digest_size=4).hexdigest()
-        name = f"{kind}_{digest}"
-    return Place(runtime_folder(), name)
+    return Place(runtime_folder(), owned.stem)
 
 
-def known_places() -> tuple[Place, ...]:
-    """Every place with a socket; its engine may have been killed.
+def runtime_folders() -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """The folders in which sockets of this user may lie, and what is wrong with them, in words.
 
-    Raises:
-        MadrobError: there is no folder for them.
+    Logins have another one than services and programs without a login.
     """
-    folder = runtime_folder()
-    return tuple(Place(folder, path.stem) for path in sorted(folder.glob("*.sock")))
+    problems = []
+    folders = [
+        Path(f"/run/user/{os.getuid()}/madrob"),
+        Path(tempfile.gettempdir(), f"runtime-{os.getuid()}", "madrob"),
+    ]
+    try:
+        folders.insert(0, runtime_folder())
+    except MadrobError as error:
+        problems.append(str(error))
+    found = {}
+    for folder in folders:
+        try:
+            if _is_own(folder):
+                found[folder.resolve()] = folder
+        except OSError:
+            continue  # there is none
+    return tuple(found.values()), tuple(problems)
+
+
+def _is_own(folder: Path) -> bool:
+    found = folder.lstat()
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return own and not stat.S_IMODE(found.st_mode) & 0o077

@@ -3,25 +3,62 @@
 from __future__ import annotations
 
 import itertools
+import os
+import select
 import socket
 import threading
 import time
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import msgspec
-
+from madrob_console.engine.live.lanes import Lanes
+from madrob_console.engine.process.owned import peer_of
+from madrob_console.engine.process.turns import begun, fail
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.client import ON_ITS_WAY, awaited
 from madrob_console.engine.shown.parts import Incoming
 from madrob_console.engine.shown.requests import NO_ANSWER, Request, Role, T
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 
-_ON_ITS_WAY = 0.5
-"""The engine's own word that it gave a request up may come so much later, s."""
-
 _GREETING_TIME = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """A request and its answer to come.
+
+    Attributes:
+        number: of the question.
+        request: what is asked.
+        deadline: after this the engine does not begin it any more, s of the monotonic clock.
+    """
+
+    number: int
+    request: Request[Any]
+    deadline: float
+    answer: Future[Any]
+
+    def call(self) -> wire.Call | None:
+        """What is sent: it cannot be cancelled any more. None where it was, or comes too late."""
+        if time.monotonic() > self.deadline:
+            fail(self.answer, NO_ANSWER)
+        if not begun(self.answer):
+            return None
+        return wire.Call(self.number, self.deadline, wire.raw(self.request))
+
+    def take(self, reply: wire.Reply) -> None:
+        """The engine has answered."""
+        try:
+            value = wire.answer_of(self.request, reply)
+        except MadrobError as error:
+            fail(self.answer, error)
+        else:
+            with suppress(InvalidStateError):
+                self.answer.set_result(value)
 
 
 class RemoteEngine:
@@ -31,6 +68,7 @@ class RemoteEngine:
         path: the engine's socket.
         role: what for.
         who: this screen, for the people at the others.
+        pid: the engine's process, if that is known: it may have lost the socket to another one.
 
     Attributes:
         results: where the engine keeps the runs.
@@ -40,17 +78,19 @@ class RemoteEngine:
         OSError: there is no engine.
     """
 
-    def __init__(self, path: Path, role: Role, who: str) -> None:
+    def __init__(self, path: Path, role: Role, who: str, pid: int = 0) -> None:
         self._numbers = itertools.count(1)
-        self._waiting: dict[int, Future[wire.Reply]] = {}
-        self._lock = threading.Lock()
+        self._asked: dict[int, _Asked] = {}
+        self._outbox: Lanes[_Asked] = Lanes()
         self._failure: str | None = None
         self._incoming = Incoming()
+        self._process: int | None = None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(_GREETING_TIME)
         try:
             self._socket.connect(str(path))
-            self._send(wire.Hello(wire.VERSION, role, who))
+            _refuse_strangers(self._socket, pid)
+            self._socket.sendall(wire.frame(wire.Hello(wire.VERSION, role, who)))
             welcome, self._snapshot = self._greeted()
         except (TimeoutError, EOFError):
             self._socket.close()
@@ -60,9 +100,16 @@ class RemoteEngine:
             raise
         self.results = Path(welcome.results)
         self.pid = welcome.pid
+        if (peer := peer_of(self._socket).pid) not in (0, os.getpid()):
+            with suppress(OSError):
+                self._process = os.pidfd_open(peer)
         self._socket.settimeout(None)
-        self._thread = threading.Thread(target=self._listen, name="engine-link", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=work, name=name, daemon=True)
+            for work, name in ((self._listen, "engine-link"), (self._speak, "engine-link-out"))
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def snapshot(self) -> Snapshot:
         """The latest snapshot.
@@ -71,42 +118,65 @@ class RemoteEngine:
             MadrobError: the connection is lost.
         """
         if self._failure is not None:
-            raise MadrobError(self._failure)
+            raise MadrobError(_ENDS if self._failure == _LOST and self._goes_on else self._failure)
         return self._snapshot
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether the engine's process is there: it may close files, which a disk holds up."""
+        if self._process is None:
+            return False
+        poll = select.poll()
+        poll.register(self._process, select.POLLIN)
+        return not poll.poll(0)
+
+    def begin(self, request: Request[T]) -> Future[T]:
+        """Have a request carried out by the engine, and do not wait."""
+        deadline = time.monotonic() + request.latest_begin
+        asked = _Asked(next(self._numbers), request, deadline, Future[T]())
+        self._asked[asked.number] = asked
+        if self._failure is not None:  # only now: what fails later finds who waits
+            fail(asked.answer, self._failure)
+        self._outbox.put(asked, first=request.urgent)
+        return asked.answer
 
     def ask(self, request: Request[T]) -> T:
         """Have a request carried out by the engine.
 
         Raises:
+            UnsureError: no answer came, though it may have begun.
             MadrobError: it failed, or the engine has ended or does not answer.
         """
-        number, waiting = next(self._numbers), Future[wire.Reply]()
-        call = wire.Call(number, time.monotonic() + request.timeout, wire.raw(request))
-        self._waiting[number] = waiting
-        try:
-            if self._failure is not None:  # only now: what fails later finds who waits
-                raise MadrobError(self._failure)
-            self._send(call)
-            return wire.answer_of(request, waiting.result(request.timeout + _ON_ITS_WAY))
-        except TimeoutError:
-            raise MadrobError(NO_ANSWER) from None
-        except OSError:
-            raise MadrobError(self._failure or _LOST) from None
-        finally:
-            del self._waiting[number]
+        return awaited(self.begin(request), request.timeout + ON_ITS_WAY)
 
     def close(self) -> None:
         """End the connection; the engine goes on."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
+        self._outbox.close()
+        for thread in self._threads:
+            thread.join()
         self._socket.close()
+        if self._process is not None:
+            os.close(self._process)
+            self._process = None
 
     # ------------------------------------------------------------------ the socket
 
-    def _send(self, message: msgspec.Struct) -> None:
-        with self._lock:
-            self._socket.sendall(wire.frame(message))
+    def _speak(self) -> None:
+        """Send what is asked, unless it was given up before: that never reaches the engine."""
+        try:
+            while (asked := self._outbox.next()) is not None:
+                if (call := asked.call()) is not None:
+                    self._socket.sendall(wire.frame(call))
+                else:
+                    self._asked.pop(asked.number, None)
+        except OSError:
+            pass  # the other thread sees it, too
+        except Exception as error:  # noqa: BLE001 - a screen that can ask nothing has to know
+            self._failure = _failed(error)
+            with suppress(OSError):
+                self._socket.shutdown(socket.SHUT_RDWR)
 
     def _greeted(self) -> tuple[wire.Welcome, Snapshot]:
         """What the engine says first."""
@@ -131,19 +201,20 @@ class RemoteEngine:
                     case wire.State() as state:
                         self._snapshot = self._incoming.take(state) or self._snapshot
                     case wire.Reply() as reply:
-                        if (waiting := self._waiting.get(reply.number)) is not None:
-                            waiting.set_result(reply)
+                        if (asked := self._asked.pop(reply.number, None)) is not None:
+                            asked.take(reply)
                     case wire.Rejected(reason):
                         self._failure = reason
                         return
         except (OSError, EOFError):
-            self._failure = _LOST
+            self._failure = self._failure or _LOST
         except MadrobError as error:
             self._failure = str(error)
+        except Exception as error:  # noqa: BLE001 - a screen that stands still has to know
+            self._failure = _failed(error)
         finally:
-            for waiting in list(self._waiting.values()):
-                if not waiting.done():
-                    waiting.set_exception(MadrobError(self._failure or _LOST))
+            for asked in list(self._asked.values()):
+                fail(asked.answer, self._failure or _LOST)
 
     def _receive(self) -> wire.ToScreen:
         (length,) = wire.LENGTH.unpack(self._exactly(wire.LENGTH.size))
@@ -161,4 +232,24 @@ class RemoteEngine:
         return bytes(data)
 
 
-_LOST = "the engine has ended: leave and start the console again, no recorded data are lost"
+def _failed(error: Exception) -> str:
+    why = str(error) or type(error).__name__
+    return f"the connection to the engine has failed ({why}): Ctrl+R connects again"
+
+
+_ENDS = "the engine is ending: it closes its files, which a disk may hold up"
+_LOST = "the engine has ended: Ctrl+R starts it again; at most half a second of a recording is lost"
+
+
+def _refuse_strangers(connection: socket.socket, pid: int) -> None:
+    """Only an engine of this user, or of root.
+
+    Raises:
+        MadrobError: it is somebody else's.
+        ConnectionRefusedError: another process listens there.
+    """
+    peer = peer_of(connection)
+    if peer.user not in (os.getuid(), 0):
+        raise MadrobError("another user's process listens where the engine should")
+    if pid and peer.pid != pid:
+        raise ConnectionRefusedError

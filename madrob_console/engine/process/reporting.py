@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.archive.scored import Scored
-from madrob_console.engine.process.background import Background, Finished
+from madrob_console.engine.process.background import PAUSE, Background, Finished
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.names import terminal_safe
 
 PAGE = "page"
-"""The chore that writes a report: its file follows, the scored run comes pickled."""
+"""The chore that writes a report: its file follows, the scored run comes on standard input."""
+
+REPAIR = "repair"
+"""The chore that makes results again that are not what their journals say: a folder follows."""
 
 CLOSING_TIME = 3.0
 """An engine that ends waits so long for what is being made; it gets ready without it, too, s."""
+
+
+class _Unmade(NamedTuple):
+    """A report that could not be made, in words, and whether it is tried again."""
+
+    words: str
+    again: bool
 
 
 class Reporting:
@@ -26,9 +37,9 @@ class Reporting:
         busy: whether a run goes on; may be asked from any thread.
         options: of `madrob export`: results folder, settings.
         reports: whether reports are wanted.
+        pause: before one for which something was wanting is tried again, s.
 
     Attributes:
-        problem: why the last report could not be made, in words; None when it could.
         exported: the last export; None before the first.
     """
 
@@ -39,38 +50,73 @@ class Reporting:
         options: Sequence[str] = (),
         *,
         reports: bool = True,
+        pause: float = PAUSE,
     ) -> None:
-        self.problem: str | None = None
+        self._unmade: dict[Path, _Unmade] = {}
         self.exported: ExportView | None = None
         self._options = tuple(options)
         self._reports = reports
-        self._background = Background(command, busy)
+        self._background = Background(command, busy, pause)
 
-    def report(self, folder: Path, scored: Scored) -> None:
-        """Make the report of a run anew, if it is wanted; the latest result counts."""
+    def report(self, folder: Path, scored: bytes | memoryview) -> None:
+        """Make the report of a run anew, if it is wanted; the latest result counts.
+
+        Args:
+            folder: of the run.
+            scored: the `Scored` run, pickled.
+        """
         if not self._reports:
             return
 
         def done(finished: Finished) -> None:
-            self.problem = None
+            # a new one, not changed: others read it meanwhile
+            unmade = {f: one for f, one in self._unmade.items() if one.again and f != folder}
             if finished.code != 0:
-                why = _why(finished)
-                self.problem = f"no report of {folder.name}: {why}; `madrob report` makes it"
+                words = f"no report of {folder.name}: {_why(finished)}"
+                unmade[folder] = _Unmade(f"{words}; `madrob report` makes it", finished.again)
+            self._unmade = unmade
 
         self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
 
-    def export(self, subject: int) -> None:
-        """Pack the runs of a team into a zip; `exported` says what became of it."""
+    def repair(self, results: Path) -> None:
+        """Make the results and reports again that a power cut left out of date; never in a run."""
 
         def done(finished: Finished) -> None:
+            unmade = {place: one for place, one in self._unmade.items() if place != results}
+            if finished.code != 0:
+                unmade[results] = _Unmade(_why(finished), finished.again)
+            self._unmade = unmade
+
+        self._background.ask(REPAIR, [REPAIR, str(results)], done)
+
+    def export(self, subject: int, *, practice: bool = False) -> None:
+        """Pack the official, or the practice runs of a team into a zip.
+
+        `exported` says what became of it.
+        """
+
+        def done(finished: Finished) -> None:
+            if self.exported is None or self.exported.subject != subject:
+                return  # tried again, and meanwhile somebody wants to see another team's
             bad = finished.code != 0
             path = finished.said if finished.said.endswith(".zip") else ""
             self.exported = ExportView(subject, path, _why(finished) if bad else "")
 
         self.exported = ExportView(subject)
         self._background.ask(
-            f"team {subject}", ["export", f"--team={subject}", *self._options], done
+            f"team {subject}",
+            ["export", f"--subject={subject}", *["--practice"] * practice, *self._options],
+            done,
         )
+
+    @property
+    def problem(self) -> str | None:
+        """Why reports could not be made, in words; None when the last one could, and all before."""
+        unmade = tuple(self._unmade.values())
+        if not unmade:
+            return None
+        others = f" ({len(unmade) - 1} more wait)" if len(unmade) > 1 else ""
+        return unmade[-1].words + others
 
     def wait(self, patience: float) -> bool:
         """Wait at most `patience` s; returns whether everything is made."""
@@ -83,4 +129,7 @@ class Reporting:
 
 def _why(finished: Finished) -> str:
     words = terminal_safe(finished.complained).removeprefix("madrob: ")
-    return words or f"its process ended with {finished.code}"
+    if not words and finished.code == -signal.SIGKILL:
+        words = "its process was killed, as when memory is short: end other programs"
+    words = words or f"its process ended with {finished.code}"
+    return f"{words}; it is tried again" if finished.again else words

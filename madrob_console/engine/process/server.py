@@ -9,17 +9,24 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
-import struct
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
+from madrob_console.engine.process.accepting import SPARE, Acceptor, most_screens
+from madrob_console.engine.process.control import ENDING, WhoAnswer
+from madrob_console.engine.process.listening import Listening
 from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.process.owned import peer_of
+from madrob_console.engine.process.troubles import Troubles
 from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.client import UnsureError, given_up
 from madrob_console.engine.shown.parts import OWN, Outgoing
 from madrob_console.engine.shown.requests import Command, Request, Role, TakeOver
 from madrob_console.engine.shown.snapshot import RightToAct
@@ -29,8 +36,21 @@ from madrob_console.names import terminal_safe
 SENDING_PERIOD = 0.1
 """Between two looks at the engine, s."""
 
-_CREDENTIALS = struct.Struct("3i")
-_GREETING_TIME = 5.0
+LOOKING_PERIOD = 1.0
+"""Between two looks whether the socket is still there, s."""
+
+MOST_UNDER_WAY = 16
+"""Requests of one screen that are carried out at the same time, and as many urgent ones."""
+
+MOST_OF_WATCHERS = 2
+"""The same of a screen that watches: its next ones are not read before."""
+
+LARGEST_BACKLOG = 8_000_000
+"""Bytes that may wait for a screen that does not read; it is let go before there are more."""
+
+TOO_MANY = "this screen has too many requests under way: wait for their answers"
+
+_GREETING_TIME = 2.0
 
 
 @dataclass(eq=False)
@@ -43,7 +63,7 @@ class _Screen:
         writer: to it.
         right: what it knows of its right to act; None = nothing yet.
         version: of the state that it was sent last.
-        tasks: its requests that are being carried out.
+        urgent, others: its requests that are being carried out.
     """
 
     role: Role
@@ -51,16 +71,24 @@ class _Screen:
     writer: asyncio.StreamWriter
     right: RightToAct | None = None
     version: int = 0
-    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    urgent: set[asyncio.Task[None]] = field(default_factory=set)
+    others: set[asyncio.Task[None]] = field(default_factory=set)
 
     def send(self, message: msgspec.Struct) -> None:
         """Hand a message to the socket; never waits."""
         self.write(wire.frame(message))
 
     def write(self, frame: bytes) -> None:
-        """The same with one that is encoded."""
+        """The same with one that is encoded; what never reads is let go."""
+        if self.backlog > LARGEST_BACKLOG:
+            self.writer.transport.abort()
         if not self.writer.is_closing():
             self.writer.write(frame)
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that it has not taken yet."""
+        return self.writer.transport.get_write_buffer_size()
 
 
 class EngineServer:
@@ -71,6 +99,10 @@ class EngineServer:
         label: of its testbed.
         idle_time: ends by itself after so long without a screen and without a run, s.
         monotonic: a clock, s.
+
+    Attributes:
+        listening: where screens attach; None before.
+        reachable: set once screens can attach.
     """
 
     def __init__(
@@ -87,53 +119,116 @@ class EngineServer:
         self._screens: set[_Screen] = set()
         self._referee: _Screen | None = None
         self._outgoing = Outgoing()
-        self._attending: set[asyncio.Task[None]] = set()
+        self._troubles = Troubles(monotonic)
+        self._most = most_screens()
+        self._news = asyncio.Event()
         self._over = asyncio.Event()
+        self._acceptors: list[Acceptor] = []
+        self.listening: Listening | None = None
+        self.reachable = asyncio.Event()
 
     async def serve(self, path: Path) -> None:
-        """Serve until the end; the socket is made with mode 0600 and removed.
+        """Serve until the end; the socket is made with mode 0600, again if it is lost, and removed.
 
         Raises:
-            OSError: the socket cannot be made.
+            MadrobError: the socket cannot be made.
         """
-        server = await asyncio.start_unix_server(self._attend, sock=_listening(path))
+        asyncio.get_running_loop().set_exception_handler(self._troubles.of_loop)
+        listening = Listening(path)
+        self._accept_at(listening.open())
+        self.listening = listening  # whoever asks is told of it once it is there
+        self.reachable.set()
         try:
-            async with server:
-                tasks = [
-                    asyncio.create_task(self._end_when_idle()),
-                    asyncio.create_task(self._keep_showing()),
-                ]
-                await self._over.wait()
-                for task in tasks:
-                    task.cancel()
-                for screen in self._screens:
-                    screen.writer.close()
-                if self._attending:
-                    await asyncio.wait(self._attending, timeout=1.0)
+            tasks = [
+                asyncio.create_task(self._troubles.lasting(self._end_when_idle)),
+                asyncio.create_task(self._troubles.lasting(self._keep_showing)),
+                asyncio.create_task(self._troubles.lasting(self._keep_reachable)),
+            ]
+            await self._over.wait()
+            for task in tasks:
+                task.cancel()
+            for screen in self._screens:
+                screen.writer.close()
+            for acceptor in self._acceptors:
+                acceptor.close()
+                await acceptor.wait(1.0)
         finally:
-            _remove(path)
+            for acceptor in self._acceptors:
+                acceptor.close()
+            listening.close()
 
     def stop(self) -> None:
         """End the server; from the loop's own thread."""
         self._over.set()
 
+    def presence(self, known: WhoAnswer) -> WhoAnswer:
+        """What the engine says of itself to consoles of all versions; from any thread.
+
+        Args:
+            known: what does not change.
+
+        Raises:
+            MadrobError: the engine has failed.
+        """
+        snapshot, listening = self._engine.snapshot(), self.listening
+        lost = None if listening is None else listening.problem
+        known = known.of(snapshot.run, busy=self._engine.busy)
+        return replace(
+            known,
+            phase=ENDING if self._over.is_set() else known.phase,
+            testbed=snapshot.label,
+            socket="" if listening is None else str(listening.path),
+            screens=len(self._screens),
+            remarks=(*known.remarks, *filter(None, (snapshot.pulse.words, lost))),
+        )
+
+    def _accept_at(self, listening: socket.socket) -> None:
+        """Let screens attach there, and no longer where they did before; who is attached stays."""
+        for acceptor in self._acceptors:
+            acceptor.close()
+        self._acceptors.append(
+            Acceptor(listening, self._attend, self._most + SPARE, self._troubles)
+        )
+
+    async def _keep_reachable(self) -> None:
+        """See to it that the socket lies where consoles find it."""
+        assert self.listening is not None
+        pool = ThreadPoolExecutor(1, "socket")  # a disk may hold it up
+        loop = asyncio.get_running_loop()
+        try:
+            while True:
+                await asyncio.sleep(LOOKING_PERIOD)
+                again = await loop.run_in_executor(pool, self.listening.open_again)
+                if again is not None:
+                    self._accept_at(again)
+        finally:
+            pool.shutdown(wait=False)
+
     # ------------------------------------------------------------------ screens
 
     async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._attending.add(task)
         try:
             hello = await _greeting(reader, writer)
+            self._refuse_too_many(hello.role)
         except (MadrobError, TimeoutError, OSError, asyncio.IncompleteReadError) as error:
             with suppress(OSError):
                 writer.write(wire.frame(wire.Rejected(str(error) or "no greeting came")))
-                writer.close()
         else:
             screen = _Screen(hello.role, terminal_safe(hello.who)[:100], writer)
             await self._serve_screen(screen, reader)
-        finally:
-            self._attending.discard(task)
+
+    def _refuse_too_many(self, role: Role) -> None:
+        """Leave file handles for the engine's own files, and a place for a referee.
+
+        Raises:
+            MadrobError: one more screen is too many.
+        """
+        most = self._most + (SPARE // 2 if role is Role.REFEREE else 0)
+        if len(self._screens) >= most:
+            raise MadrobError(
+                f"{len(self._screens)} screens are attached, more than the engine has file handles "
+                "for: close one, or raise `ulimit -n` before the engine starts"
+            )
 
     async def _serve_screen(self, screen: _Screen, reader: asyncio.StreamReader) -> None:
         if screen.role is Role.REFEREE and self._referee is None:
@@ -145,10 +240,9 @@ class EngineServer:
             self._look()
             self._show(screen)
             while True:
-                call, request = wire.call_of(await _read(reader))
-                task = asyncio.create_task(self._reply(screen, call, request))
-                screen.tasks.add(task)
-                task.add_done_callback(screen.tasks.discard)
+                await self._take(screen, *wire.call_of(await _read(reader)))
+                await screen.writer.drain()  # who does not read the answers asks no more
+                await asyncio.sleep(0)  # the others' turn, however much it has sent
         except MadrobError as error:
             screen.send(wire.Rejected(str(error)))
         except (OSError, asyncio.IncompleteReadError):
@@ -170,14 +264,17 @@ class EngineServer:
                     screen.send(wire.Rejected(str(error)))
                 self.stop()
                 return
-            self._show_all()
-            await asyncio.sleep(SENDING_PERIOD)
+            await self._show_all()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), SENDING_PERIOD)
+            self._news.clear()
 
-    def _show_all(self) -> None:
+    async def _show_all(self) -> None:
         """Send what is new to all screens but those that stall: they get the latest later."""
-        for screen in self._screens:
-            if screen.writer.transport.get_write_buffer_size() == 0:
+        for screen in sorted(self._screens, key=lambda screen: screen is not self._referee):
+            if screen.backlog == 0:
                 self._show(screen)
+            await asyncio.sleep(0)  # however many screens there are, requests are taken meanwhile
 
     def _look(self) -> None:
         """Take the engine's latest snapshot.
@@ -203,20 +300,48 @@ class EngineServer:
 
     # ------------------------------------------------------------------ requests
 
+    async def _take(self, screen: _Screen, call: wire.Call, request: Request[Any]) -> None:
+        """Have a request carried out; waits where a screen that only watches asks for much."""
+        if (refused := self._no_right(screen, request)) is not None:
+            screen.send(wire.Reply(call.number, wire.raw(refused)))
+            return
+        under_way = screen.urgent if request.urgent else screen.others
+        if screen.role is Role.WATCH:
+            while len(under_way) >= MOST_OF_WATCHERS:
+                await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
+        elif len(under_way) >= MOST_UNDER_WAY:
+            screen.send(wire.Reply(call.number, failed=TOO_MANY))
+            return
+        task = asyncio.create_task(self._reply(screen, call, request))
+        under_way.add(task)
+        task.add_done_callback(under_way.discard)
+
     async def _reply(self, screen: _Screen, call: wire.Call, request: Request[Any]) -> None:
+        first = screen is self._referee
+        now = self._monotonic()
+        deadline = min(now + request.latest_begin, call.deadline)
+        patience = deadline + request.effect_time - now
         try:
-            answer = self._no_right(screen, request) or await asyncio.to_thread(
-                self._engine.ask, request, call.deadline
-            )
-            self._look()
-            self._show(screen)  # before the answer: it shows what was done
-            reply = wire.Reply(call.number, wire.raw(answer))
+            answer = self._engine.begin(request, deadline, first=first)
+            value = await asyncio.wait_for(asyncio.wrap_future(answer), patience)
+            reply = wire.Reply(call.number, wire.raw(value))
+        except TimeoutError:
+            why = given_up(answer)
+            unsure = isinstance(why, UnsureError)
+            reply = wire.Reply(call.number, failed=str(why), unsure=unsure)
         except MadrobError as error:
             reply = wire.Reply(call.number, failed=str(error))
-        screen.send(reply)
-        self._show_all()
-        if self._engine.ended:
-            self.stop()
+        except Exception as error:  # noqa: BLE001 - the screen waits for an answer
+            self._troubles.tell("a request failed", error)
+            reply = wire.Reply(call.number, failed=f"the engine cannot do that now ({error})")
+        if isinstance(request, Command):
+            with suppress(MadrobError):  # it has failed: all screens are told at the next look
+                self._look()
+            self._show(screen)  # before the answer: it shows what was done
+            screen.send(reply)
+            self._news.set()
+        else:
+            screen.send(reply)
 
     def _no_right(self, screen: _Screen, request: Request[Any]) -> str | None:
         """Why a screen may not act; the right goes to who asks for it, or first when it is free."""
@@ -238,32 +363,6 @@ class EngineServer:
             if busy:
                 idle_since = self._monotonic()
         self.stop()
-
-
-def _listening(path: Path) -> socket.socket:
-    """A socket at `path` that listens as soon as it can be seen there.
-
-    One of an engine that was killed is replaced: the caller holds the lock.
-    """
-    part = path.with_suffix(".new")
-    _remove(part)
-    listening = socket.socket(socket.AF_UNIX)
-    mask = os.umask(0o177)
-    try:
-        listening.bind(str(part))
-        listening.listen()
-        part.replace(path)
-    except OSError:
-        listening.close()
-        raise
-    finally:
-        os.umask(mask)
-    return listening
-
-
-def _remove(path: Path) -> None:
-    with suppress(FileNotFoundError):
-        path.unlink()
 
 
 async def _greeting(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> wire.Hello:
@@ -291,10 +390,7 @@ def _refuse_strangers(writer: asyncio.StreamWriter) -> None:
     Raises:
         MadrobError: it is somebody else.
     """
-    connection: socket.socket = writer.get_extra_info("socket")
-    raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    _, user, _ = _CREDENTIALS.unpack(raw)
-    if user not in (os.getuid(), 0):
+    if peer_of(writer.get_extra_info("socket")).user not in (os.getuid(), 0):
         raise MadrobError("this engine belongs to another user")
 
 

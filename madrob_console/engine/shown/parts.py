@@ -18,7 +18,10 @@ from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 
 SIGN_OF_LIFE = 0.5
-"""Screens hear this often from an engine that has nothing new to say but its time, s."""
+"""Screens hear this often from an engine that has nothing new to say but its time, s.
+
+Also from one whose core stands still: its pulse says so.
+"""
 
 OWN = "right"
 """The part that is not the same for all screens: it crosses beside the others."""
@@ -36,22 +39,19 @@ class Outgoing:
 
     def __init__(self) -> None:
         self.version = 0
-        self._looked_at: Snapshot | None = None
         self._sent: Snapshot | None = None
         self._sent_at = 0.0
         self._parts: dict[str, tuple[int, msgspec.Raw]] = {}
         self._frames: dict[int, bytes] = {}
 
     def show(self, snapshot: Snapshot, now: float) -> None:
-        """Take the engine's latest snapshot; the same one again is no sign of life.
+        """Take the engine's latest snapshot.
 
         Args:
             snapshot: the latest.
             now: s of a monotonic clock.
         """
-        if snapshot is self._looked_at:
-            return
-        self._looked_at, sent = snapshot, self._sent
+        sent = self._sent
         new = [
             name
             for name in _SHARED

@@ -7,13 +7,15 @@ moves a replay stands in `playback.py`.
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Generic, Self, TypeVar
 
 import msgspec
 
 from madrob_console.engine.shown.curves import Curves
-from madrob_console.referee.acts import act_details
+from madrob_console.referee.acts import act_details, is_urgent
+from madrob_console.referee.competition_plan import PlanProgress
 
 if TYPE_CHECKING:
     from madrob_console.referee.acts import Act
@@ -21,7 +23,11 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 """Of an answer."""
 
-NO_ANSWER = "the engine does not answer: look at the disk"
+NO_ANSWER = "the engine does not answer: nothing was done; look at the disk"
+"""Of a request that was given up before it began: it never takes effect."""
+
+UNSURE = "the engine does not answer: what is shown when it is back tells whether it was done"
+"""Of one that may have begun."""
 
 
 class Role(StrEnum):
@@ -35,11 +41,23 @@ class Request(msgspec.Struct, Generic[T], frozen=True, tag=True):
     """Something that a screen asks; `T` is the type of the answer.
 
     Attributes:
-        timeout: a screen waits this long for the answer, s; what has not begun by then is not
-            carried out any more.
+        timeout: a screen waits this long for the answer, s.
+        effect_time: of the timeout, what there must still be when it begins, s; what begins
+            later is not carried out any more.
     """
 
     timeout: ClassVar[float] = 5.0
+    effect_time: ClassVar[float] = 0.0
+
+    @property
+    def latest_begin(self) -> float:
+        """After so long it is not begun any more, s."""
+        return self.timeout - self.effect_time
+
+    @property
+    def urgent(self) -> bool:
+        """Whether it goes past all requests that are not."""
+        return False
 
 
 class Command(Request[str | None], frozen=True):
@@ -48,31 +66,46 @@ class Command(Request[str | None], frozen=True):
     The answer says in words why it is refused; None: it is done, or on its way.
     """
 
+    effect_time: ClassVar[float] = 2.5
+
 
 class Perform(Command, frozen=True):
-    """Do an act of the referee: its name, and its fields as a journal line has them."""
+    """Do an act of the referee.
+
+    Attributes:
+        name: of the act.
+        details: its fields, as a journal line has them.
+        id: made by the screen; what is asked again under the same one is done only once.
+    """
 
     name: str
     details: dict[str, object]
+    id: Annotated[str, msgspec.Meta(max_length=64)] = ""
 
     @classmethod
     def of(cls, act: Act) -> Self:
-        """The request for an act."""
-        return cls(act.name, act_details(act))
+        """The request for an act, under an id of its own."""
+        return cls(act.name, act_details(act), os.urandom(16).hex())
+
+    @property
+    def urgent(self) -> bool:
+        """What ends a run is."""
+        return is_urgent(self.name)
 
 
 class NextRunNumber(Request[int], frozen=True):
-    """Which run number was never used for this subject and condition?"""
+    """Which run number was never used for this subject and condition, official or practice?"""
 
     subject: int
     condition: int
+    practice: bool = False
 
 
 class OpenRun(Command, frozen=True):
     """Show an earlier run; takes as long as reading its bag.
 
     Attributes:
-        folder: its name in the results folder.
+        folder: as seen from the results folder.
         invalid: a run that was cut off does not count; else it is interrupted.
     """
 
@@ -83,14 +116,24 @@ class OpenRun(Command, frozen=True):
 
 
 class ExportTeam(Command, frozen=True):
-    """Pack the runs of a team into a zip, in the background; `Snapshot.export` tells the rest."""
+    """Pack the official, or the practice runs of a team into a zip, in the background.
+
+    `Snapshot.export` tells the rest.
+    """
 
     name: ClassVar[str] = "export the team's runs"
     subject: int
+    practice: bool = False
 
 
 class GiveCurves(Request[Curves | None], frozen=True):
     """What do the figures show of the run with a result? None without one."""
+
+
+class GivePlan(Request[PlanProgress], frozen=True):
+    """How much of the competition's plan is done? As the results folder says now."""
+
+    timeout: ClassVar[float] = 30.0
 
 
 class TakeOver(Command, frozen=True):
@@ -98,8 +141,7 @@ class TakeOver(Command, frozen=True):
 
     name: ClassVar[str] = "take over"
 
-
-class StopEngine(Command, frozen=True):
-    """End the engine; `force` also while a run goes on, which is cut off and kept."""
-
-    force: bool = False
+    @property
+    def urgent(self) -> bool:
+        """Who takes over may want to abort."""
+        return True

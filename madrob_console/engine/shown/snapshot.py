@@ -9,10 +9,13 @@ from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.shown.playback import PlaybackView
 from madrob_console.engine.shown.requests import Role, TakeOver
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.run import Run
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.procedure import StepRecord
 from scoring.protocol import Side
 from scoring.result import Result
@@ -169,11 +172,63 @@ class RightToAct:
     holder: str = ""
 
     @property
+    def only_watches(self) -> bool:
+        """Whether nobody can act here: what to press is of no interest."""
+        return self.role is Role.WATCH
+
+    @property
     def refusal(self) -> str | None:
         """Why this screen may not act, in words; None when it may."""
-        if self.role is Role.WATCH:
+        if self.only_watches:
             return "this screen only watches: `madrob console` can act"
         return f"{self.holder} has the right to act: t takes it over" if self.holder else None
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """How fresh the rest is and what waits for the disk, measured when it is sent.
+
+    It says nothing, and costs nothing, while all is well: times are whole seconds.
+
+    Attributes:
+        gone: why nothing more comes of the engine, in words; empty = it may.
+        server: nothing has been heard of the engine's process for so long, s.
+        core: its core has not moved for so long, s.
+        disk: the disk has not answered for so long, s.
+        unwritten: lines of the journal that are not on disk after a second.
+        writing: the act that takes effect when it is on disk, and is not yet; empty = none.
+    """
+
+    gone: str = ""
+    server: int = 0
+    core: int = 0
+    disk: int = 0
+    unwritten: int = 0
+    writing: str = ""
+
+    @property
+    def stale(self) -> bool:
+        """Whether the rest is old."""
+        return bool(self.gone or self.server or self.core)
+
+    @property
+    def words(self) -> str | None:
+        """What is wrong; None while nothing is."""
+        if self.gone:
+            return f"{self.gone}: what you see is old"
+        if self.server:
+            return f"the engine is silent for {self.server} s: what you see is old"
+        if self.core:
+            return f"the engine has not moved for {self.core} s: what you see is old"
+        if self.disk:
+            return f"disk silent for {self.disk} s: nothing new starts"
+        return None
+
+
+def label_of(source: str, *, practice: bool) -> str:
+    """A source's label with what the run is: `LIVE ros domain 0`, or `PRACTICE ros domain 0`."""
+    rest = source.removeprefix("LIVE ")
+    return f"PRACTICE {rest}" if practice and rest != source else source
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +238,8 @@ class Snapshot:
     Attributes:
         time: steady time, s since the epoch.
         source_kind, source_label: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`.
+        simulated: what the simulated testbed plays: every run on it is practice; None = a real
+            one, or a replay.
         sides_problem: why the sides must be set by hand; None = the testbed confirmed them.
         run: the referee's state of the run.
         elapsed: s since the start; negative in the countdown; the execution time once stopped;
@@ -200,14 +257,18 @@ class Snapshot:
         faults: what is wrong now, one line each; they stay until they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         log: the last 200 lines.
-        result: once it is written to disk.
+        result: once it is written to disk; none while another one takes its place.
+        rescoring: whether the result that there was is out of date, and the next one takes a while.
         result_source: what the result was measured on; None without one.
         unfinished: runs that were cut off and wait for a decision, oldest first.
-        opened: whether it is an earlier run, opened again.
+        opened: whether it is an earlier run that was opened.
         folder: the run folder as text, once it exists.
         playback: where a replay stands; None for anything else.
         export: the last export of a team's runs; None before the first.
+        teams: the list of teams.
+        plan: of the competition; how much of it is done is asked for (`GivePlan`).
         right: of the screen that is shown this; all else is the same for all screens.
+        pulse: how fresh this is.
     """
 
     time: float
@@ -234,26 +295,62 @@ class Snapshot:
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None
+    simulated: str | None = None
+    rescoring: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False
     folder: str | None = None
     playback: PlaybackView | None = None
     export: ExportView | None = None
+    teams: TeamList = NO_TEAMS
+    plan: Plan = NO_PLAN
     right: RightToAct = RightToAct()
+    pulse: Pulse = Pulse()
+
+    @property
+    def practice(self) -> bool:
+        """Whether the run at hand is practice, or the next one will be (protocol section 2)."""
+        setup = self.run.setup
+        if setup is None:
+            return self.simulated is not None
+        return setup.practice or self.result_source is SourceKind.SIMULATED
+
+    @property
+    def label(self) -> str:
+        """Where the messages come from, for people; practice on a real testbed is named so."""
+        return label_of(self.source_label, practice=self.practice)
 
     def refusal(self, name: str) -> str | None:
         """Why an act or command of that name is not possible now on this screen, in words."""
-        refused = self.right.refusal
-        if name != TakeOver.name:
+        refused = self.pulse.gone or self.right.refusal
+        if name != TakeOver.name or self.pulse.gone:
             return refused or self.refusals.get(name)
         if self.right.role is Role.WATCH:
             return refused
         return None if self.right.holder else "this console has the right to act"
 
     @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What a decision on the run hangs on, the heaviest first."""
+        if (result := self.result) is None:
+            return flags(self.run, self.steps, self.result_source)
+        return flags(self.run, result.steps, self.result_source, result.quality.remarks)
+
+    @property
+    def pulse_words(self) -> str | None:
+        """What is wrong with its freshness, and what works all the same; None while nothing is."""
+        words = self.pulse.words
+        if words and self.run.active and not self.pulse.stale:
+            return f"{words}; the clock runs, abort works"
+        return words
+
+    @property
+    def notice(self) -> str | None:
+        """That another screen may act, which is no fault; None where that is so on purpose."""
+        silent = self.right.only_watches or self.pulse.gone  # then there is no right to take
+        return None if silent else self.right.refusal
+
+    @property
     def all_faults(self) -> tuple[str, ...]:
-        """What is wrong, first of all that another screen has the right to act."""
-        refused = self.right.refusal
-        if refused is None or self.right.role is Role.WATCH:
-            return self.faults
-        return (refused, *self.faults)
+        """What is wrong: first that this is old."""
+        return (*filter(None, (self.pulse_words,)), *self.faults)

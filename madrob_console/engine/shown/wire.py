@@ -15,11 +15,12 @@ from typing import Any, TypeVar, Union, get_args
 import msgspec
 
 from madrob_console.engine.shown import playback  # noqa: F401  its commands are requests
+from madrob_console.engine.shown.client import UnsureError
 from madrob_console.engine.shown.requests import Request, Role
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
-VERSION = 4
+VERSION = 6
 """Of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000
@@ -88,11 +89,13 @@ class Reply(msgspec.Struct, frozen=True, tag=True):
         number: of the question.
         value: the answer, as `answer_of` reads it.
         failed: the engine could not, in words: the screen raises it.
+        unsure: it had begun, and nobody can say whether it took effect.
     """
 
     number: int
     value: msgspec.Raw = _NIL
     failed: str | None = None
+    unsure: bool = False
 
 
 ToScreen = Welcome | Rejected | State | Reply
@@ -171,10 +174,11 @@ def answer_of(request: Request[_T], reply: Reply) -> _T:
     """The answer to a request.
 
     Raises:
+        UnsureError: it had begun, and nobody can say whether it took effect.
         MadrobError: it failed, or the reply is something else.
     """
     if reply.failed is not None:
-        raise MadrobError(reply.failed)
+        raise (UnsureError if reply.unsure else MadrobError)(reply.failed)
     decoder: msgspec.msgpack.Decoder[_T] = _answers[type(request)]
     return decoded(decoder, reply.value, "an answer of an engine")
 

@@ -19,6 +19,7 @@ from madrob_console.referee.acts.act import Consequence as Consequence
 from madrob_console.referee.acts.act import Situation as Situation
 from madrob_console.referee.acts.add_note import AddNote as AddNote
 from madrob_console.referee.acts.confirm_pose import ConfirmPose as ConfirmPose
+from madrob_console.referee.acts.correct import Correct as Correct
 from madrob_console.referee.acts.declare_timeout import DeclareTimeout as DeclareTimeout
 from madrob_console.referee.acts.finalise import Finalise as Finalise
 from madrob_console.referee.acts.mark_incident import MarkIncident as MarkIncident
@@ -27,6 +28,8 @@ from madrob_console.referee.acts.restart_countdown import RestartCountdown as Re
 from madrob_console.referee.acts.rule import Rule as Rule
 from madrob_console.referee.acts.set_up import SetUp as SetUp
 from madrob_console.referee.acts.start import Start as Start
+from madrob_console.referee.acts.take_back import TakeBack as TakeBack
+from madrob_console.referee.acts.void import Void as Void
 from madrob_console.referee.acts.waive import Waive as Waive
 from madrob_console.referee.acts.withdraw_incident import WithdrawIncident as WithdrawIncident
 from madrob_console.referee.acts.zero_handle import ZeroHandle as ZeroHandle
@@ -47,6 +50,9 @@ ACTS: tuple[type[Act], ...] = (
     AddNote,
     Finalise,
     Reissue,
+    Void,
+    Correct,
+    TakeBack,
 )
 """All acts."""
 
@@ -62,6 +68,12 @@ def refusals(situation: Situation) -> dict[str, str]:
 def is_act(name: str) -> bool:
     """Whether an act is called so."""
     return name in _BY_NAME
+
+
+def is_urgent(name: str) -> bool:
+    """Whether the act of that name is urgent; what is no act is not."""
+    act = _BY_NAME.get(name)
+    return act is not None and act.urgent
 
 
 def act_details(act: Act) -> dict[str, object]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from madrob_console.referee.acts.act import Act, Situation
+from madrob_console.referee.acts.void import Void
 from madrob_console.referee.questions import Sure, meanwhile
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import stop
@@ -22,8 +23,16 @@ class Abort(Act):
         meanwhile("robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"),
         Sure("Abort now?"),
     )
-    at_once = True
+    urgent = True
     reason: str = ""
+
+    @classmethod
+    def impossible(cls, situation: Situation) -> str | None:
+        """A run that is over can be voided instead, if it counts."""
+        refused = super(Abort, cls).impossible(situation)
+        if refused is not None and Void.impossible(situation) is None:
+            return f"{refused}: void it instead"
+        return refused
 
     def apply(self, situation: Situation, at: float) -> Run:
         """Stopped, invalid."""

@@ -5,13 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Flag, auto
+from enum import Flag as FlagEnum
+from enum import auto
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, TypeAlias
 
+from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.procedure import StepRecord
 
 
@@ -24,17 +27,30 @@ class Situation:
         scored: whether the run's result is written.
         look: works out the pre-start checks.
         measure: works out the mean handle force of the last second, N; None = no data.
+        hopeless: whether several tries to compute the result were in vain.
+        teams: the list of teams as it is now.
+        steps: the six as they stand; empty where they are of no interest.
+        simulated: what the simulated testbed plays, in words; None = a real one.
     """
 
     run: Run
     scored: bool = False
     look: Callable[[], tuple[Check, ...]] = tuple
     measure: Callable[[], float | None] = lambda: None
+    hopeless: bool = False
+    teams: TeamList = NO_TEAMS
+    steps: tuple[StepRecord, ...] = ()
+    simulated: str | None = None
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
         """The pre-start checks as they stand."""
         return self.look()
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What a decision on the run hangs on."""
+        return flags(self.run, self.steps)
 
     @cached_property
     def handle_mean(self) -> float | None:
@@ -56,12 +72,27 @@ class RunView(Protocol):
         ...
 
     @property
+    def teams(self) -> TeamList:
+        """The list of teams as it is now."""
+        ...
+
+    @property
     def steps(self) -> tuple[StepRecord, ...]:
         """The six steps as they stand."""
         ...
 
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What a decision on the run hangs on."""
+        ...
 
-class Consequence(Flag):
+    @property
+    def elapsed(self) -> float | None:
+        """Of the run, s since its start; None outside a run."""
+        ...
+
+
+class Consequence(FlagEnum):
     """What an act brings with it, beside the new state of the run; the engine sees to it."""
 
     NONE = 0
@@ -69,8 +100,14 @@ class Consequence(Flag):
     """The run before is put away; testbed and robot hear of the set-up."""
     RECORDING = auto()
     """The recording opens; where it cannot, the act is refused."""
+    COUNTDOWN = auto()
+    """The countdown begins when the act's line is on disk; a line of its own says when."""
     HANDLE_ZERO = auto()
     """The handle zero is kept for the runs to come."""
+
+
+Asked: TypeAlias = "Act | Ask[Asked] | str"
+"""What a key or an answer brings about: an act, a question, or in words why neither."""
 
 
 class Act(ABC):
@@ -82,7 +119,9 @@ class Act(ABC):
         elsewhere: refuses it in the others, in words; empty = the phase says why.
         missing: refuses it without its reason or text, in words; empty = none is needed.
         title, questions: the dialog before it, whose answers are its fields; none = at once.
-        at_once: it takes effect whatever the disk says; others only when the journal has them.
+        urgent: it ends what could hurt somebody: no other request and no disk holds it up.
+        at_once: it takes effect whatever the disk says, and its line waits for the disk; others
+            take effect when the journal has them, or never.
         consequences: what it brings with it.
         stands_out: whether its line of the event log does.
     """
@@ -94,7 +133,8 @@ class Act(ABC):
     missing: ClassVar[str] = ""
     title: ClassVar[str] = ""
     questions: ClassVar[tuple[Question, ...]] = ()
-    at_once: ClassVar[bool] = False
+    urgent: ClassVar[bool] = False
+    at_once: ClassVar[bool] = True
     consequences: ClassVar[Consequence] = Consequence.NONE
     stands_out: ClassVar[bool] = False
 
@@ -131,7 +171,7 @@ class Act(ABC):
         return refused or (None if self.reason_given.strip() else self.missing or None)
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act] | str:
+    def ask(cls, view: RunView, pressed: str) -> Asked:
         """What its key brings about.
 
         Args:
@@ -142,6 +182,10 @@ class Act(ABC):
             The act itself, what to ask before it, or in words why neither.
         """
         return Ask(cls.title, cls.questions, cls) if cls.questions else cls()
+
+    def settled(self, situation: Situation) -> Act:
+        """The act as it is carried out and journalled: what cannot be otherwise is so."""
+        return self
 
     @abstractmethod
     def apply(self, situation: Situation, at: float) -> Run:

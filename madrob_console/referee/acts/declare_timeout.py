@@ -21,7 +21,7 @@ class DeclareTimeout(Act):
         meanwhile("the team gives up", "robot stuck", "robot stopped by itself"),
         Sure("Timeout now?"),
     )
-    at_once = True
+    urgent = True
     reason: str = ""
 
     @classmethod

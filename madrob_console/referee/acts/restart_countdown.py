@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from madrob_console.referee.acts.act import Act, RunView, Situation
+from madrob_console.referee.acts.act import Act, Consequence, RunView, Situation
 from madrob_console.referee.questions import Ask, Pick, reasons
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import begin_countdown, decide_false_starts
@@ -20,6 +20,8 @@ class RestartCountdown(Act):
     questions = (
         Pick("Why?", reasons("robot not ready", "person in the way", "testbed not ready")),
     )
+    at_once = False
+    consequences = Consequence.COUNTDOWN
     reason: str = "false start"
 
     @classmethod

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, reasons
-from madrob_console.referee.run import Phase, Run, relative_text
+from madrob_console.referee.run import DecisionKind, Phase, Run, relative_text
 from scoring.procedure import Ruling
 from scoring.protocol import Step
 
@@ -14,10 +14,13 @@ RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
 """What a ruling says of a step."""
 
 _VERDICTS = {"confirm": True, "deny": False, "sensors": None}
-_LOGGED = {True: "confirms", False: "denies", None: "withdraws the ruling on"}
+_LOGGED = {True: "confirms", False: "denies", None: "takes back the ruling on"}
 _WHY = Pick(
     "Why?",
-    reasons("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video"),
+    reasons(
+        *("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video"),
+        "my mistake",
+    ),
 )
 
 
@@ -57,7 +60,9 @@ class Rule(Act):
         """One more ruling."""
         run = situation.run
         ruling = Ruling(self.step, self.confirmed, at, self.reason, run.referee)
-        return replace(run, rulings=(*run.rulings, ruling))
+        return replace(
+            run, decided=run.decided_and(DecisionKind.RULING), rulings=(*run.rulings, ruling)
+        )
 
     @property
     def done(self) -> str:

@@ -16,11 +16,15 @@ class Start(Act):
 
     name = "start"
     phases = (Phase.READY,)
-    consequences = Consequence.RECORDING
+    at_once = False
+    consequences = Consequence.RECORDING | Consequence.COUNTDOWN
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        """Every check must be ok or waived."""
+        """Every check must be ok or waived; what is simulated must be set up as practice."""
+        setup = situation.run.setup
+        if situation.simulated is not None and setup is not None and not setup.practice:
+            return "the testbed is simulated, a run on it is practice: set it up again"
         blocks = blocking(situation.checks)
         if not blocks:
             return None

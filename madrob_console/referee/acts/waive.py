@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
-from madrob_console.referee.run import CheckName, Phase, Run, Waiver
+from madrob_console.referee.run import CheckName, DecisionKind, Phase, Run, Waiver
 
 _NONE_FAILS = "no check fails"
-_WHY = Pick("Why may it pass?", reasons("checked by hand", "known testbed fault", "practice run"))
+_WHY = Pick("Why may it pass?", reasons("checked by hand", "known testbed fault"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,9 @@ class Waive(Act):
         """One more waiver."""
         run = situation.run
         waiver = Waiver(self.check, self.reason, run.referee, at)
-        return replace(run, waivers=(*run.waivers, waiver))
+        return replace(
+            run, decided=run.decided_and(DecisionKind.WAIVER), waivers=(*run.waivers, waiver)
+        )
 
     @property
     def done(self) -> str:

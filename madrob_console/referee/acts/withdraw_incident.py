@@ -5,22 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Situation
-from madrob_console.referee.questions import Pick, Sure, reasons
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import DecisionKind, Phase, Run
 
 
 @dataclass(frozen=True, slots=True)
 class WithdrawIncident(Act):
-    """Take back the last incident: it stays on record as withdrawn."""
+    """Take back the last incident: in older journals; today `TakeBack` does."""
 
     name = "withdraw an incident"
     phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
     missing = "withdrawing an incident needs a reason"
-    title = "Withdraw the last incident; it stays on record as withdrawn"
-    questions = (
-        Pick("Why?", reasons("marked by mistake", "it was another kind")),
-        Sure("Withdraw it?"),
-    )
     reason: str
 
     @classmethod
@@ -37,4 +31,4 @@ class WithdrawIncident(Act):
             replace(mark, withdrawn=self.reason) if mark is run.last_incident else mark
             for mark in run.incidents
         )
-        return replace(run, incidents=withdrawn)
+        return replace(run, decided=run.decided_without(DecisionKind.INCIDENT), incidents=withdrawn)

@@ -64,10 +64,18 @@ class Inbox:
         topic: full topic name.
         qos: what to ask of the publishers.
         direct: take from DDS (8-17 us a message) instead of by callbacks (91-231 us).
+        depth: messages that DDS keeps for it.
     """
 
     def __init__(
-        self, node: RosObject, message_class: RosObject, topic: str, qos: Qos, *, direct: bool
+        self,
+        node: RosObject,
+        message_class: RosObject,
+        topic: str,
+        qos: Qos,
+        *,
+        direct: bool,
+        depth: int = QUEUE_DEPTH,
     ) -> None:
         self.qos = qos
         self._node = node
@@ -82,7 +90,7 @@ class Inbox:
             message_class,
             topic,
             self._on_message,
-            qos_profile(qos, QUEUE_DEPTH),
+            qos_profile(qos, depth),
             raw=True,
             event_callbacks=quiet,
         )

@@ -1,4 +1,4 @@
-"""Finding ROS 2 at run time: rclpy, message packages, the domain.
+"""Finding ROS 2 at run time: rclpy, message packages.
 
 Everything from rclpy is a `RosObject`: its type information is partial and changes.
 """
@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 import sys
 import warnings
-from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from madrob_console.errors import MadrobError
@@ -23,10 +24,14 @@ REMEDY = (
 )
 """What to do when ROS 2 is not found."""
 
-_NEEDED = ("rclpy", "rclpy.executors", "rcl_interfaces.srv", "rosidl_generator_py")
+SHARED_MEMORY = Path("/dev/shm")
+"""Where programs on one machine hand messages to each other."""
 
-LARGEST_DOMAIN = 232
-"""Fast DDS ends the process on a larger one."""
+_LEAST_SHARED_MEMORY = 128_000
+"""Bytes. With less the system may end a program that loads ROS (SIGBUS); with more ROS does
+without shared memory where it has to."""
+
+_NEEDED = ("rclpy", "rclpy.executors", "rcl_interfaces.srv", "rosidl_generator_py")
 
 
 def load_rclpy() -> RosObject:
@@ -35,6 +40,7 @@ def load_rclpy() -> RosObject:
     Raises:
         MadrobError: it is not installed, or cannot be loaded.
     """
+    _refuse_full(SHARED_MEMORY)
     # The wheels leave it unset; rclpy looks for its plugins there.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     try:
@@ -48,6 +54,18 @@ def load_rclpy() -> RosObject:
     except (ImportError, OSError) as error:
         first = next(iter(str(error).splitlines()), type(error).__name__)
         raise MadrobError(f"ROS 2 cannot be loaded ({first}): {REMEDY}") from None
+
+
+def _refuse_full(folder: Path) -> None:
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError:
+        return
+    if free < _LEAST_SHARED_MEMORY:
+        raise MadrobError(
+            f"{folder} is full, and the system ends programs that load ROS then: make room there "
+            f"({folder}/fastrtps_* may go while no ROS program runs), or use --testbed simulated"
+        )
 
 
 def load_module(name: str) -> RosObject:
@@ -69,19 +87,3 @@ def load_message_class(type_name: str) -> RosObject:
         raise MadrobError(
             f"{type_name} is not installed here: source the workspace that has {package or 'it'}"
         ) from None
-
-
-def domain_id(given: int | None, environment: Mapping[str, str]) -> int:
-    """The ROS domain to use: the given one, else `ROS_DOMAIN_ID`, else 0.
-
-    Raises:
-        MadrobError: it is no number from 0 to 232.
-    """
-    text = environment.get("ROS_DOMAIN_ID", "") if given is None else str(given)
-    try:
-        domain = int(text or "0")
-    except ValueError:
-        domain = -1
-    if not 0 <= domain <= LARGEST_DOMAIN:
-        raise MadrobError(f"ROS domain {text!r} does not exist: use 0 to {LARGEST_DOMAIN}")
-    return domain

@@ -8,20 +8,24 @@ from collections.abc import Iterable
 
 from recorder.message import RawMessage
 
-CAPACITY = 64 * 1024 * 1024
-"""Bytes held for an engine that does not come; ten minutes of a testbed."""
+CAPACITY = 32 * 1024 * 1024
+"""Bytes of each topic held for an engine that does not come; some twenty minutes of a testbed's."""
+
+_OVERHEAD = 400
+"""What a message takes in memory beside its bytes."""
 
 
 class Mailbox:
     """A queue between two threads that never makes the sender wait.
 
     Args:
-        capacity: bytes to hold; what comes beyond is dropped and counted.
+        capacity: bytes of memory for each topic; what comes beyond is dropped and counted. What
+            one topic sends too much costs no other one anything.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self._capacity = capacity
-        self._size = 0
+        self._sizes: Counter[str] = Counter()
         self._messages: deque[RawMessage] = deque()
         self._dropped: Counter[str] = Counter()
         self._arrived = threading.Condition()
@@ -30,10 +34,11 @@ class Mailbox:
         """Hand messages over, oldest first."""
         with self._arrived:
             for message in messages:
-                if self._size + len(message.data) > self._capacity:
+                size = len(message.data) + _OVERHEAD
+                if self._sizes[message.topic] + size > self._capacity:
                     self._dropped[message.topic] += 1
                     continue
-                self._size += len(message.data)
+                self._sizes[message.topic] += size
                 self._messages.append(message)
             if self._messages:
                 self._arrived.notify()
@@ -45,7 +50,7 @@ class Mailbox:
                 self._arrived.wait(timeout)
             messages = list(self._messages)
             self._messages.clear()
-            self._size = 0
+            self._sizes.clear()
             return messages
 
     def wake(self) -> None:

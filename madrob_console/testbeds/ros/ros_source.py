@@ -22,13 +22,17 @@ from madrob_console.messages.codec import (
     TopicMapping,
     referee_topics,
 )
+from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.ros.connection import Connection
 from madrob_console.testbeds.ros.definitions import prefixes
 from madrob_console.testbeds.ros.inbox import Received, can_take, qos_profile
+from madrob_console.testbeds.ros.info_watch import InfoWatch
 from madrob_console.testbeds.ros.intake import Intake
-from madrob_console.testbeds.ros.loading import RosObject, domain_id, load_message_class
+from madrob_console.testbeds.ros.loading import RosObject, load_message_class
 from madrob_console.testbeds.ros.mailbox import Mailbox
 from madrob_console.testbeds.ros.parameters import DoorParameters
+from madrob_console.testbeds.ros.referee_watch import RefereeWatch, console_name
+from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
 from recorder.message import RawMessage
@@ -59,6 +63,7 @@ class RosSource:
         clock: labels the messages.
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         direct: take messages without an executor, where rclpy can.
+        speaks: whether it is the referee's: else it only listens, and no other referee hears of it.
         environment: where `ROS_DOMAIN_ID` and `AMENT_PREFIX_PATH` are looked up.
 
     Raises:
@@ -73,6 +78,7 @@ class RosSource:
         domain: int | None = None,
         *,
         direct: bool = True,
+        speaks: bool = True,
         environment: Mapping[str, str] = os.environ,
     ) -> None:
         self._configured = _topic_types(mappings)
@@ -81,11 +87,14 @@ class RosSource:
         self._clock = clock
         self._domain = domain_id(domain, environment)
         self._direct = direct
+        self._speaks = speaks
         self._environment = environment
         self._mailbox = Mailbox()
         self._connection: Connection | None = None
         self._publishers: dict[str, RosObject] = {}
         self._door: DoorParameters | None = None
+        self._referees: RefereeWatch | None = None
+        self._info: InfoWatch | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
         self._failing: str | None = None
@@ -100,7 +109,9 @@ class RosSource:
 
     @property
     def label(self) -> str:
-        """For people: `LIVE ros domain 0`."""
+        """For people: `LIVE ros domain 0`, `SIMULATED over ROS domain 0`."""
+        if self.announcement.simulated is not None:
+            return f"SIMULATED over ROS domain {self._domain}"
         return f"LIVE ros domain {self._domain}"
 
     def open(self) -> None:
@@ -113,22 +124,22 @@ class RosSource:
             return
         connection = Connection(self._domain)
         try:
-            door = self._join(connection)
+            door, referees, info = self._join(connection)
         except BaseException:
             connection.close()
             raise
         self._connection = connection
         self._thread = threading.Thread(
-            target=self._run, args=(connection, door), name="ros take", daemon=True
+            target=self._run, args=(connection, door, referees, info), name="ros take", daemon=True
         )
         # A thread that is in ROS when the interpreter ends aborts the process.
         atexit.register(self.close)
         self._thread.start()
 
-    def _join(self, connection: Connection) -> DoorParameters:
+    def _join(self, connection: Connection) -> tuple[DoorParameters, RefereeWatch, InfoWatch]:
         """Create everything that speaks and listens."""
         self._direct = self._direct and can_take()
-        console = connection.node("console")
+        console = connection.node(console_name())
         listener = connection.node("console_intake", spun=not self._direct)
         self._publishers = {
             topic.name: console.create_publisher(
@@ -137,8 +148,11 @@ class RosSource:
                 qos_profile(topic.qos, _DEPTHS.get(topic.name, 1)),
             )
             for topic in self._own_topics
+            if self._speaks
         }
         self._door = DoorParameters(console)
+        self._referees = RefereeWatch(console, speaks=self._speaks)
+        self._info = InfoWatch(listener, self._types, direct=self._direct)
         places = prefixes(self._environment)
         self._intakes = tuple(
             Intake(
@@ -151,7 +165,7 @@ class RosSource:
             )
             for name, type_name in self._configured.items()
         )
-        return self._door
+        return self._door, self._referees, self._info
 
     def take(self, timeout: float) -> list[RawMessage]:
         """Messages since the last call, by receive time; waits at most `timeout` s."""
@@ -160,6 +174,8 @@ class RosSource:
     def topics(self) -> Sequence[Topic]:
         """Topics whose types can be used here, and the console's own."""
         found = [i.topic for i in self._intakes if i.topic is not None]
+        if self._info is not None and self._info.heard.message is not None:
+            found.append(self._info.topic)
         return (*found, *self._own_topics)
 
     def status(self) -> Sequence[TopicStatus]:
@@ -183,6 +199,16 @@ class RosSource:
         """Why the sides must be set by hand; None when the testbed confirmed them."""
         return self._door.problem if self._door is not None else "ROS is not connected"
 
+    @property
+    def announcement(self) -> Announcement:
+        """What the testbed of this domain says of itself."""
+        return SILENT if self._info is None else self._info.heard
+
+    @property
+    def other_referee(self) -> str | None:
+        """Who else publishes the state of the run in this domain, in words; None = nobody."""
+        return None if self._referees is None else self._referees.other
+
     def publish(self, message: RawMessage) -> None:
         """Publish on one of the console's own topics; the last word reaches late joiners too."""
         if publisher := self._publishers.get(message.topic):
@@ -199,11 +225,19 @@ class RosSource:
         thread.join()
         for intake in self._intakes:
             intake.close()
+        if self._info is not None:
+            self._info.close()
         connection.close()
         atexit.unregister(self.close)
         self._mailbox.wake()
 
-    def _run(self, connection: Connection, door: DoorParameters) -> None:
+    def _run(
+        self,
+        connection: Connection,
+        door: DoorParameters,
+        referees: RefereeWatch,
+        info: InfoWatch,
+    ) -> None:
         discover_at = 0.0
         while not self._stop.is_set():
             self._failing = None
@@ -212,13 +246,15 @@ class RosSource:
                 for intake in self._intakes:
                     self._try(intake.discover)
                 self._try(door.poll)
-            self._mailbox.put(self._take())
+                self._try(referees.look)
+                self._try(info.look)
+            self._mailbox.put(self._try(self._take) or [])
             self._failure = self._failing
             if self._direct and not door.pending:
                 self._stop.wait(_PERIOD)
             else:
                 self._try(partial(connection.spin, _PERIOD))
-        self._mailbox.put(self._take())
+        self._mailbox.put(self._try(self._take) or [])
         self._mailbox.put(self._late)
 
     def _try(self, action: Callable[[], _T]) -> _T | None:

@@ -19,11 +19,22 @@ class RefereeState:
         phase: `idle`, `ready`, `countdown`, `running`, `stopped` or `final`.
         condition: the condition of the run; None before one is set up.
         start_time: planned or actual start, s since the epoch; None before the countdown.
+        subject, run_number: whose run, and which; None before one is set up.
     """
 
     phase: str
     condition: Condition | None
     start_time: float | None
+    subject: int | None = None
+    run_number: int | None = None
+
+    def goes_on_with(self, before: RefereeState) -> bool:
+        """Whether who said `before` of a run that goes on may say this next."""
+        if self.phase not in ("countdown", "running", "stopped"):
+            return False
+        same_start = before.phase == "countdown" or self.start_time == before.start_time
+        mine, its = ((one.subject, one.run_number, one.condition) for one in (self, before))
+        return same_start and mine == its
 
 
 def parse_state(text: str) -> RefereeState:
@@ -34,11 +45,18 @@ def parse_state(text: str) -> RefereeState:
     """
     try:
         content = json.loads(text)
-        phase, start, number = (
-            content.get(key) for key in ("phase", "start_time", "condition_number")
+        phase, start, number, subject, run = (
+            content.get(key)
+            for key in ("phase", "start_time", "condition_number", "subject", "run_number")
         )
         condition = None if number is None else Condition.from_number(number)
-        return RefereeState(str(phase), condition, None if start is None else float(start))
-    except (ValueError, TypeError, AttributeError, ScoringError):
+        return RefereeState(
+            str(phase),
+            condition,
+            None if start is None else float(start),
+            None if subject is None else int(subject),
+            None if run is None else int(run),
+        )
+    except (ValueError, TypeError, OverflowError, AttributeError, ScoringError):
         shown = text if len(text) < 60 else f"{text[:60]}..."
         raise MadrobError(f"{REFEREE_STATE_TOPIC}: not understood: {shown!r}") from None

@@ -18,6 +18,7 @@ from madrob_console.messages.codec import (
     describe_topic,
     referee_topics,
 )
+from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.simulated.encoding import Encoder
 from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
@@ -120,6 +121,16 @@ class SimulatedSource:
     @property
     def sides_problem(self) -> str | None:
         """Nothing has to be set by hand."""
+        return None
+
+    @property
+    def announcement(self) -> Announcement:
+        """Its scenario."""
+        return Announcement(simulated=str(self.testbed.scenario))
+
+    @property
+    def other_referee(self) -> str | None:
+        """Nobody: it belongs to its engine."""
         return None
 
     def publish(self, message: RawMessage) -> None:

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len
+from textual import events
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
+from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line
 
 V = TypeVar("V")
+
+_BACK, _ON = "back", "on"
 
 
 class Choice(Lines, Generic[V], can_focus=True):
@@ -53,20 +56,26 @@ class Choice(Lines, Generic[V], can_focus=True):
         self.redraw()
 
     def lines(self, width: int) -> Sequence[Line]:
-        """The label between arrows; where it stands in the list."""
+        """The label between arrows; where it stands in a list of more than two."""
         label = self._options[self._index][0]
         focused = self.has_focus
         place = f" {self._index + 1}/{len(self._options)}"
-        if not focused or cell_len(label) + 4 + len(place) > width:
+        few = len(self._options) < 3  # and "1/2" reads like an attempt
+        if few or not focused or cell_len(label) + 4 + len(place) > width:
             place = ""
         return [
             line(
-                Span("< ", Tone.STRONG if focused else Tone.DIM),
-                Span(label, Tone.CURSOR if focused else Tone.PLAIN),
-                Span(" >", Tone.STRONG if focused else Tone.DIM),
+                Target("< ", Tone.STRONG if focused else Tone.DIM, _BACK),
+                Target(label, Tone.CURSOR if focused else Tone.PLAIN, _ON),
+                Target(" >", Tone.STRONG if focused else Tone.DIM, _ON),
                 Span(place, Tone.DIM),
             )
         ]
+
+    def on_click(self, event: events.Click) -> None:
+        """The left arrow goes back, the rest goes on."""
+        if (hit := self.clicked(event)) is not None:
+            self.action_turn(-1 if hit[0] == _BACK else 1)
 
     def action_turn(self, step: int) -> None:
         """Go to the next or previous value, around the end."""

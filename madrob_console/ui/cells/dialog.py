@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from rich.cells import cell_len
 from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
@@ -12,56 +13,115 @@ from textual.widgets import Input
 
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.field import Field
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
+from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, paragraph, width_of
 from madrob_console.ui.keys.asks import Intent
+from madrob_console.ui.keys.type_ahead import TypeAhead
+from madrob_console.ui.look.words import cut_inside
+
+FreshAsk = Callable[[], Ask[Intent] | str]
+"""What a dialog asks as things stand now, or in words why it asks nothing any more."""
+
+_YES, _NO = "y", "n"
+_OR_NO = "no (also Enter, Escape)"
 
 
 class Prompt(Lines, can_focus=True):
-    """Title, answers so far, and the question."""
+    """Title, answers so far, and the question.
 
-    def __init__(self, ask: Ask[Intent], about: str) -> None:
+    Attributes:
+        question: the one that is open.
+        answers: those that are given.
+        cursor: the option that Enter takes.
+        notice: what has changed meanwhile; empty = nothing.
+        overtaken: why nothing can be answered any more; empty = it can.
+        complaint: what is wrong with the last key or text.
+    """
+
+    class Clicked(Message):
+        """The mouse chose an answer, by its key."""
+
+        def __init__(self, key: str) -> None:
+            super().__init__()
+            self.key = key
+
+    def __init__(self, title: str, about: str) -> None:
         super().__init__()
-        self._title = ask.title
+        self.title = title
         self._about = about
         self.question: Question | None = None
         self.answers: tuple[str, ...] = ()
         self.cursor = 0
+        self.notice = ""
+        self.overtaken = ""
         self.complaint = ""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
         """No letter goes on to the keys of the console."""
         return character is not None
 
+    def on_click(self, event: events.Click) -> None:
+        """An answer under the mouse is chosen."""
+        if (hit := self.clicked(event)) is not None:
+            self.post_message(self.Clicked(hit[0]))
+
     def lines(self, width: int) -> Sequence[Line]:
         """All rows but the text field."""
-        rows = paragraph(self._title, width, Tone.STRONG)
-        if self._about:
-            rows[-1] = line(*rows[-1], Span(f"  {self._about}", Tone.DIM))
+        rows = self._head(width)
+        if self.notice:
+            rows += paragraph(self.notice, width, Tone.WARN)
+        if self.overtaken:
+            rows += paragraph(f"NOT POSSIBLE ANY MORE: {self.overtaken}", width, Tone.BAD)
+            rows.append(
+                line(Target("Enter", Tone.CAP, _NO), Target(" closes this", Tone.PLAIN, _NO))
+            )
+            return rows
         if said := ", ".join(filter(None, self.answers)):
-            rows.append(line(Span(f"chosen: {said}", Tone.WARN)))
+            rows += paragraph(f"chosen: {said}", width, Tone.WARN)
         match self.question:
-            case Pick(text, options):
+            case Pick(text, options, listed):
+                rows += [row for words in listed for row in paragraph(words, width, Tone.WARN)]
                 rows += paragraph(text, width)
                 rows += [
-                    _option(option, number == self.cursor) for number, option in enumerate(options)
+                    _option(option, width, at_cursor=number == self.cursor)
+                    for number, option in enumerate(options)
                 ]
                 rows.append(_hint("its key, or arrows and Enter; Escape closes: nothing happens"))
             case Sure(text):
                 rows += paragraph(text, width, Tone.STRONG)
-                no = (Span("n", Tone.CAP), " no (also Enter, Escape)")
-                rows.append(line(Span("y", Tone.CAP), " yes   ", *no))
-            case Write(text):
+                yes = (Target(_YES, Tone.CAP, _YES), Target(" yes", Tone.PLAIN, _YES))
+                no = (Target(_NO, Tone.CAP, _NO), Target(f" {_OR_NO}", Tone.PLAIN, _NO))
+                rows.append(line(*yes, "   ", *no))
+            case Write():
                 rows.append(_hint("Enter goes on; Escape closes: nothing happens"))
-                if self.complaint:
-                    rows += paragraph(self.complaint, width, Tone.BAD)
-                rows += paragraph(text, width)
+        if self.complaint:
+            rows += paragraph(self.complaint, width, Tone.BAD)
+        if isinstance(self.question, Write):
+            rows += paragraph(self.question.text, width)
+        return rows
+
+    def _head(self, width: int) -> list[Line]:
+        """The title, and which run it is about: beside it, or below where there is no room."""
+        rows = paragraph(self.title, width, Tone.STRONG)
+        if self._about and width_of(rows[-1]) + 2 + cell_len(self._about) > width:
+            rows += paragraph(self._about, width, Tone.DIM)
+        elif self._about:
+            rows[-1] = line(*rows[-1], Span(f"  {self._about}", Tone.DIM))
         return rows
 
 
 class Dialog(Vertical):
     """Asks the questions of an `Ask` one after the other.
 
-    The keys that it does not know do nothing; Escape closes it and never does more.
+    The keys that it does not know do nothing; Escape closes it and never does more. What it is
+    about may change meanwhile: then it changes, too, says so, and takes no key that was typed
+    before that could be seen.
+
+    Args:
+        name: of what opened it.
+        ask: the questions.
+        about: which run they are about.
+        fresh: what is asked as things stand; None = nothing can change it.
+        ahead: which keys were typed for something else.
     """
 
     class Answered(Message):
@@ -79,12 +139,29 @@ class Dialog(Vertical):
             super().__init__()
             self.dialog = dialog
 
-    def __init__(self, name: str, ask: Ask[Intent], about: str = "") -> None:
+    class TooLate(Message):
+        """An answer came when nothing could be answered any more; a `confirmed` one was y."""
+
+        def __init__(self, dialog: Dialog, *, confirmed: bool) -> None:
+            super().__init__()
+            self.dialog = dialog
+            self.confirmed = confirmed
+
+    def __init__(
+        self,
+        name: str,
+        ask: Ask[Intent],
+        about: str = "",
+        fresh: FreshAsk | None = None,
+        ahead: TypeAhead | None = None,
+    ) -> None:
         super().__init__(name=name)
         self.ask = ask
+        self._fresh = fresh
+        self._ahead = ahead or TypeAhead()
         self._open = list(ask.questions)
         self._answers: list[str] = []
-        self._prompt = Prompt(ask, about)
+        self._prompt = Prompt(ask.title, about)
         self._field = Field(select_on_focus=False)
         self.trap_focus()
 
@@ -97,26 +174,119 @@ class Dialog(Vertical):
         """Ask the first question."""
         self._show()
 
+    @property
+    def answers(self) -> tuple[str, ...]:
+        """Those that are given."""
+        return tuple(self._answers)
+
+    @property
+    def overtaken(self) -> str:
+        """Why nothing can be answered any more; empty = it can."""
+        return self._prompt.overtaken
+
     def take_focus(self) -> None:
         """Where typing goes now."""
-        writing = isinstance(self._prompt.question, Write)
+        writing = isinstance(self._prompt.question, Write) and not self.overtaken
         self.screen.set_focus(self._field if writing else self._prompt)
+
+    def look_again(self) -> None:
+        """Ask what is to be asked as things stand now."""
+        if self._fresh is None or not (self._open or self.overtaken):
+            return
+        found, prompt = self._fresh(), self._prompt
+        if isinstance(found, str):
+            if found != prompt.overtaken:
+                self._changed(found)
+            return
+        before, self.ask = self.ask, found
+        same = (found.title, found.questions) == (before.title, before.questions)
+        if same and not prompt.overtaken:
+            return
+        if not same:
+            self._take_questions(before, found)
+        self._changed("")
+
+    def _take_questions(self, before: Ask[Intent], now: Ask[Intent]) -> None:
+        """Other questions: go on where the answers so far are answers to these as well."""
+        asked = len(now.questions) - len(self._open)
+        alike = [_kind(question) for question in before.questions] == [
+            _kind(question) for question in now.questions
+        ]
+        if not alike or before.title != now.title:
+            self._open, self._answers = list(now.questions), []
+            self._show()
+            return
+        free = isinstance(self._open[0], Write) and isinstance(now.questions[asked], Pick)
+        self._open = (
+            [*self._open[:1], *now.questions[asked + 1 :]] if free else list(now.questions[asked:])
+        )
+        self._prompt.question = self._open[0]
+
+    def _changed(self, overtaken: str) -> None:
+        """Say that it has changed by itself."""
+        prompt = self._prompt
+        prompt.title, prompt.overtaken, prompt.complaint = self.ask.title, overtaken, ""
+        prompt.notice = "" if overtaken else "This has changed meanwhile: look again."
+        self._field.display = isinstance(prompt.question, Write) and not overtaken
+        self._ahead.replaced("the question has just changed")
+        prompt.redraw()
+        self.take_focus()
+
+    def complain(self, words: str) -> None:
+        """What is wrong with the last key."""
+        self._prompt.complaint = words
+        self._prompt.redraw()
+
+    def ask_again(self, words: str) -> bool:
+        """What is wrong with the last answer, if it was a text; returns whether it was."""
+        question = self._prompt.question
+        if self._open or not isinstance(question, Write):
+            return False
+        self._open = [question]
+        self._answers.pop()
+        self.complain(words)
+        return True
 
     def on_key(self, event: events.Key) -> None:
         """Only what the question knows; nothing goes on to the keys of the console."""
+        if self._field.has_focus and event.key not in ("escape", "enter"):
+            return  # it moves and deletes in the text
         event.stop()
         event.prevent_default()
+        if (words := self._ahead.leaves_out(event)) is not None:
+            self.complain(words)
+            return
         match self._prompt.question:
             case _ if event.key == "escape":
                 self.post_message(self.Closed(self))
+            case _ if self.overtaken:
+                self._answer_too_late(event.key)
             case Write():
                 self._late(event)
             case Pick(_, options):
                 self._pick(event, options)
-            case Sure() if event.key == "y":
-                self._next()
-            case Sure() if event.key in ("n", "enter"):
+            case Sure():
+                self._decide(event)
+
+    def on_prompt_clicked(self, event: Prompt.Clicked) -> None:
+        """The mouse chose an answer."""
+        event.stop()
+        match self._prompt.question:
+            case _ if self.overtaken:
                 self.post_message(self.Closed(self))
+            case Pick(_, options):
+                self._choose(next(option for option in options if option.key == event.key))
+            case Sure() if event.key == _YES:
+                self._next()
+            case Sure():
+                self.post_message(self.Closed(self))
+
+    def _answer_too_late(self, key: str) -> None:
+        """Nothing can be answered: the answer is refused, and so plainly."""
+        if key in ("enter", _NO):
+            self.post_message(self.Closed(self))
+        else:
+            self.post_message(self.TooLate(self, confirmed=key == _YES))
 
     def _late(self, event: events.Key) -> None:
         """Keys that were typed before the text field had the focus."""
@@ -134,8 +304,7 @@ class Dialog(Vertical):
         text = " ".join(value.split())
         question = self._prompt.question
         if not text and isinstance(question, Write) and question.missing:
-            self._prompt.complaint = question.missing
-            self._prompt.redraw()
+            self.complain(question.missing)
             return
         self._next(text)
 
@@ -147,8 +316,29 @@ class Dialog(Vertical):
             return
         by_key = next((o for o in options if o.key == event.character), None)
         chosen = options[prompt.cursor] if event.key == "enter" else by_key
-        if chosen is None:
-            return
+        if chosen is not None:
+            self._choose(chosen)
+        else:
+            self._mistyped(event)
+
+    def _decide(self, event: events.Key) -> None:
+        """Only y goes on."""
+        if event.key == _YES:
+            self._next()
+        elif event.key in (_NO, "enter"):
+            self.post_message(self.Closed(self))
+        else:
+            self._mistyped(event)
+
+    def _mistyped(self, event: events.Key) -> None:
+        """A letter that answers nothing may begin a text, whose letters are no answers either."""
+        letter = event.character or ""
+        if letter.isalpha():
+            self._ahead.mistyped(letter)
+        if event.is_printable:
+            self.complain(f"'{letter}' is no answer here")
+
+    def _choose(self, chosen: Option) -> None:
         if chosen.free:
             self._open[0] = Write(chosen.label.capitalize(), missing="a reason is needed")
             self._show()
@@ -160,31 +350,38 @@ class Dialog(Vertical):
     def _next(self, answer: str | None = None) -> None:
         if not self._open:
             return  # keys that were typed faster than the screen changes
-        self._open.pop(0)
+        answered = self._open.pop(0)
         if answer is not None:
             self._answers.append(answer)
-        if self._open:
-            self._show()
-        else:
+        if not self._open:
             self.post_message(self.Answered(self, tuple(self._answers)))
+            return
+        if isinstance(answered, Pick) and isinstance(self._open[0], Write):
+            self._ahead.asked()
+        self._show()
 
     def _show(self) -> None:
         prompt, question = self._prompt, self._open[0]
         prompt.question, prompt.answers = question, tuple(self._answers)
-        prompt.cursor, prompt.complaint = 0, ""
+        prompt.cursor, prompt.complaint, prompt.notice = 0, "", ""
         self._field.display = isinstance(question, Write)
         self._field.value = question.initial if isinstance(question, Write) else ""
         prompt.redraw()
         self.take_focus()
 
 
-def _option(option: Option, at_cursor: bool) -> Line:
+def _kind(question: Question) -> object:
+    """What an answer to it means."""
+    return question.options if isinstance(question, Pick) else type(question)
+
+
+def _option(option: Option, width: int, *, at_cursor: bool) -> Line:
     tone = Tone.CURSOR if at_cursor else Tone.PLAIN
     return line(
-        Span("> " if at_cursor else "  ", Tone.STRONG),
-        Span(option.key, Tone.CAP),
-        " ",
-        Span(option.label, tone),
+        Target("> " if at_cursor else "  ", Tone.STRONG, option.key),
+        Target(option.key, Tone.CAP, option.key),
+        Target(" ", Tone.PLAIN, option.key),
+        Target(cut_inside(option.label, width - 4), tone, option.key),
     )
 
 

@@ -8,6 +8,7 @@ from textual.widgets import Input
 
 from madrob_console.names import terminal_safe
 
+_EDITING = ("cursor_", "home", "end", "delete_")
 _OF_NUMBERS = "0123456789.,+-eE "
 
 
@@ -17,6 +18,16 @@ class Field(Input):
     def __init__(self, *, id: str | None = None, select_on_focus: bool = True) -> None:  # noqa: A002 - textual's name
         super().__init__(id=id, select_on_focus=select_on_focus, compact=True)
         self.cursor_blink = False
+
+    async def _on_key(self, event: events.Key) -> None:
+        # textual lets the screen see these keys first: a letter typed meanwhile would overtake them
+        for binding in self._bindings.key_to_bindings.get(event.key, ()):
+            if binding.action.startswith(_EDITING):
+                event.prevent_default()
+                event.stop()
+                await self.run_action(binding.action)
+                return
+        await super()._on_key(event)
 
     def on_blur(self) -> None:
         """Show the beginning of a long text, where coming back selects it all."""

@@ -8,11 +8,11 @@ as it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
-from rich.cells import cell_len
+from rich.cells import cell_len, chop_cells
 from rich.segment import Segment
 from rich.style import Style
 from textual import events
@@ -55,6 +55,22 @@ class Span(NamedTuple):
     tone: Tone = Tone.PLAIN
 
 
+class Target(Span):
+    """A span that can be clicked.
+
+    Attributes:
+        click: what that is for, as its widget understands it.
+    """
+
+    click: str
+
+    def __new__(cls, text: str, tone: Tone, click: str) -> Self:
+        """A span with that."""
+        target = super().__new__(cls, text, tone)
+        target.click = click
+        return target
+
+
 Line = tuple[Span, ...]
 
 
@@ -66,6 +82,12 @@ def line(*parts: str | Span) -> Line:
 def width_of(spans: Line) -> int:
     """The cells that a line takes."""
     return sum(cell_len(terminal_safe(span.text)) for span in spans)
+
+
+def plain(lines: Iterable[Line]) -> str:
+    """Lines as text, for other programs."""
+    rows = ("".join(terminal_safe(span.text) for span in spans).rstrip() for spans in lines)
+    return "\n".join(rows)
 
 
 def paragraph(text: str, width: int, tone: Tone = Tone.PLAIN, head: Line = ()) -> list[Line]:
@@ -81,6 +103,7 @@ class Lines(Widget):
     ALLOW_SELECT = False
 
     _drawn: tuple[Line, ...] = ()
+    _for: int = 0
     _base: Style | None = None
     _tones: dict[Tone, Style] = {}  # noqa: RUF012  each widget makes its own with its first style
 
@@ -93,16 +116,42 @@ class Lines(Widget):
         """What to show in `width` cells."""
         raise NotImplementedError
 
+    def clicked(self, event: events.Click) -> tuple[str, str] | None:
+        """What a click is for and the character that it hit; None where it is for nothing."""
+        offset = event.get_content_offset(self)
+        if offset is None or not 0 <= offset.y < len(self._drawn):
+            return None
+        left = 0
+        for span in self._drawn[offset.y]:
+            text = terminal_safe(span.text)
+            right = left + cell_len(text)
+            if left <= offset.x < right:
+                before = chop_cells(text, offset.x - left)[0] if offset.x > left else ""
+                return (span.click, text[len(before)]) if isinstance(span, Target) else None
+            left = right
+        return None
+
+    @property
+    def room(self) -> Size:
+        """Columns and rows for lines, as they were laid out last: also while it is out of view.
+
+        Textual's `content_size` is looked up in a map of the screen, which is made anew for a
+        widget that is not on it.
+        """
+        gutter = self.styles.gutter
+        width, height = self.outer_size
+        return Size(max(0, width - gutter.width), max(0, height - gutter.height))
+
     def redraw(self) -> None:
         """Ask for the lines again and refresh the cells that differ."""
-        width = self.content_size.width
+        width, height = self.room
         if not width:
             return
         old, new = self._drawn, tuple(self.lines(width))
+        self._for = width
         if new == old:
             return
         self._drawn = new
-        height = self.content_size.height
         auto = self.styles.height is not None and self.styles.height.is_auto
         if auto and len(new) not in (len(old), height):
             self.refresh(layout=True)
@@ -127,11 +176,18 @@ class Lines(Widget):
         """As many rows as there are lines."""
         return len(self.lines(width))
 
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """The rows in view; what was never laid out in this width is drawn only now."""
+        width = self.room.width
+        if self._for != width:
+            self._for, self._drawn = width, tuple(self.lines(width))
+        return super().render_lines(crop)
+
     def render_line(self, y: int) -> Strip:
         """One row, cropped with an ellipsis where it is too long."""
         if self._base is None:
             self._base = self.rich_style
-        base, width = self._base, self.content_size.width
+        base, width = self._base, self._for
         if y >= len(self._drawn):
             return Strip.blank(width, base)
         strip = Strip(
@@ -181,7 +237,7 @@ class View(Lines):
 
     def forget(self) -> None:
         """Show nothing until the next snapshot: what is out of view grows old."""
-        self._snapshot, self._drawn = None, ()
+        self._snapshot, self._drawn, self._for = None, (), 0
         self.refresh()
 
     def lines(self, width: int) -> Sequence[Line]:

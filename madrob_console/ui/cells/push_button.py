@@ -33,6 +33,10 @@ class PushButton(Lines, can_focus=True):
         tone = Tone.CURSOR if self.has_focus else Tone.STRONG
         return [line(Span(f"[ {self._label} ]", tone))]
 
+    def on_click(self) -> None:
+        """The mouse presses it."""
+        self.action_press()
+
     def action_press(self) -> None:
         """Tell who listens."""
         self.post_message(self.Pressed())

@@ -10,7 +10,7 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 
 from madrob_console.ui.cells.columns import GAP, Column, ColumnLayout, Row, in_order, lay_out
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, width_of
+from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, width_of
 from madrob_console.ui.look.words import fitted
 
 _MARK = "> "
@@ -100,7 +100,7 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def lines(self, width: int) -> Sequence[Line]:
         """Header, the rows in view, where that is."""
-        return self.page(width, self.content_size.height)
+        return self.page(width, self.room.height)
 
     def page(self, width: int, height: int) -> list[Line]:
         """The same for any height."""
@@ -118,13 +118,22 @@ class Table(Lines, Generic[Row], can_focus=True):
         blank: list[Line] = [()] * (room - len(body))
         return [self._header(layout), *body, *blank, self._foot(layout, len(in_view), width)]
 
+    @property
+    def copied(self) -> str:
+        """The heads and the marked row, all columns, separated by tabs."""
+        if self.selected is None:
+            return ""
+        heads = "\t".join(column.title for column in self._columns)
+        cells = "\t".join(column.cell(self.selected).text for column in self._columns)
+        return f"{heads}\n{cells}"
+
     def action_move(self, step: int) -> None:
         """Mark a row further down or up."""
         self._mark(self._cursor + step)
 
     def action_page(self, step: int) -> None:
         """The same by what is in view."""
-        self._mark(self._cursor + step * max(1, self.content_size.height - _AROUND))
+        self._mark(self._cursor + step * max(1, self.room.height - _AROUND))
 
     def action_end(self, last: bool) -> None:
         """Mark the first or the last row."""
@@ -132,13 +141,13 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def action_columns(self, step: int) -> None:
         """Bring more columns into view."""
-        layout = self._layout(self.content_size.width)
+        layout = self._layout(self.room.width)
         self._first = min(max(0, layout.first + step), layout.last_first)
         self.redraw()
 
     def action_sort(self) -> None:
         """Sort by the next column, as they stand now, and show it."""
-        order = in_order(self._columns, self.content_size.width - len(_MARK))
+        order = in_order(self._columns, self.room.width - len(_MARK))
         self.sort_by(order[(order.index(self._by) + 1) % len(order)])
 
     def action_reverse(self) -> None:
@@ -158,10 +167,17 @@ class Table(Lines, Generic[Row], can_focus=True):
             self.post_message(self.Chosen(self._key(self._rows[self._cursor])))
 
     def on_click(self, event: events.Click) -> None:
-        """Mark the row under the mouse."""
+        """Mark the row under the mouse, a double click opens it; a head sorts, again turns."""
+        if (hit := self.clicked(event)) is not None:
+            column = next(column for column in self._columns if column.title == hit[0])
+            self.sort_by(column, falling=not self._falling if column is self._by else None)
+            return
         offset = event.get_content_offset(self)
-        if offset is not None and 1 <= offset.y <= len(self._rows) - self._top:
+        in_view = min(len(self._rows) - self._top, self.room.height - _AROUND)
+        if offset is not None and 1 <= offset.y <= in_view:
             self._mark(self._top + offset.y - 1)
+            if event.chain == 2:
+                self.action_choose()
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         """The wheel moves the mark."""
@@ -199,7 +215,7 @@ class Table(Lines, Generic[Row], can_focus=True):
         return lay_out(in_order(self._columns, room), self._fixed, self._first, room)
 
     def _bring_into_view(self, column: Column[Row]) -> None:
-        width = self.content_size.width
+        width = self.room.width
         others = in_order(self._columns, width - len(_MARK))[self._fixed :]
         if not width or column not in others:
             return
@@ -213,7 +229,8 @@ class Table(Lines, Generic[Row], can_focus=True):
             sorts = column is self._by
             arrow = ("▼" if self._falling else "▲") if sorts else ""
             text = column.fit(column.title[: width - len(arrow)] + arrow, width)
-            spans += [Span(text, Tone.STRONG if sorts else Tone.DIM), Span(" " * GAP)]
+            tone = Tone.STRONG if sorts else Tone.DIM
+            spans += [Target(text, tone, column.title), Span(" " * GAP)]
         return tuple(spans[:-1])
 
     def _row(self, row: Row, layout: ColumnLayout[Row], *, marked: bool) -> Line:

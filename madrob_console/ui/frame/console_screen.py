@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
@@ -9,31 +10,44 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.screen import Screen
 from textual.timer import Timer
-from textual.widgets import ContentSwitcher, Input
+from textual.widgets import ContentSwitcher
 
-from madrob_console.referee.acts import SetUp
+from madrob_console.engine.shown.requests import ExportTeam, OpenRun
+from madrob_console.referee.acts import (
+    Abort,
+    DeclareTimeout,
+    Finalise,
+    Reissue,
+    RestartCountdown,
+    SetUp,
+    Start,
+)
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import TONE_CLASSES, Tone, View
 from madrob_console.ui.frame.fault_line import FaultLine
 from madrob_console.ui.frame.key_line import KeyLine
 from madrob_console.ui.frame.playback_bar import PlaybackBar
+from madrob_console.ui.frame.status_line import StatusLine
 from madrob_console.ui.frame.tiny_clock import TinyClock
 from madrob_console.ui.frame.top_line import TopLine
-from madrob_console.ui.keys.asks import ask_unfinished
-from madrob_console.ui.look.words import export_text
+from madrob_console.ui.keys.asks import Copy, ask_copy, ask_unfinished
+from madrob_console.ui.link import NOT_YET
+from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.questions import Ask
     from madrob_console.referee.run import RunSetup
     from madrob_console.standings.tally import Standing
-    from madrob_console.ui.cells.dialog import Dialog
+    from madrob_console.ui.cells.dialog import Dialog, FreshAsk
     from madrob_console.ui.defaults import ConsoleDefaults
     from madrob_console.ui.keys.asks import Intent
     from madrob_console.ui.keys.console_app import ConsoleApp
+    from madrob_console.ui.keys.type_ahead import TypeAhead
     from madrob_console.ui.link import EngineLink
     from madrob_console.ui.panes.all_panes import Panes
 
@@ -47,7 +61,20 @@ TOP_LINE_EVERY = 4
 
 _MAIN = ("setup", "live", "results")
 
-_WRITTEN = "The result is written: f finalises it, x the next run, PgDn shows more."
+_BY = {
+    Phase.READY: (SetUp.name,),
+    Phase.COUNTDOWN: (Start.name, RestartCountdown.name),
+    Phase.STOPPED: (Abort.name, DeclareTimeout.name, Reissue.name, OpenRun.name),
+    Phase.FINAL: (Finalise.name, OpenRun.name),
+}
+"""What brings a run into a phase, where it does not come by itself."""
+
+_ABOUT_NO_RUN = ("next", "again", "leave", "unfinished", "other name", "copy", "take")
+"""Questions that are not about the run at hand."""
+
+_STARTING = "Looking for the engine; one is started where none runs ..."
+_WRITTEN = "The result is written: f finalises it, x the next run, PgDn more."
+_WRITTEN_FOR_WATCHERS = "The result is written; PgDn shows more."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn shows more."
 
 
@@ -59,6 +86,9 @@ class ConsoleScreen(Screen[None]):
     Args:
         link: to the engine.
         defaults: what the first run's set-up proposes.
+        ahead: told when something else is shown by itself.
+        monotonic: a clock for the age of a message, s.
+        wall: the time of day, s since the epoch.
 
     Attributes:
         pane: the name of the pane shown.
@@ -74,9 +104,17 @@ class ConsoleScreen(Screen[None]):
     ]
     AUTO_FOCUS = ""
 
-    def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
+    def __init__(
+        self,
+        link: EngineLink,
+        defaults: ConsoleDefaults,
+        ahead: TypeAhead,
+        monotonic: Callable[[], float],
+        wall: Callable[[], float],
+    ) -> None:
         super().__init__()
         self._link = link
+        self._ahead = ahead
         self._defaults = defaults
         where = " @".join(name for name in (defaults.competition, defaults.host) if name)
         self._top = TopLine(where)
@@ -84,9 +122,9 @@ class ConsoleScreen(Screen[None]):
         self._playback = PlaybackBar()
         self._panes: Panes | None = None
         self._switcher = ContentSwitcher()
+        self._starting = Label(_STARTING, id="engine-starting")
         self._tiny = TinyClock()
-        hint = "; ".join(defaults.problems) or defaults.hint
-        self._status = Label(hint, Tone.WARN if defaults.problems else Tone.DIM, id="status-line")
+        self._status = StatusLine(defaults.hint, monotonic, wall)
         self._keys = KeyLine()
         self._latest: Snapshot | None = None
         self._timer: Timer | None = None
@@ -102,7 +140,7 @@ class ConsoleScreen(Screen[None]):
         yield self._top
         yield self._playback
         yield self._faults
-        yield Container(self._switcher, self._tiny, id="body")
+        yield Container(self._starting, self._switcher, self._tiny, id="body")
         yield self._status
         yield self._keys
 
@@ -123,24 +161,79 @@ class ConsoleScreen(Screen[None]):
         return self._panes
 
     @property
-    def team(self) -> int | str:
-        """The number of the marked team, or of that whose run is shown; else why there is none."""
-        match self.pane:
-            case "history":
-                shown: RunSummary | Standing | RunSetup | None = self.panes.history.selected
-            case "standings":
-                shown = self.panes.standings.selected
-            case _:
-                shown = None if self._latest is None else self._latest.run.setup
-        return "no team is marked or set up: h shows all runs" if shown is None else shown.subject
+    def export(self) -> ExportTeam | str:
+        """The runs of the marked team, or of that whose run is shown; else why there are none."""
+        panes, now = self.panes, self._latest
+        shown: RunSummary | Standing | RunSetup | Task | None = None
+        shown = None if now is None else now.run.setup
+        practice = now is not None and now.practice
+        if self.pane == "history":
+            shown = marked = panes.history.selected
+            practice = marked is not None and marked.practice
+        elif self.pane == "standings":
+            shown, practice = panes.standings.selected, not panes.standings.official
+        elif self.pane == "plan":
+            shown, practice = panes.plan.selected, False
+        if shown is None:
+            return "no team is marked or set up: h shows all runs"
+        return ExportTeam(shown.subject, practice)
+
+    def ask_copy(self, user: str) -> Ask[Copy] | str:
+        """What there is to copy on this pane; `user` can log in here."""
+        now, panes = self._latest, self.panes
+        if now is None:
+            return NOT_YET
+        folder, result, row = now.folder or "", "", ""
+        if now.result is not None:
+            panes.results.show(now)
+            result = panes.results.copied
+        if self.pane == "history":
+            row, marked = panes.history.table.copied, panes.history.selected
+            folder = "" if marked is None else str(self._defaults.results / marked.folder)
+        elif self.pane == "standings":
+            row = panes.standings.table.copied
+        elif self.pane == "plan":
+            row = panes.plan.copied
+        zipped = now.export.path if now.export is not None else ""
+        return ask_copy(row, result, folder, zipped, f"{user}@{self._defaults.host}")
 
     async def ask_about_unfinished(self) -> None:
         """The first run that was cut off, where the referee may decide about it."""
         now = self._latest
         if now is None or self.dialogs or now.refusal(SetUp.name):
             return
-        if now.unfinished:
-            await self.open("unfinished", ask_unfinished(now.unfinished[0]))
+        if not now.unfinished:
+            return
+
+        def fresh() -> Ask[Intent] | str:
+            now = self._latest
+            assert now is not None
+            refused = now.refusal(SetUp.name)
+            if refused is None and not now.unfinished:
+                refused = "it is decided: another console has opened it"
+            return refused or ask_unfinished(now.unfinished[0])
+
+        await self.open("unfinished", ask_unfinished(now.unfinished[0]), fresh)
+        self._ahead.replaced("the question has just come")
+
+    async def ask_about(self, folder: str) -> bool:
+        """What becomes of this run, if it was cut off and nobody has decided; else False."""
+
+        def asked() -> Ask[Intent] | None:
+            now = self._latest
+            if now is None or now.refusal(OpenRun.name):
+                return None
+            return next(
+                (ask_unfinished(run) for run in now.unfinished if run.folder == folder), None
+            )
+
+        def fresh() -> Ask[Intent] | str:
+            return asked() or "it is decided: another console has opened it"
+
+        if (ask := asked()) is None:
+            return False
+        await self.open("unfinished", ask, fresh)
+        return True
 
     async def begin(self) -> None:
         """Make the panes and poll the engine from now on."""
@@ -150,13 +243,13 @@ class ConsoleScreen(Screen[None]):
         for pane in panes:
             pane.display = False
         with self.app.batch_update():
+            self._starting.display = False
             await self._switcher.mount(*panes)
             self._switcher.current = self.pane
         self._panes = panes
         self._timer = self.set_interval(IDLE_PERIOD, self.poll)
         self.poll()
-        self.take_focus()
-        await self.ask_about_unfinished()
+        self.take_focus(chosen=True)
 
     def poll(self) -> None:
         """Show the latest snapshot; look more often while a run goes on."""
@@ -164,22 +257,30 @@ class ConsoleScreen(Screen[None]):
         if snapshot is None or self._panes is None:
             return
         busy = self._latest is not None and self._latest.run.active
-        self.show(snapshot, self._link.trouble)
+        self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:
             self._timer.stop()
             period = BUSY_PERIOD if snapshot.run.active else IDLE_PERIOD
             self._timer = self.set_interval(period, self.poll)
 
-    def show(self, snapshot: Snapshot, trouble: str | None = None) -> None:
-        """Show a newer snapshot; `trouble` says why it cannot be trusted."""
+    def show(self, snapshot: Snapshot) -> None:
+        """Show a newer snapshot."""
         before, self._latest = self._latest, snapshot
         if before is not None and _stage(before) != _stage(snapshot):
-            self.say("")  # what was said is about something else
+            self._status.pass_on()
+            self._take_no_keys(before, snapshot)
+        self._status.age()
         self._ring(before, snapshot)
         self._follow(before, snapshot)
+        for dialog in self.dialogs:
+            dialog.look_again()
+        if before is None or (
+            snapshot.run.phase is Phase.IDLE and snapshot.unfinished != before.unfinished
+        ):  # a slow disk tells of them after the first look
+            self.call_later(self.ask_about_unfinished)
         self._tell_export(before, snapshot)
+        self._tell_lists(before, snapshot)
         self._playback.show(snapshot)
-        self._faults.trouble = trouble
         self._faults.show(snapshot)
         self._keys.show(snapshot)
         if self._count % TOP_LINE_EVERY == 0 or not snapshot.run.active:
@@ -189,29 +290,82 @@ class ConsoleScreen(Screen[None]):
         self._tiny.show(snapshot)
         if self.pane != "setup":
             self.panes.setup.follow(snapshot)
+        self._hint_at_next(snapshot)
+
+    def _hint_at_next(self, now: Snapshot) -> None:
+        """After a run, where nothing else is said: what the plan has x set up."""
+        if not now.plan.lines or now.right.only_watches or now.run.phase is Phase.IDLE:
+            return
+        over = now.run.phase in (Phase.STOPPED, Phase.FINAL)
+        hint = self.panes.setup.next_words if over else ""
+        if hint != self._status.hint:
+            self._status.hint = hint
+            self._status.redraw()
+
+    def _take_no_keys(self, before: Snapshot, now: Snapshot) -> None:
+        """The run is in another state: no key was typed for that, unless a key brought it about.
+
+        What goes into a question or a field is still for that.
+        """
+        phase = now.run.phase
+        if phase is before.run.phase and now.opened == before.opened:
+            return
+        if now.run.active:
+            self._status.hint = ""
+        typing = self._types or bool(self.dialogs)
+        if not typing and not self._link.asked_lately(*_BY.get(phase, ())):
+            self._ahead.replaced(f"the run has just changed: {PHASES[phase].lower()}")
 
     def _tell_export(self, before: Snapshot | None, now: Snapshot) -> None:
         """Say what has become of an export; not of one that was there before this screen."""
         if before is not None and now.export is not None and now.export != before.export:
             made, bad = bool(now.export.path), bool(now.export.problem)
             tone = (Tone.WARN if made else Tone.BAD) if bad else (Tone.GOOD if made else Tone.PLAIN)
-            self.say(export_text(now.export, self._defaults.results), tone)
+            self.say(export_text(now.export), tone)
+
+    def _tell_lists(self, before: Snapshot | None, now: Snapshot) -> None:
+        """Say what is wrong with the list of teams and the plan, and that they are others now."""
+        if now.right.only_watches:
+            return
+        problems: list[str] = []
+        news: list[str] = []
+        if before is None or now.teams != before.teams:
+            problems += now.teams.problems
+            news.append(f"The list of teams was read again: {len(now.teams.names)} teams.")
+        if before is None or now.plan != before.plan:
+            problems += now.plan.problems
+            attempts = sum(line.attempts for line in now.plan.lines)
+            news.append(f"The plan was read again: {attempts} attempts.")
+        if problems:
+            self.say("; ".join(problems), Tone.WARN)
+        elif news and before is not None:
+            self.say(" ".join(news), Tone.GOOD)
 
     def on_descendant_focus(self) -> None:
         """The footer says whether letters type."""
-        self._keys.typing = isinstance(self.focused, Input) and not self.dialogs
+        self._keys.typing = self._types and not self.dialogs
         self._keys.redraw()
+
+    @property
+    def _types(self) -> bool:
+        """Whether letters go to what has the focus, and are no keys."""
+        return self.focused is not None and self.focused.check_consume_key("x", "x")
 
     def on_descendant_blur(self) -> None:
         """The same."""
         self.on_descendant_focus()
 
-    def show_pane(self, name: str) -> None:
-        """Switch to a pane; the key of a side pane that is shown goes back."""
+    def show_pane(self, name: str, *, chosen: bool = True) -> None:
+        """Switch to a pane; the key of a side pane that is shown goes back.
+
+        Args:
+            name: of the pane.
+            chosen: whether the referee wants to be there; what comes by itself takes no text.
+        """
         if self._panes is None:
             return
         if name == self.pane and name not in _MAIN:
-            name = self._behind
+            name, chosen = self._behind, False
         if name in _MAIN:
             self._behind = name
         if name != self.pane:
@@ -219,52 +373,79 @@ class ConsoleScreen(Screen[None]):
                 view.forget()
         self._switcher.current = self.pane = name
         self._keys.pane = name
-        self.take_focus()
+        self.take_focus(chosen=chosen)
         if self._latest is not None:
             self.panes[name].show(self._latest)
             self._keys.show(self._latest)
 
     def action_back(self) -> None:
-        """Escape: out of a field, or from a side pane to the one before; it never does more."""
-        if isinstance(self.focused, Input):
-            self.set_focus(None)
+        """Escape: what waits for the disk is withdrawn; else out of a field, or of a side pane.
+
+        It never does more.
+        """
+        if cast("ConsoleApp", self.app).withdraw():
+            return
+        if self._types:
+            self.take_focus(chosen=False)
         elif self.pane not in _MAIN:
-            self.show_pane(self._behind)
+            self.show_pane(self._behind, chosen=False)
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Show a message until the next one."""
+        """Show a message until the next one, or the next key."""
         self._status.say(text, tone)
 
-    def take_marked_run(self) -> None:
-        """In the history: the next run is for the team and condition of the marked one."""
-        marked = self.panes.history.selected if self.pane == "history" else None
-        if marked is not None:
-            self.panes.setup.propose_like(marked)
+    def key_pressed(self) -> None:
+        """What was said is about what was before."""
+        self._status.go()
+
+    def leave_out(self, words: str) -> None:
+        """Say why a key was for nothing, where it was to go."""
+        if self.dialogs:
+            self.dialogs[-1].complain(words)
+        else:
+            self.say(words, Tone.WARN)
+
+    def end_typing(self) -> None:
+        """Out of the text field: the next letters are keys."""
+        if self._types and not self.dialogs:
+            self.take_focus(chosen=False)
+
+    def take_marked_run(self) -> bool:
+        """In the history and the plan: the next run is for the marked team and condition."""
+        if self.pane == "history" and (run := self.panes.history.selected) is not None:
+            self.panes.setup.propose_like(run)
+        elif self.pane == "plan" and (task := self.panes.plan.selected) is not None:
+            self.panes.setup.propose(task)
+        else:
+            return False
+        return True
 
     def show_runs(self, text: str) -> None:
         """The history with a filter."""
         self.show_pane("history")
         self.panes.history.look_for(text)
 
-    def take_focus(self) -> None:
-        """Give the focus to what is in front."""
+    def take_focus(self, *, chosen: bool = False) -> None:
+        """Give the focus to what is in front; to a text field only where that was chosen."""
         if self.dialogs:
             self.dialogs[-1].take_focus()
-            return
-        self.panes[self.pane].enter()
+        elif self.pane == "setup" and not chosen:
+            self.panes.setup.rest()
+        else:
+            self.panes[self.pane].enter()
 
-    async def open(self, name: str, ask: Ask[Intent]) -> None:
-        """Open a dialog in front of everything."""
+    async def open(self, name: str, ask: Ask[Intent], fresh: FreshAsk | None = None) -> None:
+        """Open a dialog in front of everything; `fresh` asks as things stand later."""
         from madrob_console.ui.cells.dialog import Dialog
 
-        dialog = Dialog(name, ask, self._about(name))
+        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead)
         self.dialogs.append(dialog)
         await self.query_one("#body").mount(dialog)
         dialog.take_focus()
 
     def _about(self, name: str) -> str:
         """Which run a question is about."""
-        if self._latest is None or name in ("next", "leave", "unfinished"):
+        if self._latest is None or name in _ABOUT_NO_RUN:
             return ""
         return who_text(self._latest.run)
 
@@ -281,22 +462,29 @@ class ConsoleScreen(Screen[None]):
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
-        if started or stopped or set(now.all_faults) - set(before.all_faults):
+        known = {*before.all_faults, now.pulse_words if before.pulse.words else None}
+        taken = now.notice is not None and now.notice != before.notice
+        if started or stopped or taken or set(now.all_faults) - known:
             cast("ConsoleApp", self.app).ring()
 
     def _follow(self, before: Snapshot | None, now: Snapshot) -> None:
         """Live when a countdown begins, results when one is written; not under a dialog."""
         if self.dialogs:
             return
-        active, written = now.run.active, now.result is not None
+        active, written = now.run.active, now.result is not None or now.rescoring
         attached = before is None
         ending = now.run.phase is Phase.STOPPED and not written
         if (active and not self._was_active) or (attached and ending):
-            self.show_pane("live")
+            self._status.pass_on()
+            self.show_pane("live", chosen=False)
+            if not self._link.asked_lately(*_BY[Phase.COUNTDOWN]):
+                self._ahead.replaced("the screen has just changed")
         elif written and not self._was_written and (attached or self.pane == "live"):
-            self.show_pane("results")
-            if self._status.tone is not Tone.BAD:  # a refusal is the greater news
-                self.say(_AT_THE_END if now.playback else _WRITTEN)
+            self.show_pane("results", chosen=False)
+            self._ahead.replaced("the result has just come")
+            if not self._status.grave:  # a refusal is the greater news
+                watched = _WRITTEN_FOR_WATCHERS if now.right.only_watches else _WRITTEN
+                self.say(_AT_THE_END if now.playback else watched)
         self._was_active, self._was_written = active, written
 
 

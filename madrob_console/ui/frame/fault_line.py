@@ -25,14 +25,13 @@ class FaultLine(View):
         super().__init__()
         self._where = where
 
-    trouble: str | None = None
-    """Why the snapshot cannot be trusted, in words; None = it can."""
-
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """Up to three rows."""
         faults = list(snapshot.all_faults)
-        if self.trouble is not None:
-            faults.insert(0, self.trouble)
+        notice = [] if snapshot.notice is None else wrapped(snapshot.notice, width - 7)[:1]
+        notices = [line(Span(" NOTE  ", Tone.NOTICE), Span(text, Tone.WARN)) for text in notice]
+        if not faults and notices:
+            return notices
         if not faults:
             room = 0 if width >= ROOMY else min(cell_len(self._where), width - 10)
             where = fitted(self._where, room)  # the top line has no room for it
@@ -42,14 +41,15 @@ class FaultLine(View):
         shown = 0
         for fault in faults:
             lines = wrapped(fault, width - 7)
-            if rows and len(rows) + len(lines) > MOST_ROWS:
+            most = MOST_ROWS - len(notices)
+            if rows and len(rows) + len(lines) > most:
                 break
-            rows.extend(lines[:MOST_ROWS])
+            rows.extend(lines[:most])
             shown += 1
         if hidden := len(faults) - shown:
             rows[-1] = f"{rows[-1][: width - 24]} (and {hidden} more: F3)"
         marks = [" FAULT "] + ["       "] * (len(rows) - 1)
-        return [
+        return notices + [
             line(Span(mark, Tone.ALARM), Span(row, Tone.BAD))
             for mark, row in zip(marks, rows, strict=True)
         ]

@@ -32,11 +32,12 @@ class Part(IntEnum):
     CLOCK = 0
     ABORT = 1
     PHASE = 2
-    URGENT = 3
-    FAULT = 4
-    LEFT = 5
-    NEXT = 6
-    HINT = 7
+    KIND = 3
+    URGENT = 4
+    FAULT = 5
+    LEFT = 6
+    NEXT = 7
+    HINT = 8
 
 
 class TinyClock(View):
@@ -44,7 +45,7 @@ class TinyClock(View):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """What fits into the rows that the style gives."""
-        return tiny_lines(snapshot, width, self.content_size.height)
+        return tiny_lines(snapshot, width, self.room.height)
 
 
 def tiny_lines(snapshot: Snapshot, width: int, height: int) -> list[Line]:
@@ -78,6 +79,7 @@ def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> l
     head = {
         Part.PHASE: phase_span(snapshot.run),
         Part.CLOCK: clock_span(snapshot),
+        Part.KIND: Span("PRACTICE" if snapshot.practice else "", Tone.NOTICE),
         Part.LEFT: Span(_left(snapshot)),
     }
     lines = _packed((span for part, span in head.items() if part in kept and span.text), width)
@@ -87,6 +89,8 @@ def _lines(snapshot: Snapshot, width: int, kept: Sequence[Part], most: int) -> l
         lines += _wrapped(text, tone, width, most)
     if Part.FAULT in kept and snapshot.all_faults:
         lines += _wrapped(f"FAULT {snapshot.all_faults[0]}", Tone.BAD, width, most)
+    elif Part.FAULT in kept and snapshot.notice is not None:
+        lines += _wrapped(snapshot.notice, Tone.WARN, width, most)
     if Part.ABORT in kept:
         lines.append(_abort(snapshot, width))
     if Part.HINT in kept:

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
 
+WATCHING = " WATCHING"
+"""On a screen that can do nothing to the run."""
+
 _LEAST_LABEL = 18
 ROOMY = 100
 """With fewer cells the row below tells competition and machine."""
@@ -36,6 +39,8 @@ class TopLine(View):
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """The source on the left, what is being kept on the right, names between them."""
+        if snapshot.pulse.stale:
+            return [_old(snapshot, width)]
         clock = f" {time_of_day(snapshot.time)}"
         recorder = recorder_spans(snapshot.recorder)
         age = Span(f" {_oldest(snapshot.topics)}", _age_tone(snapshot.topics))
@@ -47,16 +52,26 @@ class TopLine(View):
             line(*recorder),
         )
         right = next((r for r in rights if width_of(r) + _LEAST_LABEL <= width), rights[-1])
-        badge = source_badge(snapshot, max(4, width - width_of(right)))
-        room = max(0, width - width_of((badge,)) - width_of(right))
+        reserved = width_of(right) + (len(WATCHING) if snapshot.right.only_watches else 0)
+        badge = source_badge(snapshot, max(4, width - reserved))
+        watching = line(Span(WATCHING, Tone.STRONG)) if snapshot.right.only_watches else ()
+        room = max(0, width - width_of((badge, *watching)) - width_of(right))
         where = f" {self._where}" if width >= ROOMY else ""
-        return [line(badge, Span(fitted(where, room), Tone.STRONG), *right)]
+        return [line(badge, *watching, Span(fitted(where, room), Tone.STRONG), *right)]
+
+
+def _old(snapshot: Snapshot, width: int) -> Line:
+    """Nothing of it is told as if it were so now."""
+    word = " ENDED " if snapshot.pulse.gone else " SILENT "
+    text = f" {snapshot.label}, as it was at {time_of_day(snapshot.time)}"
+    return line(Span(word, Tone.ALARM), Span(shortened(text, width - len(word)), Tone.DIM))
 
 
 def source_badge(snapshot: Snapshot, room: int) -> Span:
     """The source's label in at most `room` cells: LIVE and others differ in word and mark."""
-    label = snapshot.source_label
-    if snapshot.source_kind is SourceKind.ROS:
+    label = snapshot.label
+    may_count = not snapshot.practice and snapshot.simulated is None
+    if snapshot.source_kind is SourceKind.ROS and may_count:
         return Span(f" {shortened(label, max(1, room - 2))} ", Tone.LIVE)
     return Span(f" ~~ {shortened(label, max(1, room - 8))} ~~ ", Tone.NOTICE)
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand
 from madrob_console.engine.shown.requests import ExportTeam, OpenRun, TakeOver
+from madrob_console.errors import MadrobError
+from madrob_console.names import clean_name
 from madrob_console.referee.acts import Act
-from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write
-from madrob_console.referee.run import Phase
-from madrob_console.ui.look.words import seconds_of
-from scoring.protocol import Outcome
+from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
+from madrob_console.referee.run import seconds_of
 
 if TYPE_CHECKING:
     from madrob_console.archive.unfinished import Unfinished
@@ -23,8 +24,41 @@ class Leave:
     """Leave the console."""
 
 
-Intent = Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | Leave | str
-"""What a key or the answers to a dialog bring about; a text says why nothing."""
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """Give a text to the clipboard.
+
+    Attributes:
+        what: in words.
+        text: as it is.
+    """
+
+    name: ClassVar[str] = "copy"
+    what: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class OtherName:
+    """The next run's team has another name than in the list of teams.
+
+    Attributes:
+        subject: the team's number.
+        name: clean.
+        reason: why.
+    """
+
+    subject: int
+    name: str
+    reason: str
+
+
+Intent: TypeAlias = (
+    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | Leave | Copy | OtherName"
+    " | Ask[Intent] | str"
+)
+"""What a key or the answers to a dialog bring about: maybe one more question; a text says why
+nothing."""
 
 
 def _jump(text: str) -> JumpTo | str:
@@ -40,6 +74,38 @@ JUMP = Ask(
 """Where to; what is shown there is worked out anew."""
 
 
+def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str]:
+    """What a team is called, and why not as in the list.
+
+    Args:
+        subject: the team's number.
+        listed: its name in the list; empty = it is not in it.
+        typed: the other name as far as it is known.
+    """
+
+    def named(text: str, reason: str) -> OtherName | str:
+        try:
+            return OtherName(subject, clean_name(text, "team"), reason)
+        except MadrobError as error:
+            return str(error)
+
+    known, why = "it is not in the list", reasons("not in the list yet", "a guest")
+    if listed:
+        known = f"it is {listed} in the list"
+        why = reasons("the list is wrong", "renamed since")
+    return Ask(
+        f"ANOTHER NAME for subject {subject}: {known}",
+        (
+            Write("Name:", initial=typed or listed, missing="a name is needed"),
+            Pick(
+                "Why? The reason stands with the result.",
+                (Option("n", "no other name", None), *why),
+            ),
+        ),
+        named,
+    )
+
+
 def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     """What becomes of a run that was cut off."""
     return Ask(
@@ -49,8 +115,8 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
                 "What becomes of it? Nothing of what was recorded is lost.",
                 (
                     Option("l", "leave it for later: the history (h) opens it", None),
-                    Option("s", "score what is there; its outcome is interrupted", "score"),
-                    Option("i", "invalid: it does not count, as if it had been aborted", "void"),
+                    Option("s", "score it: interrupted, uses up no attempt of the team", "score"),
+                    Option("i", "invalid, as if aborted: uses up an attempt of the team", "void"),
                 ),
             ),
         ),
@@ -58,12 +124,63 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     )
 
 
+def ask_copy(row: str, result: str, folder: str, zipped: str, host: str) -> Ask[Copy] | str:
+    """What to copy of what there is; empty = there is none.
+
+    Args:
+        row: the marked one, with its heads.
+        result: as text.
+        folder: whole path of the run's folder.
+        zipped: whole path of the last zip.
+        host: from where somebody else copies the files, as `user@host`.
+    """
+
+    def scp(path: str, option: str = "") -> str:
+        return f"scp {option}{shlex.quote(f'{host}:{path}')} ." if path else ""
+
+    offered = (
+        ("m", "the marked row", row),
+        ("r", "the result as text", result),
+        ("p", "the run's folder", folder),
+        ("s", "a line that fetches it", scp(folder, "-r ")),
+        ("z", "the zip", zipped),
+        ("l", "a line that fetches it", scp(zipped)),
+    )
+    there = {key: Copy(what, text) for key, what, text in offered if text}
+    if not there:
+        return "there is no row, no result and no run to copy"
+    options = tuple(Option(key, _offer(copy), key) for key, copy in there.items())
+    text = "What? It goes to the clipboard of your own machine (OSC 52)."
+    return Ask("Copy", (Pick(text, options),), lambda key: there[key])
+
+
+def _offer(copy: Copy) -> str:
+    lines = copy.text.splitlines()
+    return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
+
+
+def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
+    """Whose right to act is taken; that console is told, and can take it back."""
+    goes_on = " A run goes on." if snapshot.run.active else ""
+    return Ask(
+        "Take the right to act",
+        (Sure(f"{snapshot.right.holder} has it, and can do nothing then.{goes_on} Take it?"),),
+        TakeOver,
+    )
+
+
 def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
-    """At once; asked first while a run goes on and while a result is not final."""
-    run = snapshot.run
-    if snapshot.playback is not None:
+    """At once; who may act is asked first while a run goes on or a result is not final."""
+    run, pulse = snapshot.run, snapshot.pulse
+    if snapshot.playback is not None or pulse.gone or snapshot.right.only_watches:
         return Leave()
-    if run.phase is Phase.STOPPED and run.outcome is not Outcome.ABORTED:
+    if pulse.server and run.active:
+        return Ask(
+            "LEAVE the console while the engine is silent",
+            (Sure("Nobody can say whether the run goes on. Leave?"),),
+            Leave,
+        )
+    if run.unsigned:
         return Ask(
             "Leave the console",
             (Sure("The result is not final: the history (h) opens it later. Leave?"),),

@@ -42,3 +42,7 @@ class ConsoleApp(Protocol):
     def action_press(self, name: str, pressed: str) -> Awaitable[None]:
         """A key of the console was pressed."""
         ...
+
+    def withdraw(self) -> bool:
+        """Take back what waits for the disk; False where nothing does."""
+        ...

@@ -24,12 +24,16 @@ from madrob_console.engine.shown.playback import (
 )
 from madrob_console.engine.shown.requests import ExportTeam, TakeOver
 from madrob_console.referee import acts
+from madrob_console.referee.questions import Ask
 from madrob_console.ui.keys import asks
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
-    from madrob_console.referee.questions import Ask
     from madrob_console.ui.keys.asks import Intent
+
+
+START_ENGINE = "start the engine again"
+"""What the key does that needs no engine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,8 @@ class Key:
         where: the panes whose footer shows it where there is no room for all; empty = every.
         commits: what is typed in the set-up counts before the act.
         over: it works while a dialog is open.
+        left_to: the panes that have another use for it.
+        answered: letters answer what it asks; after a refusal they are nothing else.
     """
 
     name: str
@@ -61,10 +67,25 @@ class Key:
     where: frozenset[str] = frozenset()
     commits: bool = False
     over: bool = False
+    left_to: frozenset[str] = frozenset()
+    answered: bool = False
 
     def refusal(self, snapshot: Snapshot) -> str | None:
         """Why the key does nothing now; None when it does."""
+        if self.act == START_ENGINE:
+            return None if snapshot.pulse.gone else "the engine has not ended"
         return snapshot.refusal(self.act) if self.act else None
+
+    def question(self, snapshot: Snapshot, pressed: str) -> Ask[Intent] | str:
+        """What it asks as things stand, or in words why it asks nothing."""
+        if (refused := self.refusal(snapshot)) is not None:
+            return refused
+        intent = None if self.ask is None else self.ask(snapshot, pressed)
+        match intent:
+            case str() | Ask():
+                return intent
+            case _:
+                return "it needs no question now: press its key again"
 
 
 FUNCTION_KEYS = (
@@ -89,11 +110,11 @@ FUNCTION_KEYS = (
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
-        acts.Abort.name, acts.Abort.ask, over=True,
+        acts.Abort.name, acts.Abort.ask, over=True, answered=True,
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
-        acts.DeclareTimeout.name, acts.DeclareTimeout.ask,
+        acts.DeclareTimeout.name, acts.DeclareTimeout.ask, answered=True,
     ),
     Key(
         "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
@@ -104,8 +125,9 @@ FUNCTION_KEYS = (
 _SETUP = frozenset({"setup"})
 _LIVE = frozenset({"live"})
 _RESULTS = frozenset({"results"})
+_RUNS = frozenset({"history", "plan", "standings"})
 _NOWHERE = frozenset({"nowhere"})  # seldom: the help and the palette know them
-_AFTER = frozenset({"results", "figures", "history", "standings", "help"})
+_AFTER = frozenset({"results", "figures", "history", "plan", "standings", "help"})
 
 LETTER_KEYS = (
     Key(
@@ -114,11 +136,7 @@ LETTER_KEYS = (
     ),
     Key(
         "incident", "i", "i", " Incident", "mark an incident; the second key says which",
-        acts.MarkIncident.name, acts.MarkIncident.ask, where=_LIVE,
-    ),
-    Key(
-        "withdraw", "d", "d", " Withdraw", "take back the last incident, with a reason",
-        acts.WithdrawIncident.name, acts.WithdrawIncident.ask, where=_NOWHERE,
+        acts.MarkIncident.name, acts.MarkIncident.ask, where=_LIVE | _RESULTS,
     ),
     Key(
         "note", "n", "n", " Note", "write a note beside the run",
@@ -141,18 +159,42 @@ LETTER_KEYS = (
         acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
     ),
     Key(
-        "reissue", "u", "u", " Redo", "open a final result again; its next issue gets a number",
+        "reissue", "u", "u", " Re-issue",
+        "re-issue a final result, to rule again; the old issue stays",
         acts.Reissue.name, acts.Reissue.ask, where=_RESULTS,
     ),
     Key(
-        "next", "x", "x", " Next", "set up the next run; from the history: one like the marked",
+        "void", "v", "v", " Void", "a run that is over counts nowhere, with a reason",
+        acts.Void.name, acts.Void.ask, where=_RESULTS, left_to=_RUNS,
+    ),
+    Key(
+        "correct", "c", "c", " Correct",
+        "correct subject, sides or type after the stop; the run is scored again",
+        acts.Correct.name, acts.Correct.ask, where=_RESULTS, left_to=frozenset({"standings"}),
+    ),
+    Key(
+        "next", "x", "x", " Next",
+        "set up the next run, of the plan if there is one; in lists: one like the marked",
         acts.SetUp.name, where=_SETUP | _AFTER,
+    ),
+    Key(
+        "again", "X", "X", " Again", "set up the same team and condition again",
+        acts.SetUp.name, where=_RESULTS,
+    ),
+    Key(
+        "take_back", "z", "z", " Take back",
+        "take back the last ruling, mark, waiver, void or correction, with a reason",
+        acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(
         "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",
         pane="figures", where=_AFTER,
     ),
     Key("history", "h", "h", " History", "all runs; opens an earlier one", pane="history"),
+    Key(
+        "plan", "p", "p", " Plan", "the competition's plan: done, next and left", pane="plan",
+        where=_SETUP | _AFTER,
+    ),
     Key("standings", "s", "s", " Standings", "teams and conditions compared", pane="standings"),
     Key(
         "export", "e", "e", " Export",
@@ -160,8 +202,17 @@ LETTER_KEYS = (
         ExportTeam.name, where=frozenset({"history"}),
     ),
     Key(
-        "take", "t", "t", " Take", "take the right to act from another console",
-        TakeOver.name, where=_NOWHERE,
+        "copy", "y", "y", " Copy",
+        "copy the marked row, the result, a path, or a line for scp (OSC 52)",
+        where=_AFTER - {"help"},
+    ),
+    Key(
+        "take", "t", "t", " Take", "take the right to act from another console; asks first",
+        TakeOver.name, lambda s, _k: asks.ask_take(s), where=_NOWHERE,
+    ),
+    Key(
+        "engine", "ctrl+r", "^R", " Engine", "start the engine again after it has ended",
+        START_ENGINE, where=_NOWHERE,
     ),
     Key("menu", "ctrl+p", "^P", " Menu", "every command by name; themes"),
 )  # fmt: skip

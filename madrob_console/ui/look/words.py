@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len, chop_cells
@@ -48,20 +47,14 @@ def minutes_text(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
+def rough_text(duration: float) -> str:
+    """A time that may still change: one decimal of a second, marked."""
+    return f"~{duration:.1f}"
+
+
 def time_of_day(epoch: float) -> str:
     """The local time of day of a time in s since the epoch."""
     return time.strftime("%H:%M:%S", time.localtime(epoch))
-
-
-def seconds_of(text: str) -> float | None:
-    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
-    minutes, colon, rest = text.strip().rpartition(":")
-    sign = -1.0 if minutes.startswith("-") else 1.0
-    try:
-        whole = abs(int(minutes)) if colon else 0
-        return sign * (60.0 * whole + float(rest))
-    except ValueError:
-        return None
 
 
 def size_text(size: float) -> str:
@@ -79,18 +72,14 @@ def done_text(act: Act) -> str:
     return f"Done: {act.done}" + (f" ({shortened(reason, _LONGEST_REASON)})" if reason else "")
 
 
-def export_text(export: ExportView, results: PurePath) -> str:
-    """What has become of an export; a zip below the results folder is named from there."""
+def export_text(export: ExportView) -> str:
+    """What has become of an export; the zip's whole path, for who copies it."""
     if not export.path:
         if not export.problem:
-            return f"Packing the runs of team {export.subject} in the background ..."
-        return f"No zip of team {export.subject}: {export.problem}"
-    path = PurePath(export.path)
-    where = str(path)
-    if path.is_relative_to(results):
-        where = f"{path.relative_to(results)} in the results folder"
+            return f"Packing the runs of subject {export.subject} in the background ..."
+        return f"No zip of subject {export.subject}: {export.problem}"
     missing = f"; not all: {export.problem}" if export.problem else ""
-    return f"Packed: {where}{missing}"
+    return f"Packed: {export.path}{missing} (y copies it)"
 
 
 def fitted(text: str, width: int) -> str:
@@ -108,12 +97,41 @@ def shortened(text: str, width: int) -> str:
     return text if cell_len(text) <= width else fitted(text, width).rstrip()
 
 
+def cut_inside(text: str, width: int) -> str:
+    """The text in at most `width` cells; what is cut is cut in its middle: both ends tell more."""
+    if cell_len(text) <= width:
+        return text
+    if width < 3:
+        return shortened(text, width)
+    head, tail = text[: len(text) // 2], text[len(text) // 2 :]
+    while cell_len(head) + 1 + cell_len(tail) > width:
+        if cell_len(head) > width // 3:
+            head = head[:-1]
+        else:
+            tail = tail[1:]
+    return f"{head}…{tail}"
+
+
 def wrapped(text: str, width: int) -> list[str]:
-    """The text in lines of at most `width` cells, broken at blanks where there are any."""
+    """The text in lines of at most `width` cells, broken at blanks where there are any.
+
+    A word that is longer, as a path, is broken behind a slash or an underscore if it has one.
+    """
     lines: list[str] = []
     for word in text.split():
         if lines and cell_len(lines[-1]) + 1 + cell_len(word) <= width:
             lines[-1] += f" {word}"
         else:
-            lines += chop_cells(word, max(2, width))
+            lines += _chopped(word, max(2, width))
     return lines or [""]
+
+
+def _chopped(word: str, width: int) -> list[str]:
+    """A word in pieces of at most `width` cells."""
+    pieces: list[str] = []
+    while cell_len(word) > width:
+        first = chop_cells(word, width)[0]
+        end = max(first.rfind(sign) for sign in "/_") + 1
+        pieces.append(first[:end] if end > 1 else first)
+        word = word[len(pieces[-1]) :]
+    return [*pieces, word]

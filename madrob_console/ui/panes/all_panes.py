@@ -10,6 +10,8 @@ from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
 from madrob_console.ui.panes.history_pane import HistoryPane
 from madrob_console.ui.panes.live_pane import LivePane
+from madrob_console.ui.panes.plan_pane import PlanPane
+from madrob_console.ui.panes.plan_reader import PlanReader
 from madrob_console.ui.panes.result_pane import ResultsPane
 from madrob_console.ui.panes.setup_pane import SetupPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
@@ -20,7 +22,16 @@ if TYPE_CHECKING:
     from madrob_console.ui.defaults import ConsoleDefaults
     from madrob_console.ui.link import EngineLink
 
-Pane = SetupPane | LivePane | ResultsPane | FiguresPane | HistoryPane | StandingsPane | HelpPane
+Pane = (
+    SetupPane
+    | LivePane
+    | ResultsPane
+    | FiguresPane
+    | HistoryPane
+    | PlanPane
+    | StandingsPane
+    | HelpPane
+)
 
 
 class Panes:
@@ -33,11 +44,13 @@ class Panes:
 
     def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
         history = History(defaults.results)
-        self.setup = SetupPane(link, defaults)
+        plan = PlanReader(link)
+        self.setup = SetupPane(link, defaults, plan)
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
         self.figures = FiguresPane(lambda: link.ask(GiveCurves()))
         self.history = HistoryPane(history.refresh)
+        self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs)
         self.help = HelpPane()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.referee.acts import Start
+from madrob_console.referee.acts import Abort, Start
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Tone, View, paragraph
 
@@ -27,10 +27,13 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
     run = snapshot.run
     if (false_start := run.undecided_false_start) is not None:
         at = "" if run.start is None else f" at {false_start.time - run.start:.1f} s"
-        what = str(false_start.event).replace("_", " ")
-        return f" FALSE START: {what}{at}{_decision(snapshot)} ", Tone.ALARM
+        return f" FALSE START: {false_start.event.words}{at}{_decision(snapshot)} ", Tone.ALARM
+    if writing := snapshot.pulse.writing:
+        how = "; F8 withdraws it" if snapshot.refusal(Abort.name) is None else ""
+        return f" {writing.upper()}: waiting for the disk{how} ", Tone.NOTICE
     if snapshot.ask_referee is not None:
-        how = "" if snapshot.playback else " (1-6 rules on a step)"
+        silent = snapshot.playback is not None or snapshot.right.only_watches
+        how = "" if silent else " (1-6 rules on a step)"
         return f" REFEREE: {snapshot.ask_referee}{how} ", Tone.NOTICE
     if snapshot.settling:
         return "door closed: waiting for the settle time of step 6", Tone.WARN
@@ -39,14 +42,17 @@ def banner(snapshot: Snapshot) -> tuple[str, Tone]:
 
 def _decision(snapshot: Snapshot) -> str:
     """What the referee can do about a false start."""
-    if snapshot.playback is not None:
+    if snapshot.playback is not None or snapshot.right.only_watches:
         return ""
     again = "r restarts the countdown, " if snapshot.run.phase is Phase.COUNTDOWN else ""
     return f": {again}a accepts it with a reason"
 
 
 def _next(snapshot: Snapshot) -> str:
+    read_only = snapshot.playback is not None or snapshot.right.only_watches
     match snapshot.run.phase:
+        case Phase.IDLE | Phase.READY if snapshot.right.only_watches:
+            return ""
         case Phase.IDLE:
             return "F2: set up a run"
         case Phase.READY:
@@ -60,7 +66,9 @@ def _next(snapshot: Snapshot) -> str:
         case Phase.STOPPED:
             if snapshot.result is not None:
                 return "F4: result"
+            if snapshot.rescoring:
+                return "the result is being scored again"
             return "the run has stopped" if snapshot.playback else "the result is being written"
         case Phase.FINAL:
-            more = "F4: result" if snapshot.playback else "x sets up the next run"
+            more = "F4: result" if read_only else "x sets up the next run"
             return f"the result is final: {more}"

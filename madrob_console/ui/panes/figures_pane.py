@@ -41,7 +41,7 @@ class FigureView(Lines):
         """What fits."""
         if isinstance(self.content, Sheet):
             ink = ASCII if self.ascii_only else BRAILLE
-            return self.content.lines(width, self.content_size.height, ink)
+            return self.content.lines(width, self.room.height, ink)
         text, tone = self.content
         return paragraph(text, width, tone)
 
@@ -112,8 +112,8 @@ class FiguresPane(Vertical, can_focus=True):
         """In the thread: it must not wait for the screens."""
         try:
             loaded = self.Loaded(number, self._load())
-        except MadrobError as error:
-            loaded = self.Loaded(number, None, str(error))
+        except (MadrobError, OSError, MemoryError) as error:
+            loaded = self.Loaded(number, None, str(error) or "no memory")
         self.post_message(loaded)
 
     def on_figures_pane_loaded(self, event: Loaded) -> None:

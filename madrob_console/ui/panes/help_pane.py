@@ -17,24 +17,35 @@ if TYPE_CHECKING:
 
 _TEXT = """\
 Set-up (F2): Tab, Enter and arrows go through the fields, left and right change a choice. What \
-you see is set up as soon as you leave a field. Then F6 when the robot stands at its start pose, \
+you see is set up as soon as you leave a field. / shows the list of teams, to look for one; \
+another name than the list's needs a reason, Del on the team takes the list's again. Then \
+F6 when the robot stands at its start pose, \
 and F5.
 Live (F3): the steps as the sensors, the referee and the rules have them. An incident is two \
-keys: i and its letter. 1-6 confirm or deny a step, now or until the result is final.
+keys: i and its letter; after the stop it asks for its time. 1-6 confirm or deny a step, now or \
+until the result is final.
 Result (F4): the difference to the team's earlier runs stands beside each value. g shows the \
 figures: left and right move in time, + and - zoom, 0 shows all, Tab the next figure. f finalises \
-with the team's word, u opens a final result again.
+with the team's word, u re-issues a final result.
 History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
-team and condition; e packs all runs of the team into a zip; / filters (team:delft cond:5), v \
-chooses which, o sorts, O turns the order.
+team and condition; e packs the team's runs into a zip, official or practice as the marked one; \
+/ filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
+Plan (p): a row a team, a column a condition; 1/2 is one attempt done of two, 1!2 the same with \
+one that is not valid, +1 one out of plan, L the best level, > what is next. Enter proposes the \
+marked run, x sets it up, v changes what a cell says.
 Standings (s): Enter shows the runs behind a row; c changes mean, median, std, smallest, largest; \
-b all runs or the best, where the settings say how many; v official or simulated.
+b all runs or the best, where the settings say how many; v official or practice.
 A dim key is not possible now: press it and the line above the keys says why.
 F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question or goes \
-back to the pane before, and never does more.
+back to the pane before, and never does more. Keys typed within 0.3 s of a change that came by \
+itself are left out, but for F8 and F10.
 Letters type text while a text field has the focus; function keys and ^P (Ctrl+P) always work. \
 ^P finds every command by its name, and the themes.
-To practise: `madrob console --testbed simulated`. Its runs never count."""
+Keys, answers, choices, rows and heads of columns can be clicked; a double click opens a row. \
+Shift and drag selects as your terminal does. y copies to your own machine (OSC 52); through tmux \
+at the other end of SSH that needs `set -g set-clipboard on`.
+To practise: `Run is` PRACTICE at the set-up, or `madrob console --testbed simulated`. Such runs \
+never count, and lie in a folder of their own."""
 
 
 class HelpText(Lines):

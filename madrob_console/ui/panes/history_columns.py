@@ -6,8 +6,10 @@ from collections.abc import Mapping
 
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.flags import FlagWeight, worst
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.panes.flag_lines import FLAG_TONES, flag_sign
 from madrob_console.ui.panes.run_columns import (
     MISSING,
     indicator_column,
@@ -29,7 +31,9 @@ _SOURCES: Mapping[str, Span] = {
     SourceKind.SIMULATED: Span("SIM", Tone.NOTICE),
     SourceKind.REPLAY: Span("rep", Tone.WARN),
 }
-_CLOSING_TONES = {"open": Tone.DIM, "final": Tone.PLAIN, "protested": Tone.WARN}
+_CLOSING_TONES = {"not final": Tone.DIM, "final": Tone.PLAIN, "protested": Tone.WARN}
+_OUTCOME = 12
+"""Cells of the outcome with its signs; `completed*!!` has so many."""
 
 
 def columns() -> list[Column[RunSummary]]:
@@ -45,18 +49,18 @@ def columns() -> list[Column[RunSummary]]:
             "started", "start", lambda r: Span(r.started_text), lambda r: r.started, 12,
             falling=True,
         ),
-        number_column("sub", "subject", lambda r: r.subject, 4),
+        number_column("subj", "subject", lambda r: r.subject, 4),
         text_column("team", "team", lambda r: r.team, 9, ample=18),
         number_column("run", "run number", lambda r: r.run_number, 4),
         number_column("cond", "condition", lambda r: r.condition, 5),
         text_column("task", "task", lambda r: condition_words(r.condition).way, 20, comfort=True),
-        Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), 12),
+        Column("outcome", "outcome", _outcome, lambda r: r.outcome_word.casefold(), _OUTCOME),
         Column("src", "source", _source, lambda r: r.source, 3),
         *first,
         *indicators.values(),
         text_column("door", "benchmark type", lambda r: condition_words(r.condition).door, 14),
         number_column("issue", "issue of the result", lambda r: r.issue or None, 6),
-        Column("closed", "what is final", _closing, lambda r: r.closing, 9),
+        Column("result", "whether the result is final", _closing, lambda r: r.closing, 9),
         text_column("ruleset", "ruleset", lambda r: r.ruleset, 14),
         Column("folder", "folder", lambda r: Span(r.folder, Tone.DIM), lambda r: r.folder, 44),
     ]  # fmt: skip
@@ -67,12 +71,22 @@ def _indicator(name: IndicatorName) -> Column[RunSummary]:
 
 
 def _outcome(run: RunSummary) -> Span:
-    unsigned = "*" if run.issue and not run.final and run.outcome is not Outcome.ABORTED else ""
+    """The word, `*` where it is not final, and the sign of its flags."""
+    void = run.outcome is Outcome.ABORTED or run.voided
+    unsigned = "*" if run.issue and not run.final and not void else ""
+    heaviest, signs = worst(run.flags), unsigned + flag_sign(run.flags)
+    text = run.outcome_word + signs
+    if len(text) > _OUTCOME:
+        text = run.outcome_word + signs[-1:]
     tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
-    return Span(run.outcome_word + unsigned, tone)
+    if tone is not Tone.BAD and heaviest in (FlagWeight.CAUTION, FlagWeight.ALARM):
+        tone = FLAG_TONES[heaviest]
+    return Span(text, tone)
 
 
 def _source(run: RunSummary) -> Span:
+    if run.practice and run.source == SourceKind.ROS:
+        return Span("PRA", Tone.NOTICE)
     return _SOURCES.get(run.source or "", MISSING)
 
 

@@ -13,7 +13,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import Input
 
-from madrob_console.archive.history import RunSummary, condition_words, matches
+from madrob_console.archive.history import RunSummary, condition_words, filter_problem, matches
+from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Tone
@@ -21,7 +22,7 @@ from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
 
-KEYS = "Enter opens, x next like it, / filter, v which, o O sort, <- -> more, * open"
+KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, ! flags"
 
 
 class RunFilter(StrEnum):
@@ -29,6 +30,7 @@ class RunFilter(StrEnum):
 
     ALL = "all"
     OPEN = "not final"
+    UNDECIDED = "undecided"
     NOT_COUNTED = "invalid and interrupted"
 
     def takes(self, run: RunSummary) -> bool:
@@ -38,6 +40,8 @@ class RunFilter(StrEnum):
                 return True
             case RunFilter.OPEN:
                 return not run.final
+            case RunFilter.UNDECIDED:
+                return bool(undecided(run.flags))
             case RunFilter.NOT_COUNTED:
                 return not run.valid
 
@@ -133,13 +137,16 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
 
     def words_about(self, row: RunSummary) -> tuple[str, Tone]:
         """The condition of a run, and what is wrong with it."""
-        odd = row.problem is not None or row.outcome is None
+        odd = row.problem is not None or row.outcome is None or undecided(row.flags)
         return about(row), Tone.WARN if odd else Tone.DIM
 
     def _show_rows(self, *, from_top: bool = True) -> None:
         text = self._field.value
+        problem = filter_problem(text)
         shown = [run for run in self._runs if self._which.takes(run) and matches(run, text)]
         self.table.empty = "no run passes the filter" if self._runs else "no runs yet"
+        if problem is not None:
+            self.table.empty = problem
         self.table.set_rows(shown, from_top=from_top)
         if len(shown) == len(self._runs) and self._which is RunFilter.ALL and not text.strip():
             self.say(summary(self._runs))
@@ -155,8 +162,8 @@ def summary(runs: Sequence[RunSummary]) -> str:
         return "no runs in the results folder"
     words = Counter("valid" if run.valid else run.outcome_word for run in runs)
     parts = [f"{count} {word}" for word, count in words.most_common()]
-    simulated = sum(run.practice for run in runs)
-    among = f" ({simulated} SIMULATED)" if simulated else ""
+    practice = sum(run.practice for run in runs)
+    among = f" ({practice} PRACTICE)" if practice else ""
     plural = "s" if len(runs) > 1 else ""
     return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
 
@@ -168,8 +175,9 @@ def about(run: RunSummary) -> str:
     task = ", ".join(word for word in condition_words(run.condition) if word)
     told = [task or f"condition {run.condition} does not exist", run.outcome_word]
     if run.outcome is None:
-        told.append("it goes on, or it was cut off")
+        told.append(run.never_ran or "it goes on, or it was cut off")
     else:
         told += [f"issue {run.issue}", run.closing, run.ruleset]
     team = f"{run.team}: " if run.team else ""
-    return f"{team}{'; '.join(told)}; {run.folder}"
+    flagged = "; ".join(f.words for f in run.flags if f.kind is not FlagKind.PRACTICE)
+    return f"{flagged}{'; ' if flagged else ''}{team}{'; '.join(told)}; {run.folder}"

@@ -23,6 +23,7 @@ class QualityTable(View):
         if snapshot.result is None:
             return ()
         quality = snapshot.result.quality
+        told = snapshot.run.remarks()  # they stand among the marks
         return [
             line(
                 Span("data quality", Tone.STRONG),
@@ -30,7 +31,12 @@ class QualityTable(View):
             ),
             line(Span(" " * 17 + _aligned(_NAMES), Tone.DIM)),
             *map(_row, quality.signals),
-            *(row for text in quality.remarks for row in paragraph(text, width, Tone.WARN)),
+            *(
+                row
+                for text in quality.remarks
+                if text not in told
+                for row in paragraph(text, width, Tone.WARN)
+            ),
         ]
 
 

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from scoring.indicator_table import IndicatorName
     from scoring.result import Indicator
 
-_NAME = 29
+_NAME = 28
 _ROOMY = 75
+_WITH_WORDS = 62
+"""Cells with which a difference says whether it is better."""
 
 
 class IndicatorTable(View):
@@ -37,10 +39,10 @@ class IndicatorTable(View):
         count = len(self.earlier)
         against = f"against mean of {count} earlier" if count else "no earlier run to compare"
         delay = "* with the manual start's delay"
-        head = fitted(f"indicators  {delay}", _NAME + 20) if roomy else fitted("indicators", _NAME)
+        head = fitted(f"indicators  {delay}", _NAME + 18) if roomy else fitted("indicators", _NAME)
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
         for name, indicator in snapshot.result.indicators.items():
-            lines += _rows(name, indicator, self._means(name), width)
+            lines += _rows(name, indicator, self._means(name), count, width)
         return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
 
     def _means(self, name: IndicatorName) -> tuple[float, int] | None:
@@ -50,27 +52,46 @@ class IndicatorTable(View):
 
 
 def _rows(
-    name: IndicatorName, indicator: Indicator, mean: tuple[float, int] | None, width: int
+    name: IndicatorName,
+    indicator: Indicator,
+    mean: tuple[float, int] | None,
+    count: int,
+    width: int,
 ) -> list[Line]:
     title = name.words + (" *" if name.spec.with_the_start else "")
     head = line(f"{title:<{_NAME}}")
     if indicator.value is None:
-        return paragraph(f"none: {indicator.reason}", width, Tone.WARN, head)
+        return paragraph(f"none: {indicator.reason}", width, Tone.WARN, line(*head, " "))
     return [
         line(
             *head,
             Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
-            Span(f" {indicator.unit:<8}", Tone.DIM),
-            _compared(indicator.value, mean, width >= _ROOMY),
+            Span(f" {indicator.unit:<7}", Tone.DIM),
+            *compared(name, indicator.value, mean, count, width),
         )
     ]
 
 
-def _compared(value: float, mean: tuple[float, int] | None, roomy: bool) -> str:
-    """The difference to the mean; where there is room the mean, and of how many runs it is."""
+def compared(
+    name: IndicatorName, value: float, mean: tuple[float, int] | None, count: int, width: int
+) -> Line:
+    """The difference to the mean, and whether it is better; with room, the mean.
+
+    Beside that stands of how many runs it is, where not all of the `count` have a value.
+    """
     if mean is None:
-        return ""
-    earlier, count = mean
+        return ()
+    earlier, having = mean
     difference = value - earlier
-    text = f"{difference:+.4f}" if abs(difference) < 1e4 else f"{difference:+.2e}"
-    return f"{text:>10} to {value_text(earlier)} ({count})" if roomy else f"{text:>10}"
+    text = f"{difference:+.4f}" if abs(difference) < 1e3 else f"{difference:+.2e}"
+    better = (difference > 0) is name.spec.higher_is_better
+    word, tone = ("better", Tone.GOOD) if better else ("worse", Tone.WARN)
+    if difference == 0:
+        word, tone = "equal", Tone.PLAIN
+    parts = [Span(f"{text:>9}", tone)]
+    if width >= _WITH_WORDS:
+        parts.append(Span(f" {word:<6}", tone))
+    if width >= _ROOMY:
+        of = "" if having == count else f" ({having})"
+        parts.append(Span(f" {value_text(earlier)}{of}", Tone.DIM))
+    return tuple(parts)

@@ -5,26 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from textual import events
 from textual.app import ComposeResult
 from textual.containers import Container, VerticalScroll
 
 from madrob_console.archive.history import earlier_runs
 from madrob_console.errors import MadrobError
-from madrob_console.ui.cells.lines import View
+from madrob_console.ui.cells.lines import View, plain
 from madrob_console.ui.panes.quality_table import QualityTable
 from madrob_console.ui.panes.result_head import ResultHead
 from madrob_console.ui.panes.result_indicators import IndicatorTable
 from madrob_console.ui.panes.run_marks import RunMarks
 from madrob_console.ui.panes.step_table import StepTable
+from scoring.protocol import Condition
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.run import RunSetup
 
+_BESIDE = 114
+"""Cells that indicators and steps take beside each other, with what is between them."""
+
+
+_COPIED = 100
+"""Columns of the result as text."""
+
+_Shown = tuple[float | None, int, tuple[int, Condition] | None]
+"""Start and issue of a result, and as which subject and condition it counts."""
+
 
 class ResultsPane(VerticalScroll):
-    """Outcome, indicators, capability, data quality, marks, files; arrows scroll.
+    """Outcome, indicators, capability, marks, files, data quality; arrows scroll.
 
     Args:
         load: all runs of the competition; may take a moment.
@@ -33,23 +45,27 @@ class ResultsPane(VerticalScroll):
     def __init__(self, load: Callable[[], Sequence[RunSummary]]) -> None:
         super().__init__(id="results")
         self._load = load
-        self._shown: tuple[float | None, int] = (None, 0)
+        self._shown: _Shown = (None, 0, None)
         self._indicators = IndicatorTable()
         self._views: tuple[View, ...] = (
             ResultHead(),
             self._indicators,
             StepTable(of_result=True),
-            QualityTable(),
             RunMarks(),
+            QualityTable(),
         )
 
     def compose(self) -> ComposeResult:
         """Top to bottom; indicators and steps side by side where there is room."""
-        head, indicators, steps, quality, marks = self._views
+        head, indicators, steps, marks, quality = self._views
         yield head
         yield Container(indicators, steps, classes="columns")
-        yield quality
         yield marks
+        yield quality
+
+    def on_resize(self, _event: events.Resize) -> None:
+        """Side by side only where both tables are whole."""
+        self.set_class(self.scrollable_content_region.width >= _BESIDE, "-beside")
 
     def enter(self) -> None:
         """Arrows scroll."""
@@ -58,20 +74,27 @@ class ResultsPane(VerticalScroll):
     def show(self, snapshot: Snapshot) -> None:
         """Show a newer snapshot; another result begins at its top."""
         result = snapshot.result
-        shown = (None if result is None else result.start, snapshot.run.issue)
+        run, setup = snapshot.run, snapshot.run.setup
+        series = None if setup is None else (setup.subject, setup.condition)
+        shown = (None if result is None else result.start, run.issue, series)
         if shown != self._shown:
             self._shown = shown
             self.scroll_home(animate=False)
             self._indicators.earlier = ()
             official = snapshot.result is not None and snapshot.playback is None
-            if official and snapshot.run.setup is not None:
-                self._compare(snapshot, snapshot.run.setup)
+            if official and setup is not None:
+                self._compare(snapshot, setup)
         for view in self._views:
             view.show(snapshot)
 
+    @property
+    def copied(self) -> str:
+        """All of it as text."""
+        return "\n\n".join(filter(None, (plain(view.lines(_COPIED)) for view in self._views)))
+
     def _compare(self, snapshot: Snapshot, setup: RunSetup) -> None:
         """Look up the team's earlier runs in the same condition, off the loop."""
-        result, source = snapshot.result, snapshot.result_source
+        result, practice, shown = snapshot.result, snapshot.practice, self._shown
         assert result is not None
 
         def look_up() -> None:
@@ -81,16 +104,16 @@ class ResultsPane(VerticalScroll):
                     setup.subject,
                     setup.condition.number,
                     result.start,
-                    source=source,
+                    practice=practice,
                     ruleset=result.ruleset,
                 )
-            except MadrobError:
+            except (MadrobError, OSError, MemoryError):
                 return  # the history says what is wrong with the folder
-            self.call_later(self._show_earlier, result.start, runs)
+            self.call_later(self._show_earlier, shown, runs)
 
         self.run_worker(look_up, thread=True, exclusive=True)
 
-    def _show_earlier(self, start: float, runs: Sequence[RunSummary]) -> None:
-        if start == self._shown[0]:
+    def _show_earlier(self, of: _Shown, runs: Sequence[RunSummary]) -> None:
+        if of == self._shown:
             self._indicators.earlier = runs
             self._indicators.redraw()

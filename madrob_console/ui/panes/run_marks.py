@@ -5,43 +5,61 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
+
 from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import Run
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, paragraph
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
+from madrob_console.ui.look.words import cut_inside
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
 
 
 class RunMarks(View):
-    """One row each, by kind; then the folder, whole, however long it is."""
+    """One row each, by kind, the newest first; then the folder (y copies it whole)."""
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """The rows; none before there is a result."""
         if snapshot.result is None:
             return ()
-        rows = list(run_marks(snapshot.run)) or [("marks", "no incident, false start or waiver")]
+        rows = list(run_marks(snapshot.run)) or [("marks", "none")]
         lines = [text for name, words in rows for text in _entry(name, words, width)]
-        return [*lines, *_entry("files", snapshot.folder or "not known", width, Tone.STRONG)]
+        return [*lines, *_path("files", snapshot.folder or "not known", width)]
 
 
 def run_marks(run: Run) -> Iterator[tuple[str, str]]:
-    """Kind and words of every mark, times in s since the start."""
-    for incident in run.incidents:
+    """Kind and words of every mark, the newest of a kind first; times in s since the start."""
+    for false_start in reversed(run.false_starts):
+        what, decided = false_start.event.words, false_start.accepted or "UNDECIDED"
+        yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
+    if run.voided is not None:
+        yield "void", f"{_at(run.voided.time, run)}{run.voided.reason}"
+    for change in reversed(run.corrections):
+        yield "correction", f"{_at(change.time, run)}{change.words}: {change.reason}"
+    for back in reversed(run.taken_back):
+        yield "taken back", f"{_at(back.time, run)}{back.words}: {back.reason}"
+    for ruling in reversed(run.rulings):
+        word = RULED[ruling.confirmed]
+        yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
+    for incident in reversed(run.incidents):
         more = f": {incident.note}" if incident.note else ""
         gone = "" if incident.withdrawn is None else f" WITHDRAWN: {incident.withdrawn}"
         yield "incident", f"{_at(incident.time, run)}{incident.kind}{more}{gone}"
-    for false_start in run.false_starts:
-        what = str(false_start.event).replace("_", " ")
-        decided = false_start.accepted or "not decided"
-        yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
-    for ruling in run.rulings:
-        word = RULED[ruling.confirmed]
-        yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
+    for fault in reversed(run.faults):
+        yield "testbed fault", f"{_at(fault.time, run)}{fault.text}"
     for waiver in run.waivers:
         yield "waiver", f"{waiver.check}: {waiver.reason}"
-    for note in run.notes:
+    for note in reversed(run.notes):
         yield "note", f"{_at(note.time, run)}{note.text}"
+
+
+def _path(name: str, path: str, width: int) -> list[Line]:
+    """One row: beside its name, or without it where that leaves room for all."""
+    head = f"{name:<18}"
+    if cell_len(head) + cell_len(path) > width:
+        head = f"{name} "
+    return [line(Span(head, Tone.DIM), Span(cut_inside(path, width - len(head)), Tone.STRONG))]
 
 
 def _at(time: float, run: Run) -> str:

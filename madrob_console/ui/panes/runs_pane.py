@@ -101,9 +101,10 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         self.run_worker(partial(self._read, self._number), thread=True, exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Read again when a result has come or changed."""
+        """Read again when a result has come or changed, or the list of teams."""
         run = snapshot.run
-        seen = (run.start, run.issue, run.closure, run.rulings, snapshot.result is not None)
+        written = snapshot.result is not None
+        seen = (run.start, run.issue, run.closure, run.rulings, written, snapshot.teams)
         if self._seen not in (None, seen):
             self.reload()
         self._seen = seen
@@ -117,8 +118,8 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         """In the thread: it must not wait for the screens."""
         try:
             show = partial(self.take, self.prepare(self._load()))
-        except MadrobError as error:
-            show = partial(self.head.say, str(error), Tone.BAD)
+        except (MadrobError, OSError, MemoryError) as error:
+            show = partial(self.head.say, str(error) or "no memory", Tone.BAD)
         self.call_later(self._show_read, number, show)
 
     def _show_read(self, number: int, show: Callable[[], None]) -> None:
@@ -126,3 +127,10 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         if number == self._number:
             self._reading = False
             show()
+
+
+def results_state(snapshot: Snapshot) -> tuple[object, ...]:
+    """Changes when a result has come or changed: what was read of all runs is old then."""
+    run = snapshot.run
+    said = (run.closure, run.rulings, run.voided, run.corrections)
+    return (run.start, run.issue, said, snapshot.result is not None)

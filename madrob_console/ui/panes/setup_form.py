@@ -13,12 +13,17 @@ from textual.widget import Widget
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
+from madrob_console.referee.questions import Ask
 from madrob_console.referee.run import RunSetup
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.label import Label
+from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
+from madrob_console.ui.keys.asks import OtherName, ask_other_name
 from madrob_console.ui.look.words import shortened
+from madrob_console.ui.panes.team_line import TeamLine
 from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
@@ -36,8 +41,16 @@ class SetupForm(Horizontal):
         condition = FIRST_CONDITION
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
+        self.listed = TeamLine(id="listed-team")
+        self._team_name = Label("Team")
+        self._teams = NO_TEAMS
+        self._other: OtherName | None = None
+        self.use_list(NO_TEAMS)
         self.run_number = NumberField(id="run-number")
         self.referee = Field(id="referee")
+        self.practice = Choice(
+            [("official", False), ("PRACTICE", True)], value=False, id="practice"
+        )
         self.opening = _choice(Side, condition.opening_side, "opening", str.upper)
         self.starting = _choice(Side, condition.starting_side, "starting", str.upper)
         self.benchmark = _choice(BenchmarkType, condition.benchmark_type, "benchmark")
@@ -56,7 +69,7 @@ class SetupForm(Horizontal):
         """Who and in which condition, the rest, the pose seen from above."""
         yield Vertical(
             _row("Subject", self.subject, "  run ", self.run_number),
-            _row("Team", self.team),
+            _row(self._team_name, self.team, self.listed, shared=False),
             _row("Referee", self.referee),
             _row("Opening side", self.opening),
             _row("Starting side", self.starting),
@@ -65,9 +78,9 @@ class SetupForm(Horizontal):
             classes="who",
         )
         yield Vertical(
+            _row("Run is", self.practice),
             _row("Start pose", self.preset),
-            _row("  x, y", self.x, " ", self.y, " m"),
-            _row("  yaw", self.yaw, " deg"),
+            _row("  x, y, yaw", self.x, self.y, self.yaw),
             _row("Timeout", self.timeout, " s"),
             _row("Countdown", self.countdown, " s"),
             _row("Ruleset", self.ruleset),
@@ -86,8 +99,12 @@ class SetupForm(Horizontal):
         condition = setup.condition
         self.subject.value = str(setup.subject)
         self.team.value = setup.team
+        self._other = None
+        if setup.team_reason:
+            self.take_name(OtherName(setup.subject, setup.team, setup.team_reason))
         self.run_number.value = str(setup.run_number)
         self.referee.value = setup.referee
+        self.practice.value = setup.practice
         self.opening.value = condition.opening_side
         self.starting.value = condition.starting_side
         self.benchmark.value = condition.benchmark_type
@@ -97,10 +114,55 @@ class SetupForm(Horizontal):
         self.lock_detection.value = setup.lock_detection
         self.show_pose(setup.start_pose)
 
+    def use_list(self, teams: TeamList) -> None:
+        """Take the team's name from a list; without one it is typed."""
+        self._teams = teams
+        there = bool(teams.names)
+        self._team_name.say("Team (/ list)" if there else "Team", Tone.DIM)
+        if there and self.team.has_focus:  # before it goes: or any other field would get it
+            self.screen.set_focus(self.listed)
+        self.team.display, self.listed.display = not there, there
+        if self._other is not None:
+            self.take_name(self._other)
+        self.show_team()
+
+    def take_name(self, other: OtherName) -> None:
+        """Another name than the list's; one that is the list's takes an earlier one back."""
+        differs = self._teams.differs(other.subject, other.name)
+        self._other = other if differs else None
+        self.show_team()
+
+    def forget_name(self) -> None:
+        """The list's name counts again."""
+        self._other = None
+        self.show_team()
+
+    def show_team(self) -> None:
+        """The name of the subject that is typed."""
+        other = self._named_otherwise()
+        name = self._teams.names.get(self.team_number, "") if other is None else other.name
+        self.listed.say(name, other=other is not None)
+
+    @property
+    def team_number(self) -> int:
+        """The subject that is typed; 0 = none."""
+        text = self.subject.value.strip()
+        return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+
+    def _named_otherwise(self) -> OtherName | None:
+        """The other name of the subject that is typed."""
+        other = self._other
+        return other if other is not None and other.subject == self.team_number else None
+
+    def ask_name(self, name: str) -> Ask[OtherName | str]:
+        """What is asked for another name than the list's; it may have been typed already."""
+        subject = self.team_number
+        return ask_other_name(subject, self._teams.names.get(subject, ""), name)
+
     def show_names(self, setup: RunSetup) -> None:
         """Show the names as they were cleaned, so that nothing changes unseen."""
         for field, name in ((self.team, setup.team), (self.referee, setup.referee)):
-            if field.value != name:
+            if field.value != name and not field.has_focus:  # who types goes on typing
                 field.value = name
 
     def show_pose(self, pose: StartPose) -> None:
@@ -111,6 +173,7 @@ class SetupForm(Horizontal):
 
     def show_derived(self) -> None:
         """What follows from the fields: the condition in words, the preset that they match."""
+        self.show_team()
         condition = self.condition
         way = condition.way.replace("from ", "")
         self.condition_label.say(f"{condition.number}: {way}")
@@ -158,9 +221,12 @@ class SetupForm(Horizontal):
             pose = self.pose()
             if isinstance(pose, str):
                 return pose
+            other = self._named_otherwise()
+            listed = self._teams.names.get(self.team_number, "") if other is None else other.name
+            typed = None if self._teams.names else clean_name(self.team.value, "team")
             setup = RunSetup(
                 subject=_whole(self.subject, "subject"),
-                team=clean_name(self.team.value, "team"),
+                team=listed if typed is None else typed,
                 run_number=_whole(self.run_number, "run number"),
                 condition=self.condition,
                 start_pose=pose,
@@ -169,6 +235,8 @@ class SetupForm(Horizontal):
                 countdown=_number(self.countdown, "countdown", "seconds"),
                 ruleset=self.ruleset.value,
                 lock_detection=self.lock_detection.value,
+                practice=self.practice.value,
+                team_reason="" if other is None else other.reason,
             )
         except MadrobError as error:
             return str(error)
@@ -181,16 +249,19 @@ def _choice(
     return Choice([(label(v.value), v) for v in values], value, id=name)
 
 
-def _row(name: str, *parts: Widget | str) -> Widget:
-    """A name, and fields with words between them; a lone field takes all the room."""
-    label = Label(name)
+def _row(name: str | Label, *parts: Widget | str, shared: bool = True) -> Widget:
+    """A name, and fields with words between them.
+
+    A lone field takes all the room, and so does each that is not `shared`: others are hidden.
+    """
+    label = Label(name) if isinstance(name, str) else name
     label.add_class("name")
     widgets: list[Widget] = []
     for part in parts:
         widget = Label(part) if isinstance(part, str) else part
         if isinstance(part, str):
             widget.add_class("unit")
-        elif len(parts) > 1:
+        elif len(parts) > 1 and shared:
             widget.add_class("short")
         widgets.append(widget)
     return Horizontal(label, *widgets, classes="field")

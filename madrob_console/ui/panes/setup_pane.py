@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from msgspec.structs import asdict
@@ -16,22 +17,36 @@ from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.shown.requests import NextRunNumber, Perform
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp, Start
+from madrob_console.referee.competition_plan import Task
+from madrob_console.referee.questions import Ask
 from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.teams import TeamList
+from madrob_console.standings.plan_table import task_words
 from madrob_console.ui.cells.choice import Choice
+from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.push_button import PushButton
 from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
+from madrob_console.ui.keys.asks import OtherName
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.panes.checklist import CheckList
 from madrob_console.ui.panes.setup_form import SetupForm
+from madrob_console.ui.panes.team_line import TeamLine
+from madrob_console.ui.panes.team_picker import TeamPicker
 from scoring.protocol import Condition
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.ui.panes.plan_reader import PlanReader
 
 _OPEN = (Phase.IDLE, Phase.READY)
+_DRAFTED = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
+_ASKING = "asking"
+"""What waits for the engine; the latest takes the place of those before."""
+
+NEVER_OFFICIAL = "a simulated testbed's runs are never official"
 
 
 class SetupPane(Vertical):
@@ -44,6 +59,7 @@ class SetupPane(Vertical):
         Binding("up", "focus_step(-1)", show=False),
         Binding("down", "focus_step(1)", show=False),
         Binding("enter", "enter", show=False),
+        Binding("slash", "search", show=False),
         # in a field, before its own: what is typed next goes into the next one, however fast
         Binding("up", "leave_field(-1)", show=False, priority=True),
         Binding("down", "leave_field(1)", show=False, priority=True),
@@ -53,13 +69,24 @@ class SetupPane(Vertical):
     class NextRun(Message):
         """The referee asks for the next run."""
 
-    def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
+    class Naming(Message):
+        """The referee wants another name for the team than the list has."""
+
+        def __init__(self, ask: Ask[OtherName | str]) -> None:
+            super().__init__()
+            self.ask = ask
+
+    def __init__(self, link: EngineLink, defaults: ConsoleDefaults, plan: PlanReader) -> None:
         super().__init__(id="setup")
+        self._plan = plan
+        self._last: RunSetup | None = None
         self._link = link
         self._defaults = defaults
-        self._teams = dict(defaults.teams)
+        self._free_names: dict[int, str] = {}
         self._snapshot: Snapshot | None = None
-        self._proposed: tuple[int, int] | None = None
+        self._proposed: tuple[int, int, bool] | None = None
+        self._team_of: int | None = None
+        self._on_its_way = False
         self._problem = ""
         self._no_number = ""
         self._untouched: RunSetup | str = ""
@@ -67,27 +94,44 @@ class SetupPane(Vertical):
         self._button = PushButton("Set up this run", id="set-up")
         self._state = Label(id="setup-state")
         self._checks = CheckList()
+        self._picker = TeamPicker()
 
     def compose(self) -> ComposeResult:
-        """Fields, what becomes of them, checks."""
+        """Fields, what becomes of them, checks; over all that the list of teams."""
+        yield self._picker
         yield self._form
         yield Horizontal(self._button, self._state, id="setup-row")
         yield self._checks
 
     def enter(self) -> None:
         """Where typing begins."""
+        self._close_picker()
         self.screen.set_focus(self._form.subject)
+
+    def rest(self) -> None:
+        """Where letters are keys, Enter sets up and arrows go to the fields."""
+        self._close_picker()
+        self.screen.set_focus(self._button)
 
     def follow(self, snapshot: Snapshot) -> None:
         """Keep the proposal up to date, in view or not."""
         before, self._snapshot = self._snapshot, snapshot
-        self.disabled = snapshot.run.active
+        self.disabled = snapshot.run.active or snapshot.right.only_watches
+        if before is None or snapshot.teams != before.teams:
+            self._form.use_list(snapshot.teams)
+            self._picker.take(snapshot.teams)
+        late = snapshot.simulated is not None and not self._form.practice.value
         if before is None:
             self._load(snapshot)
-            self._untouched = self._form.read()
-        elif before.run.active and not snapshot.run.active:
-            self._propose(again=True)
-            self._untouched = self._form.read()
+        elif late or (before.run.active and not snapshot.run.active):
+            self._form.practice.value |= late
+            if not late:
+                self._untouched = self._form.read()
+            self.propose_again()
+        if snapshot.run.phase in (Phase.STOPPED, Phase.FINAL):
+            self._last = snapshot.run.setup
+        if self._plan.is_old(snapshot):
+            self.run_worker(self._follow_plan(), group="plan", exclusive=True)
 
     def show(self, snapshot: Snapshot) -> None:
         """Show a newer snapshot."""
@@ -97,30 +141,45 @@ class SetupPane(Vertical):
         self._state.say(*self._state_text(snapshot))
         self._checks.show(snapshot)
 
-    def commit(self) -> str | None:
+    def commit(self) -> None:
+        """Set the run up as the fields say; the keys go on until the engine has answered."""
+        self.run_worker(self._set_up(), group=_ASKING, exclusive=True)
+
+    async def _set_up(self) -> str | None:
         """Set the run up as the fields say; returns why that is not possible."""
+        setup = await self.draft()
         self._snapshot = self._link.snapshot()
         if self._snapshot is None:
             return NOT_YET
         run = self._snapshot.run
-        setup = self.draft()
         if run.phase not in _OPEN:
             return None  # a draft for the next run
         if isinstance(setup, str):
             return setup
         self._form.show_names(setup)
-        self._untouched = setup
-        self._problem = "" if setup == run.setup else self._link.do(Perform.of(SetUp(setup))) or ""
-        return self._problem or None
+        self._untouched = self._form.read()
+        problem = ""
+        if setup != run.setup or self._on_its_way:
+            self._on_its_way = True  # stays so where nobody waits for the answer any more
+            try:
+                refused = await self._link.answer(Perform.of(SetUp(setup)))
+            except MadrobError as error:
+                refused = str(error)
+            problem = refused or ""
+            self._on_its_way = False
+        if self._read() == setup:  # else it is about what nobody wants any more
+            self._problem = problem
+        return problem or None
 
-    def commit_edits(self) -> str | None:
+    async def commit_edits(self) -> str | None:
         """Before an act on a run that is set up: what has been typed since counts."""
         snapshot = self._link.snapshot()
         if snapshot is None or snapshot.run.phase not in _OPEN:
             return None
-        if snapshot.run.phase is Phase.READY:
-            return self.commit()
-        draft = self.draft()
+        if snapshot.run.phase is Phase.READY or self.display:  # what is seen is meant
+            self.workers.cancel_group(self, _ASKING)
+            return await self._set_up()
+        draft = await self.draft()
         return draft if isinstance(draft, str) else None
 
     def remember_referee(self, name: str) -> None:
@@ -128,19 +187,69 @@ class SetupPane(Vertical):
         if not self._form.referee.value.strip():
             self._form.referee.value = name
 
+    def take_name(self, other: OtherName) -> None:
+        """The team of the set-up has this name."""
+        self._form.take_name(other)
+        self.commit()
+
     def propose_like(self, run: RunSummary) -> None:
         """Propose the team and the condition of an earlier run, with the next run number."""
-        self._teams.setdefault(run.subject, run.team)
-        self._form.subject.value = str(run.subject)
-        self._form.take_condition(Condition.from_number(run.condition))
-        self._propose(again=True)
+        self._free_names.setdefault(run.subject, run.team)
+        self.propose(Task(run.subject, run.condition))
 
-    def draft(self) -> RunSetup | str:
-        """The set-up in the fields, or what is wrong with it."""
-        self._propose()
-        setup = self._form.read()
+    def propose(self, task: Task) -> None:
+        """Propose a team in a condition, with the next run number; the plan changes it no more."""
+        self._form.subject.value = str(task.subject)
+        self._form.take_condition(Condition.from_number(task.condition))
+        self._proposed, self._untouched = None, ""
+
+    def propose_same(self) -> None:
+        """Propose the team and the condition of the run that ended last."""
+        if self._last is not None:
+            self.propose(task_of(self._last))
+
+    async def propose_planned(self) -> None:
+        """Propose what the plan has next, unless somebody has chosen anything else."""
+        if self._snapshot is not None and self._snapshot.plan.lines:
+            await self._plan.read()
+            await self._take_planned()
+
+    async def _follow_plan(self) -> None:
+        """The draft of the next run is what the plan has next, when that changes."""
+        await self._plan.read()
+        now = self._snapshot
+        if now is not None and now.playback is None and now.run.phase in _DRAFTED:
+            await self._take_planned()
+
+    async def _take_planned(self) -> None:
+        following, now = self._plan.progress.next, self._snapshot
+        if now is not None and now.run.setup is not None and self._form.practice.value:
+            return  # who practises goes on with the same: that is not planned
+        if following is not None and self._form.read() == self._untouched:
+            self.propose(following.task)
+            await self._propose()
+            self._untouched = self._form.read()
+
+    @property
+    def next_words(self) -> str:
+        """What x sets up, where that is the plan's next run; else empty."""
+        following, setup = self._plan.progress.next, self._form.read()
+        if isinstance(setup, str) or setup != self._untouched or self._snapshot is None:
+            return ""
+        if following is None or task_of(setup) != following.task or setup.practice:
+            return ""
+        task = task_words(following.task, self._snapshot.teams.names)
+        attempt = f"attempt {following.number} of {following.planned}"
+        return f"x: {task}, {attempt}. X repeats, p shows the plan."
+
+    async def draft(self) -> RunSetup | str:
+        """The set-up in the fields with the next run number, or what is wrong with it."""
+        if not self._plan.version and self._snapshot is not None and self._snapshot.plan.lines:
+            await self._plan.read()
+        await self._propose()
+        setup = self._read()
         if isinstance(setup, RunSetup):
-            self._teams[setup.subject] = setup.team
+            self._free_names[setup.subject] = setup.team
         return setup
 
     def on_input_changed(self, _event: Input.Changed) -> None:
@@ -155,14 +264,63 @@ class SetupPane(Vertical):
         if self._form.read() != self._untouched:
             self.commit()
 
+    def on_descendant_focus(self) -> None:
+        """What the keys do depends on where they go."""
+        if self._snapshot is not None:
+            self._state.say(*self._state_text(self._snapshot))
+
     def on_choice_changed(self, event: Choice.Changed) -> None:
         """A choice counts at once."""
+        practice = self._form.practice
+        simulated = self._snapshot is not None and self._snapshot.simulated is not None
+        if event.choice is practice and simulated and not practice.value:
+            practice.value, self._problem = True, NEVER_OFFICIAL
+            return
         if event.choice is self._form.preset:
             self._form.take_preset()
         elif event.choice is self._form.starting:
             self._form.follow_side()
         self._form.show_derived()
         self.commit()
+
+    def on_number_field_refused(self, event: NumberField.Refused) -> None:
+        """No number has a slash in it: it asks for the list, there, too."""
+        if event.letter == "/":
+            event.stop()
+            self.action_search()
+
+    def on_team_line_typed(self, event: TeamLine.Typed) -> None:
+        """Look for a team; what is typed fast comes from the line, too."""
+        if self.has_class("-picking"):
+            self._picker.type(event.text)
+        else:
+            self.action_search()
+            self._picker.type(event.text.lstrip(" /"))
+
+    def on_team_line_cleared(self, _event: TeamLine.Cleared) -> None:
+        """The list's name counts again."""
+        self._form.forget_name()
+        self.commit()
+
+    def action_search(self) -> None:
+        """Choose a team from the list."""
+        self.add_class("-picking")
+        self._picker.open(self._form.team_number)
+
+    def on_team_picker_named(self, event: TeamPicker.Named) -> None:
+        """The team has another name than in the list: that is asked about."""
+        self.rest()
+        self.post_message(self.Naming(self._form.ask_name(event.name)))
+
+    def on_team_picker_picked(self, event: TeamPicker.Picked) -> None:
+        """A team was chosen; a choice counts at once."""
+        self.rest()
+        if event.subject is not None:
+            self._form.subject.value = str(event.subject)
+            self.commit()
+
+    def _close_picker(self) -> None:
+        self.remove_class("-picking")
 
     def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
         """Set up, or ask for the next run."""
@@ -186,7 +344,7 @@ class SetupPane(Vertical):
         Raises:
             SkipAction: no field has the focus.
         """
-        if not isinstance(self.screen.focused, Input):
+        if not isinstance(self.screen.focused, Input) or self.has_class("-picking"):
             raise SkipAction
         self.commit()
         self.action_focus_step(step)
@@ -195,23 +353,35 @@ class SetupPane(Vertical):
         """The field after or before."""
         (self.screen.focus_next if step > 0 else self.screen.focus_previous)()
 
+    def _read(self) -> RunSetup | str:
+        """The set-up in the fields, or what is wrong with them; marked where it is out of plan."""
+        setup = self._form.read()
+        if isinstance(setup, str):
+            return setup
+        task, run = task_of(setup), None if self._snapshot is None else self._snapshot.run
+        out = not setup.practice and self._plan.progress.out_of_plan(task)
+        if run is not None and run.phase is Phase.READY and run.setup is not None:
+            # what is set up stays as it is when the plan changes
+            out = run.setup.out_of_plan if task_of(run.setup) == task else out
+        return replace(setup, out_of_plan=out)
+
     def _load(self, snapshot: Snapshot) -> None:
         setup = snapshot.run.setup
-        if setup is None:
-            self._form.load(self._first_setup())
-            self._propose(again=True)
-            return
-        self._form.load(setup)
-        self._teams[setup.subject] = setup.team
-        self._proposed = (setup.subject, setup.condition.number)
-        if not snapshot.run.active and snapshot.run.phase not in _OPEN:
-            self._propose(again=True)
+        shown = setup or self._first_setup()
+        self._form.load(shown)
+        self._form.practice.value |= snapshot.simulated is not None
+        self._untouched, self._team_of = self._form.read(), shown.subject
+        if setup is not None:
+            self._free_names[setup.subject] = setup.team
+            self._proposed = (setup.subject, setup.condition.number, setup.practice)
+        if setup is None or not (snapshot.run.active or snapshot.run.phase in _OPEN):
+            self.propose_again()
 
     def _first_setup(self) -> RunSetup:
         known = self._defaults
         return RunSetup(
             subject=1,
-            team=known.team or self._teams.get(1, ""),
+            team=known.team,
             run_number=1,
             condition=FIRST_CONDITION,
             start_pose=start_pose_on(FIRST_CONDITION.starting_side, known.poses),
@@ -219,42 +389,110 @@ class SetupPane(Vertical):
             **asdict(known.run),
         )
 
-    def _propose(self, *, again: bool = False) -> None:
-        """The next run number and the team's name, when subject or condition are others."""
+    def propose_again(self, *, only_later: bool = False) -> None:
+        """The next run number, though subject and condition are the same.
+
+        Args:
+            only_later: a number that was chosen stays, unless it is used by now.
+        """
+
+        async def propose() -> None:
+            untouched = self._form.read() == self._untouched
+            await self._propose(only_later=only_later)
+            if untouched:
+                self._untouched = self._form.read()
+
+        self._proposed = None
+        self.run_worker(propose(), group=_ASKING, exclusive=True)
+
+    @property
+    def _wanted(self) -> tuple[int, int, bool] | None:
+        """Subject, condition, whether practice; None where the subject is no number."""
         text = self._form.subject.value.strip()
-        if not (text.isascii() and text.isdigit()):
+        good = text.isascii() and text.isdigit()
+        form = self._form
+        return (int(text), form.condition.number, form.practice.value) if good else None
+
+    async def _propose(self, *, only_later: bool = False) -> None:
+        """The next run number and the team's name, when subject or condition are others."""
+        wanted, form = self._wanted, self._form
+        if wanted is None or wanted == self._proposed:
             return
-        wanted = (int(text), self._form.condition.number)
-        if wanted == self._proposed and not again:
-            return
-        if self._proposed is not None and wanted[0] != self._proposed[0]:
-            self._form.team.value = self._teams.get(wanted[0], "")
-        self._proposed = wanted
+        if wanted[0] != self._team_of:
+            self._team_of, form.team.value = wanted[0], self._free_names.get(wanted[0], "")
+            form.forget_name()
+        typed = form.run_number.value
+        problem, proposed = "", typed
         try:
-            number = self._link.ask(NextRunNumber(*wanted))
+            number = await self._link.answer(NextRunNumber(*wanted))
+            used = not typed.isdecimal() or int(typed) < number
+            proposed = str(number) if used or not only_later else typed
         except MadrobError as error:
-            self._no_number = str(error)
-        else:
-            self._no_number, self._form.run_number.value = "", str(number)
+            problem = str(error)
+        if wanted == self._wanted:  # else another one is asked for
+            # what was not answered is asked again, with the next key that needs it
+            self._proposed, self._no_number = None if problem else wanted, problem
+            if form.run_number.value == typed:
+                form.run_number.value = proposed
 
     def _state_text(self, snapshot: Snapshot) -> tuple[str, Tone]:
         run = snapshot.run
         if snapshot.playback is not None:
             return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
+        if snapshot.pulse.gone:
+            return f"x {snapshot.pulse.gone}", Tone.BAD
+        if snapshot.right.only_watches:
+            return "This screen only watches. F3 shows the run.", Tone.PLAIN
         if run.active:
             return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
-        setup = self._form.read()
+        setup = self._read()
         if isinstance(setup, str) or self._problem or self._no_number:
             wrong = setup if isinstance(setup, str) else self._problem or self._no_number
             return f"x {wrong}", Tone.BAD
         if run.phase not in _OPEN:
-            return f"Draft of run {setup.run_number}; x or Enter here sets it up.", Tone.PLAIN
+            what = f"run {setup.run_number} of subject {setup.subject}{self._planned(setup)}"
+            told = f"Draft of {what}: {self._next_key}."
+            return told + self._team_text(setup, snapshot.teams), Tone.PLAIN
         if setup != run.setup:
-            return "Not set up yet: Enter, here or in a field.", Tone.WARN
+            told = f"Not set up yet{self._planned(setup)}: Enter, here or in a field."
+            return told + self._team_text(setup, snapshot.teams), Tone.WARN
         refused = snapshot.refusal(Start.name)
         then = "F5 starts." if refused is None else "See the checks."
         if not run.pose_confirmed:
             then = "F6 confirms its pose."
-        if self._defaults.teams and setup.subject not in self._defaults.teams:
-            then += f" Subject {setup.subject} has no name in the list of teams!"
-        return f"Run {setup.run_number} of subject {setup.subject} is set up. {then}", Tone.GOOD
+        what = f"Run {setup.run_number} of subject {setup.subject}{self._planned(setup)}"
+        told = f"{what} is set up. {then}{self._team_text(setup, snapshot.teams)}"
+        return told, Tone.WARN if setup.out_of_plan else Tone.GOOD
+
+    @property
+    def _next_key(self) -> str:
+        """What sets a draft up, from where the focus is."""
+        if isinstance(self.screen.focused, Input | TeamLine):
+            return "Escape, then x sets it up"
+        return "x or Enter sets it up" if self._button.has_focus else "x sets it up"
+
+    def _team_text(self, setup: RunSetup, teams: TeamList) -> str:
+        """What is odd about the team's name, and how to change it."""
+        here = self._form.listed.has_focus
+        if setup.team_reason:
+            clears = " Del takes the list's." if here else ""
+            return f" Other name than the list's: {setup.team_reason}.{clears}"
+        if teams.names and setup.subject not in teams.names:
+            return f" Subject {setup.subject} is not in the list of teams!"
+        return " Type to look for a team." if here else ""
+
+    def _planned(self, setup: RunSetup) -> str:
+        """Which attempt of the plan it is, in words; empty where it is none."""
+        if setup.out_of_plan:
+            return ", OUT OF PLAN"
+        of = next((one for one in self._plan.progress.tasks if one.task == task_of(setup)), None)
+        if setup.practice or of is None or not of.planned:
+            return ""
+        if not of.left:
+            return ", an attempt repeated"
+        return f", attempt {of.done + 1} of {of.planned}"
+
+
+def task_of(setup: RunSetup) -> Task:
+    """The team and the condition of a set-up."""
+    return Task(setup.subject, setup.condition.number)

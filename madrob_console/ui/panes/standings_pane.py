@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
-from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.archive.history import VOID, RunSummary, condition_words
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.run_columns import indicator_column, number_column, text_column
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
 from scoring.indicator_table import IndicatorName
 
-PRACTICE_BANNER = "SIMULATED runs: not official"
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
+
+PRACTICE_BANNER = "PRACTICE runs: not official"
 
 
 class Statistic(StrEnum):
@@ -66,6 +69,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
         super().__init__(load, Table(self._columns(), _key, fixed=3), id="standings")
         self._best = best
         self._only_best = best > 0
+        self._listed: Mapping[int, str] = {}
         self._official: bool | None = None
         self._statistic = Statistic.MEAN
         self._tables = Tables({}, any_official=False, damaged=0)
@@ -78,13 +82,21 @@ class StandingsPane(RunsPane[Tables, Standing]):
         yield self.table
         yield self.about
         best = f", b best {self._best}" if self._best else ""
-        yield Label(f"Enter its runs, v SIMULATED, c mean/std{best}, o O sort, <- -> columns")
+        yield Label(f"Enter its runs, v PRACTICE, c mean/std{best}, o O sort, <- -> columns")
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Read again when a result has come or changed, or the list of teams."""
+        self._listed = snapshot.teams.names
+        super().show(snapshot)
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
         """All standings that the keys can ask for."""
         made = {
             (official, only_best): standings(
-                runs, official=official, best=self._best if only_best else 0
+                runs,
+                official=official,
+                best=self._best if only_best else 0,
+                listed=self._listed,
             )
             for official in (True, False)
             for only_best in {False, self._best > 0}
@@ -99,7 +111,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def action_source(self) -> None:
         """Official or practice."""
-        self._official = not self._is_official
+        self._official = not self.official
         self._show_rows()
 
     def action_number(self) -> None:
@@ -118,13 +130,14 @@ class StandingsPane(RunsPane[Tables, Standing]):
         return about(row), Tone.DIM
 
     @property
-    def _is_official(self) -> bool:
+    def official(self) -> bool:
+        """Whether official runs are shown; else the practice runs."""
         return self._tables.any_official if self._official is None else self._official
 
     def _show_rows(self) -> None:
-        official = self._is_official
+        official = self.official
         self._banner.display = not official
-        self.table.empty = "no official runs yet" if official else "no SIMULATED runs yet"
+        self.table.empty = "no official runs yet" if official else "no PRACTICE runs yet"
         self.table.set_rows(self._tables.of.get((official, self._only_best), ()))
         which = f"the best {self._best}" if self._only_best else "all"
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
@@ -134,8 +147,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def _columns(self) -> list[Column[Standing]]:
         return [
-            number_column("sub", "subject", lambda s: s.subject, 4),
-            text_column("team", "team", lambda s: s.team, 10, ample=18),
+            number_column("subj", "subject", lambda s: s.subject, 4),
+            text_column("team", "team", lambda s: s.team, 8, ample=18),
             number_column("cond", "condition", lambda s: s.condition, 5),
             text_column(
                 "task", "task", lambda s: condition_words(s.condition).way, 20, comfort=True
@@ -143,6 +156,14 @@ class StandingsPane(RunsPane[Tables, Standing]):
             number_column("compl", "completed runs", lambda s: s.completed, 6),
             number_column("timeo", "timed-out runs", lambda s: s.timeout, 6),
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
+            Column(
+                "!",
+                "runs with flags: ! weighs, !! is not decided",
+                _flags,
+                _flag_rank,
+                2,
+                falling=True,
+            ),
             *(self._indicator(name) for name in IndicatorName),
             text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
             number_column("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
@@ -151,6 +172,16 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
         return indicator_column(name, lambda standing: number_of(standing, name, self._statistic))
+
+
+def _flags(standing: Standing) -> Span:
+    if standing.undecided:
+        return Span("!!", Tone.BAD)
+    return Span("!", Tone.WARN) if standing.flagged else Span("")
+
+
+def _flag_rank(standing: Standing) -> float | None:
+    return standing.undecided * 1000 + standing.flagged or None
 
 
 def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
@@ -166,11 +197,16 @@ def about(standing: Standing) -> str:
         (standing.completed, "completed"),
         (standing.timeout, "timeout"),
         (standing.aborted, "INVALID"),
+        (standing.voided, VOID),
         (standing.interrupted, "INTERRUPTED or unfinished"),
+        (standing.undecided, "UNDECIDED"),
+        (standing.flagged, "with flags"),
     )
     told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
-    return f"{standing.team}: {task}; {told}; ruleset {standing.ruleset}"
+    called = "".join(f", also '{name}'" for name in standing.other_names)
+    team = standing.team or f"subject {standing.subject}"
+    return f"{team}{called}: {task}; {told}; ruleset {standing.ruleset}"
 
 
 def filter_for(standing: Standing) -> str:
@@ -179,4 +215,4 @@ def filter_for(standing: Standing) -> str:
 
 
 def _key(standing: Standing) -> str:
-    return f"{standing.subject}/{standing.condition}/{standing.ruleset}/{standing.team}"
+    return f"{standing.subject}/{standing.condition}/{standing.ruleset}"

@@ -58,7 +58,7 @@ class TopView(Lines):
         """The drawing; nothing where there is no room for it."""
         if self._condition is None:
             return ()
-        height = self.content_size.height
+        height = self.room.height
         return top_view(self._condition, self._pose, width, height, self.ascii_only)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:

@@ -56,6 +56,19 @@ def test_a_result_agrees_with_its_recording_and_the_referees_decisions(
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
+def test_a_run_that_was_cut_off_as_soon_as_its_result_was_written_agrees(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup())
+    folder = drive.engine.folder
+    assert folder is not None
+    drive.engine.close()
+    journal = folder / "journal.jsonl"
+    *lines, last = journal.read_text().splitlines(keepends=True)
+    assert "result written" in last
+    journal.write_text("".join(lines))
+    assert found(folder) == []
+
+
 EDITS: dict[str, Callable[[Document], object]] = {
     "indicators.execution_time.value": lambda d: d["indicators"]["execution_time"].update(
         value=d["indicators"]["execution_time"]["value"] * (1 + 2**-52)

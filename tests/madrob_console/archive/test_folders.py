@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import fcntl
 import os
 import threading
 import time
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.archive import folders
 from madrob_console.archive.folders import (
     NUMBERS_FILE,
     RunId,
@@ -160,6 +162,46 @@ def test_a_link_in_place_of_the_numbers_file_is_not_written_through(tmp_path: Pa
     with pytest.raises(MadrobError):
         reserve_run_folder(root, RUN, START)
     assert outside.read_text() == "precious"
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "folder", "sparse"])
+def test_a_numbers_file_that_is_none_is_named_at_once(tmp_path: Path, kind: str) -> None:
+    numbers_file = tmp_path / NUMBERS_FILE
+    match kind:
+        case "pipe":
+            os.mkfifo(numbers_file)
+        case "link":
+            numbers_file.symlink_to("/dev/zero")
+        case "folder":
+            numbers_file.mkdir()
+        case "sparse":
+            with numbers_file.open("wb") as file:
+                file.truncate(20 * 10**9)
+    for use in (
+        lambda: reserve_run_folder(tmp_path, RUN, START),
+        lambda: next_run_number(tmp_path, 3, 7),
+    ):
+        with pytest.raises(
+            MadrobError, match=rf"{NUMBERS_FILE}: cannot be used \(.*\); put a plain"
+        ):
+            use()
+
+
+def test_whoever_locks_the_numbers_file_keeps_nobody_from_starting(tmp_path: Path) -> None:
+    reserve_run_folder(tmp_path, RUN, START)
+    with (tmp_path / NUMBERS_FILE).open("rb") as stranger:
+        fcntl.flock(stranger, fcntl.LOCK_EX)
+        reserve_run_folder(tmp_path, RunId(3, 7, 2), START)
+        assert next_run_number(tmp_path, 3, 7) == 3
+
+
+def test_of_two_that_saw_a_number_free_the_first_line_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reserve_run_folder(tmp_path, RUN, START)
+    monkeypatch.setattr(folders, "_used_numbers", lambda *_: set())
+    with pytest.raises(MadrobError, match="run 1 of subject 3 in condition 7 exists"):
+        reserve_run_folder(tmp_path, RUN, START + 60)
 
 
 def test_only_run_folders_are_runs(tmp_path: Path) -> None:

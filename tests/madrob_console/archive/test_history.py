@@ -16,7 +16,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from madrob_console.archive.folders import RESULT_FORMAT, RunId
-from madrob_console.archive.history import INDEX_FILE, History, RunSummary, earlier_runs, matches
+from madrob_console.archive.history import (
+    INDEX_FILE,
+    History,
+    RunSummary,
+    earlier_runs,
+    filter_problem,
+    matches,
+)
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise
@@ -190,7 +197,7 @@ def test_a_result_that_cannot_be_used_says_why_and_what_to_do(
     (run,) = History(tmp_path).refresh()
     assert run.problem is not None
     assert words in run.problem
-    assert "`madrob score`" in run.problem or "damaged" not in run.problem
+    assert "`madrob recover`" in run.problem or "damaged" not in run.problem
     assert len(run.problem) < 250
     assert (run.subject, run.condition, run.run_number, run.started) == (3, 7, 1, EPOCH)
     assert (run.outcome_word, run.valid) == ("DAMAGED", False)
@@ -402,16 +409,16 @@ def test_a_run_compares_with_earlier_valid_ones_of_the_same_robot_in_the_same_co
         summary(hour=1, source="replay"),
     ]
     itself = others[0]
-    found = earlier_runs([*others, *good], 3, 7, itself.started, source="ros")
+    found = earlier_runs([*others, *good], 3, 7, itself.started, practice=False)
     assert found == tuple(good)
-    (practice,) = earlier_runs([*others, *good], 3, 7, itself.started, source="simulated")
+    (practice,) = earlier_runs([*others, *good], 3, 7, itself.started, practice=True)
     assert practice.source == "simulated"
 
 
 def test_runs_under_other_rules_do_not_compare_where_the_rules_are_given() -> None:
     runs = [summary(hour=1, ruleset="protocol"), summary(hour=2, ruleset="eurobench-2020")]
-    assert len(earlier_runs(runs, 3, 7, EPOCH + 1e9, source="ros")) == 2
-    (same,) = earlier_runs(runs, 3, 7, EPOCH + 1e9, source="ros", ruleset="eurobench-2020")
+    assert len(earlier_runs(runs, 3, 7, EPOCH + 1e9, practice=False)) == 2
+    (same,) = earlier_runs(runs, 3, 7, EPOCH + 1e9, practice=False, ruleset="eurobench-2020")
     assert same.ruleset == "eurobench-2020"
 
 
@@ -423,7 +430,8 @@ RUN = summary(3, 12, 2, team="TU Delft 門", final=True, team_word="protested", 
     [
         "", "  ", "delft", "DELFT tu", "門", "push", "from cw to ccw", "constant", "completed",
         "simulated", "protested", "autumn", "2023-11", "subject:3", "subject:003", "SUBJECT:3",
-        "run:2", "cond:12", "team:delft", "team:門", "subject:3 run:2 delft", "subject:", "team:",
+        "run:2", "cond:12", "sub:3", "outcome:completed", "team:delft", "team:門",
+        "subject:3 run:2 delft", "subject:", "team:",
     ],
 )  # fmt: skip
 def test_a_filter_finds_a_run_by_its_words(text: str) -> None:
@@ -447,6 +455,19 @@ def test_the_word_of_an_outcome_and_its_name_are_both_found() -> None:
     assert matches(run, "aborted")
     assert matches(summary(outcome=None), "unfinished")
     assert matches(summary(problem="result.json is damaged"), "damaged")
+
+
+@pytest.mark.parametrize("text", ["foo:bar", "delft foo:", "FOO:bar", "ÉQUIPE:1"])
+def test_a_field_that_no_run_has_is_named_with_those_that_there_are(text: str) -> None:
+    name = "équipe" if "QU" in text else "foo"
+    problem = f"no field {name}: there are subject, sub, cond, run, team, outcome, closed, ruleset"
+    assert filter_problem(text) == problem
+    assert not matches(RUN, text)
+
+
+@pytest.mark.parametrize("text", ["", "delft", "sub:3 outcome:completed", "14:28", "team:a:b", ":"])
+def test_what_names_no_unknown_field_is_no_problem(text: str) -> None:
+    assert filter_problem(text) is None
 
 
 @given(RUNS, TEXTS, TEXTS)

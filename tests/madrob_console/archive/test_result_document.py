@@ -173,11 +173,14 @@ def test_a_recording_that_cannot_be_read_has_no_digest_and_a_reason(tmp_path: Pa
     (folder / "event.csv").write_text("time,event\n")
     (folder / "run_0.mcap").symlink_to("/etc/passwd")
     os.mkfifo(folder / "pipe.csv")
+    with (folder / "sparse.csv").open("wb") as sparse:
+        sparse.truncate(20 * 10**9)
     digests, left_out = digests_of(folder)
     assert list(digests) == ["event.csv"]
     assert left_out == (
         "metadata.yaml: cannot be read (No such file or directory)",
         "pipe.csv: cannot be read (no plain file)",
         "run_0.mcap: cannot be read (it is a link)",
+        "sparse.csv: cannot be read (20.0 GB, too much for a digest)",
     )
     assert digests_of(tmp_path / "gone")[0] == {}

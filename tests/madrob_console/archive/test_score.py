@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from madrob_console.archive import score
+from madrob_console.archive.scored import read_recorded_run
 from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
+from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
+from scoring.protocol import Step
 from scoring.rulesets import RulesetName
-from tests.madrob_console.recorded_runs import copy_run, publish, recorded
+from tests.madrob_console.engine.drive import Drive
+from tests.madrob_console.recorded_runs import completed, copy_run, publish, recorded
 
 
 def test_a_run_folder_and_its_bag_give_the_result_of_the_run() -> None:
@@ -44,3 +50,36 @@ def test_published_files_are_scored_as_they_stand(tmp_path: Path) -> None:
 def test_what_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(MadrobError, match="nothing"):
         next(score(tmp_path / "nothing"))
+
+
+def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_confirmed(
+    tmp_path: Path,
+) -> None:
+    """The journal's line is on disk at once, what it was decided by half a second later."""
+    folder = tmp_path / completed().name
+    shutil.copytree(completed(), folder)
+    for result in (*folder.glob("result*.json"), folder / "metadata.yaml"):
+        result.unlink()
+    (bag,) = folder.glob("*.mcap")
+    whole = bag.read_bytes()
+
+    def remarks() -> list[str]:
+        (run,) = score(folder)
+        assert run.result.outcome == "completed"
+        return [remark for remark in run.result.quality.remarks if "was completed" in remark]
+
+    assert remarks() == []  # nothing that counts is lost
+    stop = read_recorded_run(folder).run.stop
+    assert stop is not None
+    for end in range(len(whole), 0, -len(whole) // 100):
+        bag.write_bytes(whole[:end])
+        if max(message.receive_ns for message in read_bag(folder).messages()) < 1e9 * stop:
+            break
+    (lost,) = remarks()
+    assert "what was seen of step 5 and 6 is lost, only the referee can confirm it" in lost
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
+    drive.act(*(Rule(step, confirmed=True, reason="video") for step in (Step.CLOSE, Step.LOCK)))
+    assert drive.scored().result.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6
+    drive.engine.close()
+    assert remarks() == [lost]  # as it stands in the result

@@ -161,7 +161,8 @@ def test_a_bad_setting_is_named(
         (["--start-pose", "-1,0,0"], "CCW side"),
         (["--start-pose", "1.5,0,nan"], "start pose"),
         (["--timeout", "0"], "timeout"),
-        (["--team", "x" * 200], "--team"),
+        (["--team", "Delft"], "--team"),
+        (["--team-name", "x" * 200], "--team-name"),
         (["--speed", "-1"], "--speed"),
         (["--testbed", "replay"], "replay"),
         (["--testbed", "moon"], "moon"),
@@ -205,7 +206,7 @@ def test_names_are_cleaned_before_they_reach_files_and_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     team = "../Team\x1b[31m 名前\n🤖"
-    assert madrob(*RUN, "--team", team, "--timeout", "2", "--results", str(tmp_path)) == 3
+    assert madrob(*RUN, "--team-name", team, "--timeout", "2", "--results", str(tmp_path)) == 3
     output = capsys.readouterr().out
     stored = json.loads((folder_in(output) / "result.json").read_text())
     assert "\x1b" not in output
@@ -217,10 +218,13 @@ def test_settings_prints_a_file_that_can_be_read_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert madrob("settings") == 0
+    told = capsys.readouterr()
+    nowhere = tmp_path / "config" / "madrob" / "madrob.toml"
+    assert told.err == f"{nowhere}: not there, the defaults hold\n"
     path = tmp_path / "again.toml"
-    path.write_text(capsys.readouterr().out)
+    path.write_text(told.out)
     assert madrob("settings", "--settings", str(path)) == 0
-    capsys.readouterr()
+    assert capsys.readouterr().err == f"{path}: read, it is fine\n"
     assert madrob("settings", "--settings", str(tmp_path / "none.toml")) == 2
     assert "none.toml" in one_line(capsys.readouterr().err)
 

@@ -29,7 +29,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("XDG_CONFIG_HOME", str(root / "config"))
         flags = ["--subject", "3", "--countdown", "1", "--no-report", "--results", str(root)]
         assert madrob(["run", "--testbed", "simulated", "--speed", "0", *flags]) == 0
-    (folder,) = root.glob("subject_*")
+    (folder,) = root.glob("practice/subject_*")
     return folder
 
 

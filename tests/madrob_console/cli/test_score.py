@@ -15,8 +15,11 @@ import pytest
 from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.main import main
+from madrob_console.cli.problems import MOST_ALIKE
 from madrob_console.cli.score_command import describe_run
+from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import copy_run, publish, recorded
@@ -65,6 +68,27 @@ def test_every_run_of_a_results_folder_is_scored_in_the_order_of_their_names(
     captured = capsys.readouterr()
     assert [line for line in captured.out.splitlines() if line.startswith("/")] == runs
     assert captured.err == ""
+
+
+def test_what_a_decision_hangs_on_comes_before_the_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup())
+    drive.act(Rule(Step.CROSS, confirmed=False, reason="a wheel stayed on the line"))
+    drive.engine.close()
+    folder = drive.engine.folder
+    assert score(folder) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:3] == [
+        "  outcome: completed (3 of 6 steps count), ruleset protocol",
+        "  flags: step 4 denied; SIMULATED: not an official result",
+    ]
+    (told,) = scored(capsys, folder)
+    assert [(flag["kind"], flag["weight"], flag["undecided"]) for flag in told["flags"]] == [
+        ("denied step", "caution", False),
+        ("practice", "remark", False),
+    ]
 
 
 def test_a_bad_run_is_named_and_the_rest_is_scored(
@@ -122,16 +146,17 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(("runs", "shown"), [(4, False), (5, True)])
-def test_a_bar_shows_how_far_long_work_is_where_somebody_looks(
-    runs: int, *, shown: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("runs", "bar"), [(1, "0/?"), (5, "5/5")])
+def test_a_bar_shows_how_far_work_is_where_somebody_looks(
+    runs: int, bar: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     assert score(*(f"/nowhere/{number}" for number in range(runs))) == 2
     told = terminal.getvalue()
-    assert (f"{runs}/{runs}" in told) is shown
-    assert all(f"/nowhere/{number}" in told for number in range(runs))
+    assert bar in told
+    assert all(f"/nowhere/{number}" in told for number in range(min(runs, MOST_ALIKE)))
+    assert ("and 2 more like it" in told) is (runs == 5)
     assert capsys.readouterr().out == ""
 
 
@@ -142,7 +167,8 @@ def test_both_rulesets_stand_side_by_side_with_their_differences(
     both = scored(capsys, "--ruleset", "both", *runs)
     for name in RulesetName:
         alone = scored(capsys, "--ruleset", name, *runs)
-        assert [run["path"] for run in both] == [run.pop("path") for run in alone]
+        for key in ("path", "flags"):
+            assert [run[key] for run in both] == [run.pop(key) for run in alone]
         assert [run["rulesets"][name] for run in both] == alone
 
 
@@ -185,7 +211,7 @@ def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first
 def test_an_unknown_ruleset_is_refused_with_those_that_there_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    allowed = ", ".join(repr(str(name)) for name in (*RulesetName, "both"))
+    allowed = f"use {', '.join(RulesetName)} or both"
     assert allowed in refusal(capsys, "--ruleset", "best", tmp_path)
 
 
@@ -321,3 +347,20 @@ def test_processes_give_what_one_process_gives(
     for sharing in (("--jobs", "3"), ("--backend", "multiprocessing", "--jobs", "2")):
         assert score(*sharing, tmp_path) == 0
         assert capsys.readouterr().out == alone
+
+
+def test_run_folders_that_somebody_renamed_are_scored_under_their_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("subject_003_cond_001_run_001_20260321_100000_old", "Delft, second try"):
+        shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / name)
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "Delft, second try")
+    assert score(tmp_path) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    named = [line for line in said.out.splitlines() if not line.startswith(" ")]
+    assert [Path(line).name for line in named] == [
+        "Delft, second try",
+        "subject_003_cond_001_run_001_20260321_100000_old",
+    ]

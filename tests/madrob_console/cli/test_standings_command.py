@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
 import re
@@ -18,12 +19,14 @@ from madrob_console.archive.history import RunSummary
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
+from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.standings.competition import CompetitionStandings, competition_standings
 from madrob_console.standings.data_files import COLUMNS, standings_csv, standings_json
+from madrob_console.standings.text_table import standings_lines
 from madrob_console.standings.web_page import standings_html
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import EPOCH, VALUES, summary, write
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, VALUES, summary, write
 
 TIME = IndicatorName.EXECUTION_TIME
 FORCE = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
@@ -164,13 +167,13 @@ def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
 def test_simulated_runs_stand_alone_and_marked_and_replayed_ones_nowhere() -> None:
     practice = found(official=False)
     (row,) = [row for row in rows(practice) if row["condition"] == "7" and row["indicator"] == TIME]
-    assert (row["source"], row["mean"]) == ("SIMULATED", "3.0")
+    assert (row["source"], row["mean"]) == ("practice", "3.0")
     assert {row["source"] for row in rows(found())} == {"official"}
-    assert "SIMULATED: not an official result." in words(practice)
-    assert "<title>MADROB SIMULATED standings" in standings_html(practice, "")
-    assert (document(practice)["official"], document(practice)["source"]) == (False, "SIMULATED")
-    assert "SIMULATED" in document(practice)["remarks"][0]
-    assert "SIMULATED" not in words(found()) + standings_csv(found())
+    assert "PRACTICE: not official." in words(practice)
+    assert "<title>MADROB PRACTICE standings" in standings_html(practice, "")
+    assert (document(practice)["official"], document(practice)["source"]) == (False, "practice")
+    assert "PRACTICE" in document(practice)["remarks"][0]
+    assert "PRACTICE" not in words(found()) + standings_csv(found())
 
 
 def test_rulesets_stand_apart_and_are_named() -> None:
@@ -197,12 +200,49 @@ def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
         found(*runs, competition="Nope")
 
 
-def test_provisional_and_protested_results_are_told() -> None:
-    assert "Provisional: 3 of the valid runs are not final yet." in words(found())
+def test_not_final_and_protested_results_are_told() -> None:
+    assert "Not final: 3 of the valid runs." in words(found())
     assert "PROTESTED by the team: 1 of the valid runs." in words(found())
 
 
 # ---------------------------------------------------------------- the files
+
+
+def test_a_team_is_one_row_with_the_name_of_the_list_and_its_other_names_are_a_remark() -> None:
+    runs = [
+        timed(10.0, run_number=1, team="Team 3"),
+        timed(20.0, run_number=2, team="team 3", hour=1.0),
+        timed(1.0, run_number=3, team="Tm 3", outcome=Outcome.ABORTED, reason="fell", hour=2.0),
+    ]
+    of = found(*runs, listed={3: "Delft Walkers"})
+    assert {row["team"] for row in rows(of)} == {"Delft Walkers"}
+    remark = "Runs of 3 Delft Walkers under other names count as well: 'Team 3', 'team 3', 'Tm 3'."
+    assert remark in of.remarks
+    assert remark in html.unescape(words(of))
+    told = document(of)
+    assert [run["team"] for run in told["left_out"]] == ["Delft Walkers"]
+    (team,) = told["rulesets"][0]["overall"]
+    assert (team["completed"], team["other_names"]) == (2, ["Team 3", "team 3", "Tm 3"])
+    assert any(line.startswith("3 Delft Walkers: ") for line in standings_lines(of))
+
+
+def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> None:
+    remark = Flag(FlagKind.FALSE_START, "1 false start accepted", FlagWeight.REMARK)
+    of = found(
+        timed(10.0, run_number=1, flags=(UNDECIDED_START, remark)),
+        timed(20.0, run_number=2, flags=(remark,)),
+        timed(30.0, run_number=3),
+    )
+    said = words(of)
+    assert "UNDECIDED: 1 of the valid runs wait for the referee." in said
+    assert "1 false start UNDECIDED (handle touched)" in said.partition("with flags")[2]
+    (line,) = (line for line in standings_lines(of) if "handle touched" in line)
+    assert line.startswith("  run 1 of subject 3")
+    (flagged,) = document(of)["flagged"]
+    assert (flagged["run_number"], flagged["flags"][0]["undecided"]) == (1, True)
+    (rules,) = document(of)["rulesets"]
+    assert [(team["flagged"], team["undecided"]) for team in rules["overall"]] == [(1, 1)]
+    assert not any("with flags" in line for line in standings_lines(found(timed(10.0))))
 
 
 def test_the_json_has_format_units_and_whole_numbers() -> None:
@@ -294,6 +334,30 @@ def test_whatever_was_run_csv_json_and_page_tell_of_the_same_teams(
 # ---------------------------------------------------------------- the command
 
 
+def test_the_digits_of_all_teams_are_aligned() -> None:
+    smooth = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
+    values: dict[str, float] = {**VALUES, smooth: 0.00668, TIME: 1234567.5}
+    of = found(
+        timed(9.5, subject=1),
+        summary(subject=2, values=values),
+        timed(123.25, subject=31),
+    )
+    text = list(standings_lines(of))
+    table = text[text.index("mean") + 1 :][:3]
+    assert [line.split()[:2] for line in table] == [
+        ["1", "9.50"],
+        ["2", "1.2e+06"],
+        ["31", "123.25"],
+    ]
+    points = [[at for at, char in enumerate(line) if char == "."] for line in table]
+    assert points[0] == points[2]
+    assert points[0][1:] == points[1][1:]
+    assert table[1].split()[6] == "0.0067"
+    page = standings_html(of, "")
+    assert "0.0067" in page
+    assert "e-03" not in page
+
+
 def test_without_a_file_a_table_is_printed(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -304,7 +368,16 @@ def test_without_a_file_a_table_is_printed(
     lines = [" ".join(line.split()) for line in said.splitlines()]
     assert "3 Team 3: 3 completed, 1 timeout, 1 INVALID, 1 INTERRUPTED" in lines  # overall
     at = lines.index("3 Team 3: 2 completed, 1 timeout, 1 INVALID, 1 INTERRUPTED")
-    assert lines[at + 1] == "mean 15 3.214 4.5 12.25 1.875 0.0625 14.75 6"
+    seven = lines[at : lines.index("", at)]
+    assert seven[1].startswith("subject exec handle ")
+    assert seven[3] == "better lower lower lower lower lower higher lower higher"
+    assert seven[4:7] == [
+        "mean",
+        "2 30.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00",
+        "3 15.00 3.21 4.50 12.25 1.875 0.0625 14.75 6.00",
+    ]
+    assert seven[seven.index("min") + 1] == "2 - - - - 1.875 0.0625 14.75 6"
+    assert any(line.startswith("min and max are told of unsafety of door op") for line in lines)
     assert "run 4 of subject 3 in condition 7" in said
     assert all(len(line) <= 80 for line in said.splitlines() if line.startswith(" " * 4))
 
@@ -336,6 +409,23 @@ def test_the_settings_say_how_many_runs_count(
     assert "Over the best 1 valid official runs" in capsys.readouterr().out
     assert run(results, "--settings", tmp_path / "mine.toml", "--best", "0") == 0
     assert "Over all valid official runs." in capsys.readouterr().out
+
+
+def test_the_list_of_teams_names_the_teams(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    teams = tmp_path / "teams.csv"
+    teams.write_text("3,Delft Walkers\n")
+    assert run(results, "--teams", teams) == 0
+    out = capsys.readouterr().out
+    assert "3 Delft Walkers: " in out
+    assert "2 Team 2: " in out
+    settings = tmp_path / "madrob.toml"
+    settings.write_text(f'[competition]\nteams_file = "{teams}"\n')
+    assert run(results, "--settings", settings) == 0
+    assert "3 Delft Walkers: " in capsys.readouterr().out
+    assert run(results, "--teams", tmp_path / "none.csv") == 2
+    assert "correct --teams" in capsys.readouterr().err
 
 
 def test_a_damaged_result_is_named_in_a_line_and_the_rest_goes_on(

@@ -159,6 +159,7 @@ def test_a_testbed_with_other_messages_needs_no_code(tmp_path: Path) -> None:
         type = "madrob_msgs/msg/Handle"
         field = "force"
         scale = 0.00980665
+        largest = 2000
         [[topics]]
         signal = "door angle"
         offset = 0.5
@@ -166,7 +167,7 @@ def test_a_testbed_with_other_messages_needs_no_code(tmp_path: Path) -> None:
     )
     mappings = {mapping.signal: mapping for mapping in settings.mappings()}
     assert mappings[Signal.HANDLE] == TopicMapping(
-        Signal.HANDLE, "/handle", "madrob_msgs/msg/Handle", "force", GRAM_FORCE
+        Signal.HANDLE, "/handle", "madrob_msgs/msg/Handle", "force", GRAM_FORCE, largest=2000
     )
     door = next(m for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
     assert mappings[Signal.DOOR] == dataclasses.replace(door, offset=0.5)
@@ -198,7 +199,7 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
         ),
         (
             "[rum]",
-            "'rum': no such setting; there are competition, run, teams, start_poses, testbed",
+            "'rum': no such setting; there are competition, run, teams, plan, start_poses",
         ),
         ("[run]\nruleset = 'a\\n\\u001b[2J'".replace("'", '"'), "run.ruleset: invalid enum value"),
         ("run = 3", "run: expected a table, got a whole number"),
@@ -252,6 +253,9 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
         ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
         ("[competition]\nreferee = '" + "x" * 99 + "'", "referee has 99 characters: use at most"),
         ("[run", "is not TOML: "),
+        ("a = " + "[" * 99_999, "is not TOML: "),
+        ("a = " + "9" * 9_999, "is not TOML: "),
+        ("#" * 1_000_001, "has more than 1 MB"),
     ],
 )
 def test_what_is_wrong_is_one_line_that_names_file_and_key(

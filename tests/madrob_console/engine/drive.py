@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
+from madrob_console.archive.scored import Scored
 from madrob_console.clock import VirtualClock
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.keeper import Keepers
+from madrob_console.engine.live.scorer import Scorer
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import CheckName, Phase, RunSetup
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -28,6 +32,8 @@ PULL = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 class Drive:
     """An engine on a simulated testbed, driven as a referee would."""
 
+    SOURCE = SimulatedSource
+
     def __init__(
         self,
         results: Path,
@@ -35,14 +41,22 @@ class Drive:
         seed: int = 0,
         *,
         latch: bool = False,
+        keepers: Keepers | None = None,
+        scorer: Scorer | None = None,
     ) -> None:
         self.clock = VirtualClock(EPOCH_NS)
         types = MessageTypes()
         testbed = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
-        self.source = SimulatedSource(testbed, self.clock, types)
+        self.source = self.SOURCE(testbed, self.clock, types)
         config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
-        self.engine = Engine(self.source, self.clock, config, types)
+        self.engine = Engine(self.source, self.clock, config, types, keepers=keepers, scorer=scorer)
         self.engine.open()
+
+    @property
+    def folder(self) -> Path:
+        """Of the run at hand."""
+        assert self.engine.folder is not None
+        return self.engine.folder
 
     def wait(self, duration: float) -> None:
         end = self.engine.now() + duration
@@ -65,6 +79,13 @@ class Drive:
 
         until(lambda: newest() > now - _ON_DISK_NS)
 
+    def open(self, folder: Path, *, invalid: bool = False) -> str | None:
+        """Open an earlier run; why that is refused."""
+        told: list[str | None] = []
+        self.engine.open_run(self.engine.read_run(folder).result(), told.append, invalid=invalid)
+        (refused,) = told
+        return refused
+
     def act(self, *acts: Act) -> None:
         for act in acts:
             assert self.engine.perform(act) is None
@@ -81,8 +102,20 @@ class Drive:
         self.act(Start())
         self.wait_until(lambda: self.engine.run.phase is Phase.RUNNING)
 
+    def check(self, name: CheckName) -> str:
+        """What a pre-start check says, with its state."""
+        check = next(c for c in self.engine.snapshot().checks if c.name is name)
+        return f"{check.state}: {check.reason}"
+
     def finish(self) -> None:
         self.wait_until(lambda: self.engine.scored is not None)
+
+    def scored(self) -> Scored:
+        """The scored run with its data, as its report is made from it."""
+        assert self.engine.scored is not None
+        scored = pickle.loads(self.engine.scored.report)
+        assert isinstance(scored, Scored)
+        return scored
 
     def whole_run(self, setup: RunSetup) -> None:
         self.start(setup)

@@ -16,7 +16,8 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
-from madrob_console.referee.run import CheckName, Phase
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
@@ -37,11 +38,13 @@ class FaultySource:
     Attributes:
         handed: every message handed to the engine, in order.
         published: every message that the engine published, in order.
+        second_referee: who else publishes the state of the run, in words.
     """
 
     def __init__(self, source: SimulatedSource, clock: Clock) -> None:
         self.handed: list[RawMessage] = []
         self.published: list[RawMessage] = []
+        self.second_referee: str | None = None
         self._source = source
         self._clock = clock
         self._spoils: dict[str, Spoil] = {}
@@ -107,6 +110,14 @@ class FaultySource:
     @property
     def sides_problem(self) -> str | None:
         return self._source.sides_problem
+
+    @property
+    def announcement(self) -> Announcement:
+        return self._source.announcement
+
+    @property
+    def other_referee(self) -> str | None:
+        return self.second_referee
 
     def open(self) -> None:
         self._source.open()
@@ -176,11 +187,6 @@ class FaultyDrive(Drive):
     def handed(self, topic: str) -> list[bytes]:
         """What came on a topic since the recording began."""
         return [message.data for message in self.faulty.handed if message.topic == topic]
-
-    def check(self, name: CheckName) -> str:
-        """What a pre-start check says, with its state."""
-        check = next(c for c in self.engine.snapshot().checks if c.name is name)
-        return f"{check.state}: {check.reason}"
 
     def seen_after(self, texts: Callable[[], str], words: str, patience: float = 2.0) -> float:
         """How long it takes until a text holds these words (a pattern), s."""

@@ -11,6 +11,8 @@ from pathlib import Path
 from madrob_console.clock import SystemClock
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.keeper import Keepers
+from madrob_console.engine.live.scorer import Scorer
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.process.reporting import Reporting
@@ -29,10 +31,16 @@ SPEED = 8.0
 """Times as fast as a run of a competition."""
 
 
-def simulated(results: Path, speed: float = SPEED, scenario: Scenario = Scenario.NOMINAL) -> Engine:
+def simulated(
+    results: Path,
+    speed: float = SPEED,
+    scenario: Scenario = Scenario.NOMINAL,
+    scorer: Scorer | None = None,
+) -> Engine:
     clock, types = SystemClock(speed), MessageTypes()
     source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
-    return Engine(source, clock, EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0), types)
+    config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
+    return Engine(source, clock, config, types, keepers=Keepers.threads(), scorer=scorer)
 
 
 class Served:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 
 from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.scorer import EarlierRun
 from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.client import EngineClient
@@ -26,23 +28,34 @@ from madrob_console.engine.shown.playback import (
     Slower,
 )
 from madrob_console.engine.shown.requests import (
+    NO_ANSWER,
     ExportTeam,
     GiveCurves,
+    GivePlan,
     NextRunNumber,
     OpenRun,
     Perform,
     Request,
-    StopEngine,
     TakeOver,
 )
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
+from madrob_console.referee.competition_plan import (
+    Attempts,
+    Plan,
+    PlanLine,
+    PlannedAttempt,
+    PlanProgress,
+    Task,
+)
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.served import Served, act, simulated, start
+from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
 
 pytestmark = pytest.mark.machine
@@ -55,6 +68,7 @@ EXAMPLES: tuple[Request[Any], ...] = (
     OpenRun("subject_003_cond_001_run_001_20231114_221320"),
     ExportTeam(3),
     GiveCurves(),
+    GivePlan(),
     TakeOver(),
     PlayOrPause(),
     Faster(),
@@ -62,7 +76,6 @@ EXAMPLES: tuple[Request[Any], ...] = (
     SetSpeed(2.0),
     Skip(1.0),
     JumpTo(1.0),
-    StopEngine(),
 )
 
 
@@ -94,11 +107,28 @@ def test_a_run_goes_on_while_the_screen_only_looks(client: EngineClient) -> None
     assert shown.recorder.dropped == 0
     assert shown.folder is not None
     assert (Path(shown.folder) / "result.json").is_file()
-    assert client.ask(NextRunNumber(3, 1)) == 2
+    assert client.ask(NextRunNumber(3, 1, practice=True)) == 2
+    assert client.ask(NextRunNumber(3, 1)) == 1
     curves = client.ask(GiveCurves())
     assert curves is not None
     assert not curves.empty
     assert len(curves.events) > 5
+
+
+def test_the_plan_and_what_is_done_of_it_come_from_the_engine(
+    client: EngineClient, engine: Engine, tmp_path: Path
+) -> None:
+    assert client.ask(GivePlan()) == PlanProgress()
+    task = Task(3, 1)
+    engine.hear_of_plan(Plan((PlanLine(task, 2),), ("plan.csv line 2: no",), "plan.csv"))
+    until(lambda: client.snapshot().plan.lines)
+    assert client.snapshot().plan.problems == ("plan.csv line 2: no",)
+    for run_number, competition in ((1, ""), (2, "Spring Cup")):
+        write(tmp_path / "runs", summary(3, 1, run_number, competition=competition))
+    found = client.ask(GivePlan())
+    assert found.tasks == (Attempts(task, 2, 1, 1, 6),)
+    assert found.next == PlannedAttempt(task, 2, 2)
+    assert found.problems == ("plan.csv line 2: no",)
 
 
 @pytest.mark.parametrize("engine", [Scenario.NO_TOUCH], indirect=True)
@@ -130,6 +160,31 @@ def test_what_fails_is_raised_in_words(client: EngineClient, request_: Request[A
     assert act(client, SetUp(make_setup())) is None  # the next one is answered
 
 
+def test_a_run_that_is_set_up_while_a_slow_disk_reads_another_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = completed()
+    shutil.copytree(source, tmp_path / source.name)
+    engine, begun, go_on = simulated(tmp_path), threading.Event(), threading.Event()
+    read_run = engine.read_run
+
+    def slow(folder: Path) -> Future[EarlierRun]:
+        begun.set()
+        assert go_on.wait(60.0)
+        return read_run(folder)
+
+    monkeypatch.setattr(engine, "read_run", slow)
+    with closing(LocalEngine(engine)) as client:
+        answer = client.begin(OpenRun(source.name, invalid=True))
+        assert begun.wait(60.0)
+        assert act(client, SetUp(make_setup(run_number=4))) is None
+        go_on.set()
+        assert "run 4 of subject 3 was set up meanwhile, and stays" in str(answer.result(60.0))
+        run = client.snapshot().run
+        assert run.setup is not None
+        assert (run.phase, run.setup.run_number) == (Phase.READY, 4)
+
+
 def test_every_request_is_carried_out(client: EngineClient) -> None:
     assert {type(example) for example in EXAMPLES} == set(wire.REQUESTS)
     for example in EXAMPLES:
@@ -138,15 +193,6 @@ def test_every_request_is_carried_out(client: EngineClient) -> None:
                 client.ask(example)
         else:
             client.ask(example)
-
-
-def test_an_engine_with_a_run_ends_only_by_force(client: EngineClient) -> None:
-    start(client)
-    assert client.ask(StopEngine()) == "a run is going on"
-    assert client.ask(StopEngine(force=True)) is None
-    until(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
-    with pytest.raises(MadrobError, match="the engine has ended"):
-        act(client, ConfirmPose())
 
 
 def test_after_the_end_every_question_gets_an_answer(client: EngineClient) -> None:
@@ -169,12 +215,12 @@ def test_what_a_screen_was_told_failed_does_not_happen_later(
         return list(take(timeout))
 
     monkeypatch.setattr(engine.source, "take", stalls)
-    monkeypatch.setattr(Perform, "timeout", 0.3)
+    monkeypatch.setattr(Perform, "timeout", Perform.effect_time + 0.3)
     assert held.wait(30.0)
-    with pytest.raises(MadrobError, match="the engine does not answer: look at the disk"):
+    with pytest.raises(MadrobError, match=NO_ANSWER):
         act(client, SetUp(make_setup()))
     go_on.set()
-    assert client.ask(NextRunNumber(3, 1)) == 1  # whatever came before it has had its turn
+    assert client.ask(Skip(1.0)) == NO_REPLAY  # whatever came before it has had its turn
     assert client.snapshot().run.phase is Phase.IDLE
 
 
@@ -182,17 +228,17 @@ def test_what_a_screen_was_told_failed_does_not_happen_later(
 def test_an_engine_that_fails_says_so_at_once(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(_subject: int, _condition: int) -> int:
+    def fails(*_arguments: object, **_options: object) -> None:
         raise ValueError("a bug")
 
-    monkeypatch.setattr(engine, "next_run_number", fails)
+    monkeypatch.setattr(engine, "submit", fails)
     began = time.monotonic()
     with pytest.raises(MadrobError, match="the engine has failed: a bug"):
-        client.ask(NextRunNumber(3, 1))
+        act(client, Start())
     assert time.monotonic() - began < 3.0
     until(lambda: not any(thread.name == "engine" for thread in threading.enumerate()))
     with pytest.raises(MadrobError, match="the engine has"):
-        client.ask(NextRunNumber(3, 1))
+        act(client, Start())
 
 
 def test_one_that_waits_does_not_hold_up_the_others(
@@ -206,7 +252,7 @@ def test_one_that_waits_does_not_hold_up_the_others(
         assert go_on.wait(30.0)
         raise MadrobError("its bag is gone")
 
-    monkeypatch.setattr("madrob_console.engine.process.local.open_run", reads)
+    monkeypatch.setattr("madrob_console.engine.live.scorer.open_run", reads)
     with ThreadPoolExecutor() as pool:
         opening = pool.submit(client.ask, EXAMPLES[2])
         assert reading.wait(30.0)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import resource
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import cast
+from typing import NoReturn
 
 import pytest
 
-from madrob_console.archive.scored import Scored
 from madrob_console.cli import aside
 from madrob_console.engine.process import background
 from madrob_console.engine.process.background import Background, Finished
 from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.files.whole import whole_file
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.run_folders import summary, write
 from tests.watching import PATIENCE, until
 
 pytestmark = pytest.mark.machine
@@ -50,16 +56,22 @@ while not Path(sys.argv[2]).exists():
 """
 
 
+SHORT_PAUSE = 0.2
+
+
 class Hall:
     """A run goes on or not; what came of the chores."""
 
     def __init__(self, command: Sequence[str] = aside.COMMAND) -> None:
         self.busy = False
         self.done: list[tuple[str, Finished]] = []
-        self.background = Background(command, lambda: self.busy)
+        self.background = Background(command, lambda: self.busy, SHORT_PAUSE)
 
     def ask(self, name: str, *arguments: str) -> None:
         self.background.ask(name, arguments, lambda finished: self.done.append((name, finished)))
+
+    def close(self) -> None:
+        self.background.close(PATIENCE)
 
     @property
     def names(self) -> list[str]:
@@ -70,7 +82,7 @@ class Hall:
 def hall() -> Iterator[Hall]:
     hall = Hall()
     yield hall
-    hall.background.close(PATIENCE)
+    hall.close()
 
 
 @pytest.fixture
@@ -78,7 +90,7 @@ def quick_hall() -> Iterator[Hall]:
     """Its chores are no `madrob`, to be quick: python code and its arguments."""
     hall = Hall((sys.executable, "-c", BEGIN))
     yield hall
-    hall.background.close(PATIENCE)
+    hall.close()
 
 
 def test_a_chore_comes_after_everything_else() -> None:
@@ -151,13 +163,154 @@ def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_i
 
 def test_a_process_that_cannot_be_started_is_told_in_words() -> None:
     reporting = Reporting(["/no/such/python"], lambda: False)
-    reporting.report(Path("/results/run"), cast(Scored, "a result"))
+    reporting.report(Path("/results/run"), b"a result")
     reporting.export(3)
     assert reporting.wait(PATIENCE)
     assert reporting.problem is not None
     assert "no report of run: no process could be started" in reporting.problem
     assert reporting.exported is not None
     assert "no process could be started" in reporting.exported.problem
+    reporting.close(PATIENCE)
+
+
+@contextmanager
+def no_file_handles() -> Iterator[None]:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_without_file_handles_a_chore_is_told_with_the_remedy_and_done_when_there_are_some(
+    quick_hall: Hall,
+) -> None:
+    with no_file_handles():
+        quick_hall.ask("report", "print('made')")
+        until(lambda: len(quick_hall.done) >= 2)
+        assert quick_hall.background.wait(PATIENCE)  # nobody waits for what may never be
+        for _, finished in quick_hall.done:
+            assert (finished.code, finished.again) == (None, True)
+            assert "Too many open files" in finished.complained
+            assert "ulimit -n" in finished.complained
+    until(lambda: quick_hall.done[-1][1] == Finished(0, "made", ""))
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory")])
+def test_without_memory_a_chore_is_told_with_the_remedy_and_done_when_there_is_some(
+    quick_hall: Hall, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(*_: object, **__: object) -> NoReturn:
+        raise error
+
+    with monkeypatch.context() as short:
+        short.setattr(subprocess, "Popen", refuse)
+        quick_hall.ask("report", "print('made')")
+        until(lambda: quick_hall.done)
+        said = quick_hall.done[0][1]
+        assert said.complained.endswith("(Cannot allocate memory); end other programs")
+    until(lambda: quick_hall.done[-1][1] == Finished(0, "made", ""))
+
+
+def test_what_was_killed_or_says_that_it_may_work_later_is_done_again(
+    quick_hall: Hall, tmp_path: Path
+) -> None:
+    for number, end in enumerate((f"sys.exit({os.EX_TEMPFAIL})", "os.kill(os.getpid(), 9)")):
+        there = tmp_path / str(number)
+        code = f"import os, sys; os.path.exists(sys.argv[1]) or {end}; print('made')"
+        quick_hall.ask("report", code, str(there))
+        until(lambda: quick_hall.done)
+        assert quick_hall.done.pop()[1].again
+        there.touch()
+        until(lambda: quick_hall.done and quick_hall.done[-1][1] == Finished(0, "made", ""))
+        quick_hall.done.clear()
+
+
+def test_what_rests_after_a_failure_gives_way_to_what_is_asked_anew(quick_hall: Hall) -> None:
+    quick_hall.ask("report", f"sys.exit({os.EX_TEMPFAIL})")
+    until(lambda: quick_hall.done)
+    quick_hall.ask("report", "print('new')")
+    until(lambda: quick_hall.done[-1][1].said == "new")
+    time.sleep(3 * SHORT_PAUSE)
+    assert quick_hall.done[-1][1].said == "new"
+
+
+def test_a_chore_that_can_never_be_done_is_told_once_and_the_next_one_is_done(
+    quick_hall: Hall,
+) -> None:
+    quick_hall.ask("bad", "print('a null byte: \0')")
+    quick_hall.ask("good", "print('good')")
+    assert quick_hall.background.wait(PATIENCE)
+    (_, bad), (_, good) = quick_hall.done
+    assert (bad.code, bad.again) == (None, False)
+    assert "null byte" in bad.complained
+    assert good.said == "good"
+
+
+def test_a_temporary_folder_that_is_gone_stops_neither_reports_nor_exports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "gone"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    write(tmp_path / "runs", summary(3))
+    with closing(Hall()) as hall:
+        hall.ask("zip", "export", "--team=3", f"--results={tmp_path / 'runs'}")
+        assert hall.background.wait(PATIENCE)
+        [(_, finished)] = hall.done
+        assert (finished.code, finished.said[-4:]) == (0, ".zip")
+
+
+def scored_run(results: Path) -> tuple[Path, bytes | memoryview]:
+    drive = Drive(results)
+    drive.whole_run(make_setup(timeout=1.0))
+    drive.engine.close()
+    folder, scored = drive.engine.folder, drive.engine.scored
+    assert folder is not None
+    assert scored is not None
+    return folder, scored.report
+
+
+def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Path) -> None:
+    folder, scored = scored_run(tmp_path)
+    page = folder / "report.html"
+    page.mkdir()
+    reporting = Reporting(aside.COMMAND, lambda: False, pause=SHORT_PAUSE)
+    reporting.report(folder, scored)
+    until(lambda: reporting.problem is not None)
+    assert reporting.problem is not None
+    assert f"no report of {folder.name}: " in reporting.problem
+    assert "make room or choose another folder; it is tried again" in reporting.problem
+    page.rmdir()
+    until(lambda: reporting.problem is None)
+    assert page.is_file()
+    reporting.close(PATIENCE)
+
+
+def test_a_report_of_a_run_that_was_deleted_is_not_tried_again(tmp_path: Path) -> None:
+    folder, scored = scored_run(tmp_path)
+    shutil.rmtree(folder)
+    reporting = Reporting(aside.COMMAND, lambda: False, pause=SHORT_PAUSE)
+    reporting.report(folder, scored)
+    assert reporting.wait(PATIENCE)
+    assert reporting.problem is not None
+    assert "tried again" not in reporting.problem
+    reporting.close(PATIENCE)
+
+
+def test_an_export_that_failed_is_not_under_way_and_is_there_when_it_can_be(
+    tmp_path: Path,
+) -> None:
+    write(tmp_path / "runs", summary(3))
+    options = [f"--results={tmp_path / 'runs'}"]
+    reporting = Reporting(aside.COMMAND, lambda: False, options, pause=SHORT_PAUSE)
+    with no_file_handles():
+        reporting.export(3)
+        until(lambda: reporting.exported != ExportView(3))
+        assert reporting.exported is not None
+        assert "Too many open files" in reporting.exported.problem
+        assert "tried again" in reporting.exported.problem
+    until(lambda: reporting.exported is not None and reporting.exported.path != "")
     reporting.close(PATIENCE)
 
 
@@ -169,7 +322,7 @@ def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
     assert reporting.problem is None
     assert reporting.exported is not None
     assert reporting.exported.path == ""
-    assert "team 3 has no runs" in reporting.exported.problem
+    assert "subject 3 has no runs" in reporting.exported.problem
 
 
 def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:

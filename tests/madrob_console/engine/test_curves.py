@@ -70,8 +70,7 @@ def some_rows(time: Array, value: Array) -> Rows:
 def score_opened(results: Path, scenario: Scenario) -> Scored:
     drive = Drive(results, scenario, seed=3)
     drive.whole_run(make_setup())
-    assert drive.engine.scored is not None
-    return drive.engine.scored
+    return drive.scored()
 
 
 def values(stretches: tuple[Curve, ...]) -> list[float]:
@@ -113,8 +112,8 @@ def test_an_aborted_run_has_no_curves(tmp_path: Path) -> None:
     drive.wait(5.0)
     drive.act(Abort("a person in the doorway"))
     drive.finish()
-    assert drive.engine.scored is not None
-    curves = curves_of(drive.engine.scored.result, drive.engine.scored.rows)
+    scored = drive.scored()
+    curves = curves_of(scored.result, scored.rows)
     assert curves.empty
     assert curves.duration == pytest.approx(5.0, abs=0.1)
 

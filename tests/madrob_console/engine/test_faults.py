@@ -21,6 +21,7 @@ BACK = r"the stamp repeats or goes back in \d+ of \d+ messages"
 OFF = r"stamps 5\.\d+ s (ahead of|behind) their reception"
 EMPTY = r"no reading in \d+ of \d+ messages: "
 JUNK = r"\d+ of \d+ messages: not a (sensor|geometry)_msgs/msg/"
+LARGE = r"\d+ of \d+ messages: 40\d+ bytes, not read above \d+"
 
 
 class Case(NamedTuple):
@@ -70,6 +71,7 @@ CASES = (
     Case(Fault.TRUNCATED, JUNK, r"not a .*\(\d+ times\)", BLIND),
     Case(Fault.NOTHING_INSIDE, JUNK, r"not a .*\(\d+ times\)", BLIND),
     Case(Fault.HUGE_LENGTH, JUNK, r"not a .*\(\d+ times\)", BLIND),
+    Case(Fault.TOO_LARGE, LARGE, r"40\d+ bytes, not read .*\(\d+ times\)", BLIND, (HANDLE, STRIP)),
     Case(Fault.RANDOM, JUNK, "not a ", BLIND),
 )
 TABLE = [(topic, case) for case in CASES for topic in case.topics]

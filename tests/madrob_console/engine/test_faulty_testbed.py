@@ -73,6 +73,27 @@ def test_every_faulty_topic_is_named_and_what_is_healed_is_named_no_more(tmp_pat
     assert drive.check(CheckName.TOPICS) == "ok: all fresh and at rate"
 
 
+def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(tmp_path: Path) -> None:
+    drive = FaultyDrive(tmp_path)
+    drive.set_up()
+    assert drive.check(CheckName.REFEREE).startswith("ok: none")
+    words = "/madrob/console_hall_4711_0a1b2c (pid 4711 on hall) publishes the state"
+    drive.faulty.second_referee = words
+    assert drive.check(CheckName.REFEREE) == f"failed: {words}"
+    assert drive.faults() == f"another referee: {words}"
+    assert drive.engine.perform(Start()) == f"another referee: {words}"
+    drive.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
+    drive.begin()
+    drive.wait(3.0)
+    drive.faulty.second_referee = None
+    drive.wait(1.0)
+    assert drive.faults() == ""
+    remarks = drive.result().quality.remarks
+    (told,) = [line for line in remarks if "hall" in line and line.startswith("fault at")]
+    assert told.endswith(f"/madrob/referee/state: {words}")
+    assert drive.rescored().quality == drive.result().quality
+
+
 def test_bad_messages_among_good_ones_are_named_all_the_time(tmp_path: Path) -> None:
     drive = FaultyDrive(tmp_path)
     drive.wait(2.0)

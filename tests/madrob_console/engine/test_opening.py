@@ -8,14 +8,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from madrob_console.archive.folders import next_run_number
+from madrob_console.archive.history import History
 from madrob_console.archive.scored import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
+from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
 from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.run_folders import summary
 
 
 def finished(results: Path, run_number: int = 1) -> Path:
@@ -41,7 +47,9 @@ def cut_off(results: Path) -> Path:
 
 
 def shown(engine: Engine, folder: Path) -> None:
-    assert engine.open_run(open_run(folder)) is None
+    told: list[str | None] = []
+    engine.open_run(engine.read_run(folder).result(), told.append)
+    assert told == [None]
 
 
 def test_an_opened_run_shows_the_same_digits_and_writes_nothing(tmp_path: Path) -> None:
@@ -59,8 +67,11 @@ def test_an_opened_run_shows_the_same_digits_and_writes_nothing(tmp_path: Path) 
     assert snapshot.result == live.result
     assert snapshot.run.phase is Phase.STOPPED
     assert snapshot.run.issue == 1
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    there = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert there.pop(HOLD_FILE) == b""
+    assert there == before
     later.engine.close()
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
@@ -110,7 +121,7 @@ def test_a_run_that_goes_on_in_another_console_cannot_be_opened(tmp_path: Path) 
     running.wait(1.0)
     assert running.engine.folder is not None
     with pytest.raises(MadrobError, match="another console works on this run"):
-        other.engine.open_run(open_run(running.engine.folder))
+        other.open(running.engine.folder)
     assert other.engine.run.phase is Phase.IDLE
     running.finish()
     for drive in (running, other):
@@ -121,12 +132,11 @@ def test_no_run_is_opened_while_one_goes_on(tmp_path: Path) -> None:
     folder = finished(tmp_path)
     drive = Drive(tmp_path)
     drive.start(make_setup(run_number=2))
-    opened = open_run(folder)
-    assert drive.engine.open_run(opened) == "a run is going on"
+    assert drive.open(folder) == "a run is going on"
     drive.act(Abort("enough"))
-    assert drive.engine.open_run(opened) == "the result of the last run is being written"
+    assert drive.open(folder) == "the result of the last run is being written"
     drive.finish()
-    assert drive.engine.open_run(opened) is None
+    assert drive.open(folder) is None
     drive.engine.close()
 
 
@@ -168,6 +178,43 @@ def test_a_folder_without_its_journal_gets_one_again(tmp_path: Path) -> None:
     again.engine.close()
 
 
+def never_started(results: Path) -> Path:
+    """A run whose engine was killed when its folder was made and its countdown had not begun."""
+    folder = finished(results)
+    for path in folder.iterdir():
+        if path.suffix not in (".mcap", ".jsonl") and path.name != "metadata.yaml":
+            path.unlink()
+    journal = folder / "journal.jsonl"
+    lines = journal.read_text().splitlines(keepends=True)
+    begins = next(n for n, line in enumerate(lines) if '"what": "countdown begins"' in line)
+    journal.write_text("".join(lines[:begins]))
+    return folder
+
+
+@pytest.mark.parametrize("why", ["", "the disk did not take it within 2 s"])
+def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
+    tmp_path: Path, why: str
+) -> None:
+    folder = never_started(tmp_path)
+    if why:
+        line = Entry(3.0, Origin.SYSTEM, "withdrawn", reason=why, details={"act": "start"})
+        with (folder / "journal.jsonl").open("a") as journal:
+            journal.write(line.to_json() + "\n")
+    drive = Drive(tmp_path)
+    assert drive.engine.snapshot().unfinished == ()
+    with pytest.raises(MadrobError, match="the run was never started"):
+        drive.open(folder)
+    drive.engine.close()
+    (run,) = History(tmp_path).refresh()
+    assert (run.outcome_word, run.problem, run.team) == ("never ran", None, "Delft")
+    assert run.never_ran == "the run was never started" + (f": {why}" if why else "")
+    valid = summary(subject=3, condition=1, team="Delft", ruleset="protocol", source="simulated")
+    standings = competition_standings([run, valid], made=0.0, official=False)
+    assert not standings.left_out
+    assert standings.groups[0].overall[0].interrupted == 0
+    assert next_run_number(tmp_path, 3, 1) == 2
+
+
 def test_a_folder_without_a_bag_is_refused_in_one_line(tmp_path: Path) -> None:
     empty = tmp_path / "subject_003_cond_001_run_001_20231114_221320"
     empty.mkdir()
@@ -181,11 +228,13 @@ def test_a_run_that_was_cut_off_is_found_with_all_that_is_known_of_it(tmp_path: 
     finished(tmp_path, run_number=2)
     drive = Drive(tmp_path)
     (found,) = drive.engine.snapshot().unfinished
-    assert (found.folder, found.subject, found.team) == (folder.name, 3, "Delft")
+    assert (found.folder, found.subject, found.team) == (f"practice/{folder.name}", 3, "Delft")
     assert found.phase is Phase.RUNNING
-    assert found.last_event == "door_opens"
+    assert found.last_event == "door opens"
     assert found.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
-    assert found.words.startswith("run 1 of subject 3 Delft was cut off while running, last line +")
+    assert found.words.startswith(
+        "practice run 1 of subject 3 Delft was cut off while running, last line +"
+    )
     shown(drive.engine, folder)
     assert drive.engine.snapshot().unfinished == ()
     drive.engine.close()
@@ -194,10 +243,57 @@ def test_a_run_that_was_cut_off_is_found_with_all_that_is_known_of_it(tmp_path: 
 def test_a_run_that_was_cut_off_can_be_declared_invalid(tmp_path: Path) -> None:
     folder = cut_off(tmp_path)
     drive = Drive(tmp_path)
-    assert drive.engine.open_run(open_run(folder), invalid=True) is None
+    assert drive.open(folder, invalid=True) is None
     document = msgspec.json.decode((folder / "result.json").read_bytes())
     assert document["outcome"] == "aborted"
     assert document["indicators"]["execution_time"]["value"] is None
+    drive.engine.close()
+
+
+STAYS = "run 4 of subject 3 was set up meanwhile, and stays: the history (h) opens the other one"
+
+
+@pytest.mark.parametrize("set_up_before", [False, True])
+def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
+    tmp_path: Path, *, set_up_before: bool
+) -> None:
+    folder, disk = cut_off(tmp_path), HeldDisk()
+    journal = (folder / "journal.jsonl").read_bytes()
+    drive = Drive(tmp_path, keepers=disk.keepers())
+    engine, told = drive.engine, list[str | None]()
+    if set_up_before:
+        drive.act(SetUp(make_setup(run_number=3)))
+    asked, read = engine.generation, engine.read_run(folder).result()
+    disk.held = True
+    engine.open_run(read, told.append, invalid=True)
+    drive.act(SetUp(make_setup(run_number=4)))
+    disk.come_back()
+    engine.step(0.0)
+    engine.open_run(read, told.append, invalid=True, instead_of=asked)  # it took longer to be read
+    assert told == [STAYS, STAYS]
+    assert engine.run.phase is Phase.READY
+    assert engine.run.setup is not None
+    assert engine.run.setup.run_number == 4
+    assert not engine.snapshot().opened
+    assert (folder / "journal.jsonl").read_bytes() == journal
+    assert len(engine.snapshot().unfinished) == 1
+    engine.open_run(engine.read_run(folder).result(), told.append, invalid=True)
+    engine.step(0.0)
+    assert told[2:] == [None]  # who asks for it now, gets it
+    assert engine.run.outcome is Outcome.ABORTED
+    engine.close()
+
+
+def test_of_two_runs_that_are_opened_at_once_the_first_one_stays(tmp_path: Path) -> None:
+    first, second = finished(tmp_path), finished(tmp_path, run_number=2)
+    drive = Drive(tmp_path)
+    asked = drive.engine.generation
+    assert drive.open(first) is None
+    told: list[str | None] = []
+    read = drive.engine.read_run(second).result()
+    drive.engine.open_run(read, told.append, instead_of=asked)
+    assert told == ["another run was opened meanwhile"]
+    assert drive.engine.folder == first
     drive.engine.close()
 
 

@@ -11,7 +11,7 @@ import pytest
 from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.parts import OWN, SIGN_OF_LIFE, Incoming, Outgoing
 from madrob_console.engine.shown.requests import Role
-from madrob_console.engine.shown.snapshot import RightToAct, Snapshot
+from madrob_console.engine.shown.snapshot import Pulse, RightToAct, Snapshot
 from madrob_console.errors import MadrobError
 from tests.madrob_console.engine.drive import Drive, make_setup
 
@@ -87,12 +87,17 @@ def test_nothing_crosses_but_a_sign_of_life_where_nothing_happens(snapshot: Snap
     assert size < 1_000
 
 
-def test_an_engine_that_stands_still_gives_no_sign_of_life(snapshot: Snapshot) -> None:
+def test_of_a_core_that_stands_still_only_its_age_crosses(snapshot: Snapshot) -> None:
     sent = Outgoing()
     sent.show(snapshot, 0.0)
-    for second in range(1, 10):
-        sent.show(snapshot, second)
-    assert sent.version == 1
+    size = 0
+    for tick in range(1, 101):  # ten seconds
+        before = sent.version
+        sent.show(replace(snapshot, pulse=Pulse(core=tick // 10)), tick / 10)
+        if sent.version > before:
+            size += len(sent.since(before))
+    assert state_of(sent.since(sent.version - 1)).parts.keys() == {"pulse"}
+    assert size < 2_000
 
 
 def test_a_paused_replay_whose_time_stands_still_gives_signs_of_life(snapshot: Snapshot) -> None:

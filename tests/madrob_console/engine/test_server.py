@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
 import socket
 import stat
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.cli import attaching
-from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.place import Place
 from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.process.server import MOST_UNDER_WAY, TOO_MANY
 from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.parts import OWN, SIGN_OF_LIFE, Outgoing
+from madrob_console.engine.shown.parts import OWN, Incoming, Outgoing
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand, PlayOrPause, SetSpeed
 from madrob_console.engine.shown.requests import (
     ExportTeam,
@@ -34,15 +32,15 @@ from madrob_console.engine.shown.requests import (
     NextRunNumber,
     Perform,
     Role,
-    StopEngine,
     TakeOver,
 )
-from madrob_console.engine.shown.snapshot import RightToAct
+from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, SetUp, Start
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from recorder.message import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.served import Served, act, simulated, start
@@ -74,7 +72,7 @@ def test_a_run_is_started_watched_and_scored_over_the_socket(served: Served) -> 
         assert remote.result == local.result
         assert remote.run.outcome is Outcome.COMPLETED
         assert client.ask(GiveCurves()) == served.local.ask(GiveCurves())
-        assert client.ask(NextRunNumber(3, 1)) == 2
+        assert client.ask(NextRunNumber(3, 1, practice=True)) == 2
         assert client.results == served.local.results
 
 
@@ -97,7 +95,7 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         assert bo.snapshot().refusal("abort") == "ada@hall has the right to act: t takes it over"
         assert bo.ask(TakeOver()) is None
         assert act(bo, AddNote("mine")) is None
-        until(lambda: "bo@tent has the right to act: t takes it over" in ada.snapshot().all_faults)
+        until(lambda: ada.snapshot().notice == "bo@tent has the right to act: t takes it over")
         assert act(ada, AddNote("no")) == "bo@tent has the right to act"
 
 
@@ -156,22 +154,6 @@ def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed:
         assert "ada@hall" in str(bo.ask(SetSpeed(2.0)))
         assert "nothing can be done" in str(act(ada, Abort()))
         assert ada.snapshot().refusal(PlaybackCommand.name) is None
-        assert ada.ask(StopEngine(force=False)) is None  # nothing is lost with a replay
-
-
-def test_a_spectator_who_names_no_testbed_gets_the_only_one_that_runs(
-    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    places = [Place(tmp_path, "s")]
-    monkeypatch.setattr(attaching, "known_places", lambda: places)
-    monkeypatch.setattr(attaching, "engine_place", lambda *_: Place(tmp_path, "live"))
-    nothing_named = argparse.Namespace(testbed=None, results=None)
-    watcher = attaching.attach(nothing_named, Settings(), Role.WATCH)
-    assert watcher.snapshot().source_label == "SIMULATED nominal"
-    watcher.close()
-    places.append(Place(tmp_path, "s"))
-    with pytest.raises(MadrobError, match="no engine runs here"):
-        attaching.attach(nothing_named, Settings(), Role.WATCH)
 
 
 def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> None:
@@ -188,18 +170,27 @@ def test_a_screen_that_does_not_read_costs_nobody_anything(served: Served) -> No
     stalled.close()
 
 
-def test_an_engine_that_stands_still_sends_no_sign_of_life(
+def test_a_core_that_stands_still_is_told_and_so_is_that_it_goes_on(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    source, go_on = served.local._engine.source, threading.Event()
+    take = source.take
+
+    def stalls(timeout: float) -> Sequence[RawMessage]:
+        assert go_on.wait(30.0)
+        return take(timeout)
+
     with closing(served.attach()) as client:
-        before = client.snapshot()
-        until(lambda: client.snapshot() is not before)
-        still = served.local.snapshot()
-        monkeypatch.setattr(served.local, "snapshot", lambda: still)
-        until(lambda: client.snapshot().time == still.time)
+        assert not client.snapshot().pulse.stale
+        monkeypatch.setattr(source, "take", stalls)
+        until(lambda: client.snapshot().pulse.core >= 2)
         last = client.snapshot()
-        time.sleep(2 * SIGN_OF_LIFE)
-        assert client.snapshot() is last
+        assert last.pulse.words is not None
+        assert last.pulse.words.startswith("the engine has not moved for ")
+        assert last.all_faults[0] == last.pulse.words
+        go_on.set()
+        until(lambda: client.snapshot().pulse == Pulse())
+        assert client.snapshot().time > last.time
 
 
 def test_the_socket_is_for_its_user_alone(served: Served) -> None:
@@ -268,16 +259,16 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
         try:
             client.snapshot()
         except MadrobError as error:
-            return "start the console again" in str(error)
+            return "the engine has ended: Ctrl+R starts it again" in str(error)
         return False
 
     until(told, 5.0)
-    with pytest.raises(MadrobError, match="start the console again"):
+    with pytest.raises(MadrobError, match=r"Ctrl\+R starts it again"):
         act(client, Start())
     client.close()
 
 
-ASK = RemoteEngine.ask.__code__
+BEGIN = RemoteEngine.begin.__code__
 
 
 @pytest.mark.parametrize("lines", range(7))
@@ -299,12 +290,12 @@ def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
         done: list[int] = []
 
         def ends(frame: FrameType, _event: str, _argument: object) -> TraceFunction | None:
-            if frame.f_code is not ASK:
+            if frame.f_code is not BEGIN:
                 return None
             done.append(frame.f_lineno)
             if len(done) == lines + 1:
                 engine.sendall(wire.frame(wire.Rejected("the engine has failed: no disk")))
-                until(lambda: not client._thread.is_alive())
+                until(lambda: not client._threads[0].is_alive())
             return ends
 
         began = time.monotonic()
@@ -319,6 +310,27 @@ def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
     client.close()
     assert len(done) > lines
     assert took < 3.0
+
+
+@pytest.mark.parametrize("work", ["take", "call"])
+def test_a_screen_that_stands_still_for_whatever_reason_says_so(
+    served: Served, monkeypatch: pytest.MonkeyPatch, work: str
+) -> None:
+    def fail(*_: object) -> NoReturn:
+        raise MemoryError
+
+    with closing(served.attach(Role.WATCH)) as client:
+        monkeypatch.setattr(*{"take": (Incoming, "take"), "call": (wire, "Call")}[work], fail)
+        client.begin(NextRunNumber(3, 1))
+
+        def told() -> bool:
+            try:
+                client.snapshot()
+            except MadrobError as error:
+                return "failed (MemoryError): Ctrl+R connects again" in str(error)
+            return False
+
+        until(told)
 
 
 def test_what_lay_in_the_socket_for_too_long_is_not_carried_out(served: Served) -> None:
@@ -348,3 +360,47 @@ def say(path: Path, hello: wire.Hello) -> wire.Rejected:
     message = wire.message_of(data[wire.LENGTH.size :])
     assert isinstance(message, wire.Rejected)
     return message
+
+
+@ENDLESS
+def test_no_number_of_requests_of_a_screen_holds_up_its_abort(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on = threading.Event()
+
+    def hangs(_results: Path, _subject: int, _condition: int, *, practice: bool) -> int:
+        assert go_on.wait(30.0)
+        return 1
+
+    monkeypatch.setattr("madrob_console.engine.live.core.next_run_number", hangs)
+    with closing(served.attach()) as client:
+        start(client)
+        asked = [client.begin(NextRunNumber(3, 1)) for _ in range(MOST_UNDER_WAY + 5)]
+        until(lambda: sum(answer.done() for answer in asked) == 5)
+        refused = [answer.exception() for answer in asked if answer.done()]
+        assert {str(error) for error in refused} == {TOO_MANY}
+        began = time.monotonic()
+        assert act(client, Abort("enough")) is None
+        assert time.monotonic() - began < 1.0  # 0.2 s on a machine that does nothing else
+        go_on.set()
+        until(
+            lambda: (
+                sum(answer.done() and not answer.exception() for answer in asked) == MOST_UNDER_WAY
+            )
+        )
+
+
+def test_a_screen_that_asks_and_never_reads_is_bounded_in_memory(served: Served) -> None:
+    """Its requests are not taken from the socket any more."""
+    call = wire.frame(wire.Call(1, time.monotonic() + 600.0, wire.raw(NextRunNumber(3, 1))))
+    with socket.socket(socket.AF_UNIX) as deaf:
+        deaf.connect(str(served.path))
+        deaf.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "deaf")))
+        deaf.settimeout(1.0)
+        with pytest.raises(TimeoutError):
+            deaf.sendall(100_000 * call)
+        screen = next(iter(served.server._screens))
+        assert screen.backlog < 1_000_000
+        with closing(served.attach()) as client:
+            assert client.ask(TakeOver()) is None
+            assert act(client, SetUp(make_setup())) is None

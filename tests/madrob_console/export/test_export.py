@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import jsonschema
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,13 +26,18 @@ from madrob_console.errors import MadrobError
 from madrob_console.export import pack, zip_file
 from madrob_console.export.foxglove_layout import foxglove_layout
 from madrob_console.export.pack import export_team, file_name
+from madrob_console.export.portable_names import (
+    LONGEST_FILE_NAME,
+    LONGEST_PATH,
+    portable_names,
+)
 from madrob_console.files.plain import open_plain
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
 from scoring.protocol import Outcome, Signal
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.run_folders import EPOCH, summary, write
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
 
 NOW = 1_790_000_000.0
 
@@ -69,11 +75,11 @@ def root(tmp_path: Path) -> Path:
 
 def folders(root: Path, subject: int = 3) -> list[Path]:
     names = run_folder_names(root)
-    return sorted(root / name for name in names if name.startswith(f"subject_{subject:03d}"))
+    return sorted(root / name for name in names if f"subject_{subject:03d}" in name)
 
 
-def export(root: Path, *, bags: bool = True) -> pack.Export:
-    return export_team(root, 3, DEFAULT_MAPPINGS, NOW, bags=bags)
+def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Export:
+    return export_team(root, 3, DEFAULT_MAPPINGS, NOW, bags=bags, practice=practice)
 
 
 def unpacked(path: Path, target: Path) -> Path:
@@ -97,7 +103,10 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "home.zip"
-    assert main(["export", "--team=3", f"--results={recorded}", f"--output={target}"]) == 0
+    assert (
+        main([*["export", "--practice", "--team=3"], f"--results={recorded}", f"--output={target}"])
+        == 0
+    )
     said = capsys.readouterr()
     assert said.out.splitlines()[-1] == str(target)
     assert said.err == ""
@@ -123,6 +132,23 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     schema = json.loads((home / "madrob_result_schema_1.json").read_text())
     jsonschema.validate(json.loads((home / run.name / "result.json").read_text()), schema)
     assert json.loads((home / "madrob_foxglove_layout.json").read_text())["layout"]
+
+
+def test_a_zip_has_the_name_of_the_list_and_tells_the_others(root: Path, tmp_path: Path) -> None:
+    teams = tmp_path / "teams.csv"
+    teams.write_text("3,Delft Walkers\n")
+    write(root, summary(3, run_number=4, hour=9, team="TEST"))
+    target = tmp_path / "3.zip"
+    called = [f"--results={root}", f"--output={target}", f"--teams={teams}"]
+    assert main(["export", "--team=3", *called]) == 0
+    text = (unpacked(target, tmp_path / "home") / "README.txt").read_text()
+    assert text.startswith("MADROB: runs of subject 3 Delft Walkers\n")
+    assert "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n  Team 3\n  TEST\n" in text
+
+
+def test_without_a_list_the_name_of_a_practice_run_is_not_that_of_the_zip(root: Path) -> None:
+    write(root, summary(3, run_number=4, hour=9, team="TEST", source="simulated"))
+    assert export(root).path == root / "exports" / file_name(3, "Team 3", NOW)
 
 
 def test_only_the_teams_runs_are_packed_oldest_first(root: Path) -> None:
@@ -184,14 +210,14 @@ def test_the_run_that_goes_on_is_left_out_and_named(
 def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for team, words in (("7", "there are runs of team 3, 4"), ("-1", "team -1 has no runs")):
+    for team, words in (("7", "there are runs of subject 3, 4"), ("-1", "subject -1 has no runs")):
         assert main(["export", f"--team={team}", f"--results={root}"]) == 2
         said = capsys.readouterr()
         assert said.err.count("\n") == 1
         assert words in said.err
     (only,) = folders(root, 4)
     (only / "result.json").unlink()
-    with held(only), pytest.raises(MadrobError, match="only run of team 4 goes on"):
+    with held(only), pytest.raises(MadrobError, match="only run of subject 4 goes on"):
         export_team(root, 4, DEFAULT_MAPPINGS, NOW)
     assert not (root / "exports").exists()
 
@@ -239,6 +265,77 @@ def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) 
         assert "result.json is damaged" in packed.read("README.txt").decode()
     home = unpacked(made.path, tmp_path / "home")
     subprocess.run(["sha256sum", "-c", "--quiet", "SHA256SUMS"], cwd=home, check=True)
+
+
+def test_names_that_some_system_would_obey_or_cannot_have_are_replaced_and_named(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = folders(root)[0]
+    hostile = {
+        "C:\\x.bat": "C__x.bat",
+        "x\\..\\..\\evil.bat": "x_.._.._evil.bat",
+        "esc\x1b]0;owned\x07\x1b[2J.txt": "esc.txt",
+        "line\nbreak.csv": "line break.csv",
+        "\u202etxt.exe": "txt.exe",
+        "NUL": "_NUL",
+        "con.tar.gz": "_con.tar.gz",
+        "trailing. ": "trailing",
+        "\x07": "_",
+        "a" * 240 + ".csv": "a" * 96 + ".csv",
+        "?": "__2",
+        "Result.JSON": "Result_2.JSON",
+        "pipe|star*.csv": "pipe_star_.csv",
+    }
+    for number, name in enumerate(hostile):
+        (first / name).write_text(str(number))
+    (first / "plain.csv").write_text("plain")
+    (first / "..\\..\\hidden.bat").write_text("left out")
+    (first / "aux").mkdir()
+    (first / "aux" / "con.csv").write_text("inside")
+    target = tmp_path / "home.zip"
+    assert main(["export", "--team=3", f"--results={root}", f"--output={target}"]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    with zipfile.ZipFile(target) as packed:
+        packed_names = packed.namelist()
+        assert packed.read(f"{first.name}/result.json") == (first / "result.json").read_bytes()
+        text = packed.read("README.txt").decode()
+        for number, name in enumerate(hostile.values()):
+            assert packed.read(f"{first.name}/{name}") == str(number).encode(), name
+        assert packed.read(f"{first.name}/_aux/_con.csv") == b"inside"
+    assert f"{first.name}/plain.csv" in packed_names
+    assert not any("hidden" in name for name in packed_names)
+    assert len(notes) == len(hostile) + 2
+    assert all(note.removeprefix("note: ") in text for note in notes)
+    assert text.count("UNDER ANOTHER NAME") == 1
+
+
+@given(st.lists(st.text(st.characters(exclude_characters="/\0"), min_size=1), unique=True))
+def test_every_name_becomes_one_that_all_systems_tell_apart(names: list[str]) -> None:
+    called = portable_names(names)
+    assert set(called) == set(names)
+    assert len({name.casefold() for name in called.values()}) == len(names)
+    for name in called.values():
+        assert name == name.strip(" .")
+        assert not set(name) & set('<>:"/\\|?*')
+        assert 0 < len(name) <= LONGEST_FILE_NAME + 4
+        assert name.isprintable() or not name.isascii()
+    assert portable_names(called.values()) == {name: name for name in called.values()}
+
+
+def test_folders_in_folders_without_end_are_named_and_the_rest_is_packed(root: Path) -> None:
+    first = folders(root)[0]
+    deep = first
+    for _ in range(12):
+        deep /= "d" * 60
+        deep.mkdir()
+        (deep / "file").write_text("deep")
+    made = export(root)
+    [problem] = made.problems
+    assert problem.endswith(f"{'d' * 60}: too many folders, one in another")
+    with zipfile.ZipFile(made.path) as packed:
+        names = packed.namelist()
+    assert max(map(len, names)) <= LONGEST_PATH
+    assert sum("file" in name for name in names) == 2
 
 
 def test_what_cannot_be_read_is_named_and_the_rest_is_packed(
@@ -296,7 +393,7 @@ def test_a_disk_that_refuses_leaves_no_half_zip(
     monkeypatch.setattr(zip_file.Archive, "finish", _full_disk)
     with pytest.raises(MadrobError, match=r"\.zip: not written \(No space left on device\)"):
         export(root)
-    assert list((root / "exports").iterdir()) == []
+    assert not (root / "exports").exists()
 
 
 def _full_disk(*_arguments: object) -> None:
@@ -319,15 +416,52 @@ def test_a_result_that_changes_meanwhile_is_named(
     assert export(root).problems == (f"{first.name}: its result changed meanwhile: export again",)
 
 
+def text_in(made: pack.Export) -> str:
+    with zipfile.ZipFile(made.path) as packed:
+        return packed.read("README.txt").decode()
+
+
 def test_the_text_says_how_each_run_ended(root: Path) -> None:
-    write(
-        root,
-        summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, source="simulated", values={}),
-    )
-    with zipfile.ZipFile(export(root).path) as packed:
-        text = packed.read("README.txt").decode()
-    assert "condition 7, run 1: completed, provisional\n" in text
-    assert "condition 7, run 4: aborted, provisional, SIMULATED, for practice\n" in text
+    write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}))
+    text = text_in(export(root))
+    assert "condition 7, run 1: completed, not final\n" in text
+    assert "condition 7, run 4: aborted, not final\n" in text
+
+
+def test_the_text_says_what_a_decision_on_a_run_hangs_on(root: Path) -> None:
+    result = folders(root)[0] / "result.json"
+    told = json.loads(result.read_text()) | {"flags": [msgspec.to_builtins(UNDECIDED_START)]}
+    result.write_text(json.dumps(told))
+    text = text_in(export(root))
+    assert "run 1: completed, not final, 1 false start UNDECIDED (handle touched)\n" in text
+
+
+def test_practice_runs_are_packed_apart_wherever_they_lie(root: Path) -> None:
+    where_they_were = summary(3, run_number=4, hour=5, source="simulated")
+    write(root, where_they_were)
+    write(root / "practice", summary(3, run_number=1, hour=6, practice=True))
+    moved = summary(3, run_number=2, hour=7)  # somebody put it there: it does not count either
+    write(root / "practice", moved)
+    official, practice = export(root), export(root, practice=True)
+    assert (official.runs, practice.runs) == (3, 3)
+    assert "PRACTICE" not in text_in(official)
+    assert where_they_were.folder not in text_in(official)
+    text = text_in(practice)
+    assert text.startswith("MADROB: PRACTICE runs of subject 3 ")
+    assert "condition 7, run 4: completed, not final, PRACTICE, simulated\n" in text
+    assert "condition 7, run 1: completed, not final, PRACTICE\n" in text
+    assert moved.folder in text
+    assert "_practice_" in practice.path.name
+
+
+@pytest.mark.parametrize("practice", [True, False])
+def test_a_team_that_has_only_runs_of_the_other_kind_is_told_so(
+    tmp_path: Path, *, practice: bool
+) -> None:
+    write(tmp_path, summary(3, practice=not practice))
+    with pytest.raises(MadrobError, match="--practice"):
+        export(tmp_path, practice=practice)
+    assert not (tmp_path / "exports").exists()
 
 
 @given(team=st.text(max_size=60), subject=st.integers(1, 999))

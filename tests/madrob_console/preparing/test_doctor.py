@@ -32,8 +32,12 @@ from madrob_console.preparing.doctor import (
     usable,
     verdict,
 )
+from madrob_console.preparing.doctor_lists import look_at_lists
 from madrob_console.preparing.doctor_ros import look_at_installation
 from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.preparing.overheard import overheard
+from madrob_console.referee.competition_plan import PlanSource
+from madrob_console.referee.teams import TeamSource
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
 from tests.madrob_console import said
@@ -72,6 +76,58 @@ def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path)
     assert found["ros domain"].text == str(ros_domain)
     assert found["middleware"].text.startswith("rmw_")
     assert "console" not in found
+
+
+FILLED = """
+mount -t tmpfs -o size=16m tmpfs /dev/shm || exit 77
+dd if=/dev/zero of=/dev/shm/fill bs=4k count=10000 2>/dev/null
+truncate -s -$1 /dev/shm/fill
+shift
+exec "$@"
+"""
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("free", [0, 400_000])
+def test_full_shared_memory_is_named_and_the_doctor_gets_to_the_end(
+    ros_domain: int, free: int
+) -> None:
+    doctoring = [sys.executable, "-m", "madrob_console.cli.main", "doctor"]
+    ended = subprocess.run(
+        ["unshare", "-m", "sh", "-c", FILLED, "sh", str(free), *doctoring],
+        env={**os.environ, "ROS_DOMAIN_ID": str(ros_domain)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if ended.returncode == 77 or "unshare" in ended.stderr:
+        pytest.skip("a mount of its own is not allowed here")
+    lines = ended.stdout.splitlines()
+    assert lines[-1].startswith("usable, ")
+    assert all(re.match(r"(ok|warning|error) ", text) for text in lines[:-1])
+    assert any("/dev/shm has " in text and "make room" in text for text in lines)
+    if free == 0:
+        assert any("the system ends programs that load ROS then" in text for text in lines)
+    else:
+        assert sum(text.startswith("warning  ros says ") for text in lines) in range(1, 6)
+    assert ended.stderr == ""
+
+
+def test_what_libraries_write_past_python_is_caught_once_each(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    error = (
+        b"\x1b[37;1m2026-11-22 07:52:52.650 \x1b[31;1m[SHM Error]\x1b[0m no room -> Function f\n"
+    )
+    with overheard() as lines:
+        assert lines == []
+        for _ in range(3):
+            os.write(1, error)
+            os.write(2, b"and\n\n")
+    assert lines == ["[SHM Error] no room", "and"]
+    os.write(1, b"heard again\n")
+    out, err = capfd.readouterr()
+    assert (out, err) == ("heard again\n", "")
 
 
 @pytest.mark.machine
@@ -115,7 +171,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     )
     assert found[DEFAULT_MAPPINGS[2].topic].text == "no publisher: start the testbed"
     assert found[DEFAULT_MAPPINGS[3].topic].text.endswith(" Hz: stop all but one")
-    assert found["console"].text.startswith("another one runs in domain ")
+    assert found["console"].text.startswith("one runs in domain ")
     assert found["/madrob/door"].text == "not there: the sides must be set by hand"
     assert {found[s].severity for s in (silent, wrong, "console")} == {Severity.WARNING}
     assert usable(list(found.values()))
@@ -270,6 +326,29 @@ def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) 
     (full,) = look_at_results(tmp_path, 10**18)
     assert full.severity is Severity.WARNING
     assert full.text.endswith("less than 1000000000.0 GB: make room")
+
+
+def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -> None:
+    teams, plan = tmp_path / "teams.csv", tmp_path / "plan.csv"
+    teams.write_text("3,Delft\n4,Ghent\nx,Late\n")
+    plan.write_text("3,1,2\n7,1,1\n9,20,1\n3,21,1\n")
+    found = list(look_at_lists(TeamSource({}, teams), PlanSource(file=plan)))
+    assert [(f.severity, f.subject, f.text) for f in found] == [
+        (Severity.WARNING, "teams", "teams.csv line 3: subject 'x' is no number from 1 to 999"),
+        (Severity.WARNING, "plan", "plan.csv line 4: condition '21' is no number from 1 to 20"),
+        (Severity.OK, "teams", "2 in the list"),
+        (Severity.OK, "plan", "4 attempts, teams: 3, conditions: 2"),
+        (
+            Severity.WARNING,
+            "plan",
+            "subject 7, 9: not in the list of teams, so they have no name",
+        ),
+    ]
+    plan.unlink()
+    (gone,) = look_at_lists(TeamSource({}), PlanSource(file=plan))
+    assert gone.severity is Severity.WARNING
+    assert "No such file" in gone.text
+    assert list(look_at_lists(TeamSource({}), PlanSource())) == []
 
 
 def test_output_that_goes_elsewhere_is_no_fault() -> None:

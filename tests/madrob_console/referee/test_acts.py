@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 
@@ -18,6 +18,7 @@ from madrob_console.referee.acts import (
     Act,
     AddNote,
     ConfirmPose,
+    Correct,
     DeclareTimeout,
     Finalise,
     MarkIncident,
@@ -27,6 +28,8 @@ from madrob_console.referee.acts import (
     SetUp,
     Situation,
     Start,
+    TakeBack,
+    Void,
     Waive,
     WithdrawIncident,
     ZeroHandle,
@@ -35,9 +38,10 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.questions import Option, Pick
+from madrob_console.referee.questions import Ask, Option, Pick
 from madrob_console.referee.run import (
     CheckName,
+    DecisionKind,
     FalseStart,
     Incident,
     IncidentKind,
@@ -45,7 +49,9 @@ from madrob_console.referee.run import (
     Run,
     RunSetup,
     TeamWord,
+    Voiding,
 )
+from madrob_console.referee.teams import TeamList
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
 from scoring.protocol import (
@@ -81,7 +87,7 @@ RUNS = {
     Phase.READY: READY,
     Phase.COUNTDOWN: replace(COUNTDOWN, false_starts=(FalseStart(101.0, EventName.DOOR_OPENS),)),
     Phase.RUNNING: RUNNING,
-    Phase.STOPPED: replace(STOPPED, incidents=(Incident(110.0, IncidentKind.FALL),)),
+    Phase.STOPPED: MarkIncident(IncidentKind.FALL).apply(Situation(STOPPED), 110.0),
     Phase.FINAL: replace(STOPPED, phase=Phase.FINAL),
 }
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
@@ -105,11 +111,21 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
     (AddNote("slow"), set(Phase) - {Phase.IDLE}),
     (Finalise(TeamWord.PROTESTED, "R. Eferee"), {Phase.STOPPED}),
     (Reissue("appeal"), {Phase.FINAL}),
+    (Void("unsafe"), {Phase.STOPPED, Phase.FINAL}),
+    (Correct(4, SETUP.condition, "typed wrongly"), {Phase.STOPPED, Phase.FINAL}),
+    (TakeBack(DecisionKind.INCIDENT, 110.0, "my mistake"), {Phase.STOPPED}),  # it has one
 ]
 
 
 def situation(run: Run, *checks: Check) -> Situation:
     return Situation(run, scored=True, look=lambda: checks, measure=lambda: 5.9)
+
+
+@dataclass(frozen=True)
+class Seen(Situation):
+    """The same as a screen shows it."""
+
+    elapsed: float | None = None
 
 
 def test_all_acts_are_here() -> None:
@@ -169,6 +185,15 @@ WORDS = {
     AddNote: ("note (slow)", "note: slow"),
     Finalise: ("the result is final, protested by the team", "finalise"),
     Reissue: ("re-issue (appeal)", "re-issue: appeal"),
+    Void: ("the run is void and counts nowhere (unsafe)", "run voided: unsafe"),
+    Correct: (
+        "corrected to subject 4, condition 1 (typed wrongly)",
+        "corrected to subject 4, condition 1: typed wrongly",
+    ),
+    TakeBack: (
+        "incident taken back (my mistake)",
+        "referee takes back the last incident: my mistake",
+    ),
 }
 """What who did it is told, and what the log says."""
 
@@ -181,7 +206,8 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     entry = Entry(1.0, Origin.REFEREE, act.name, "", act.reason_given, act_details(act))
     for line in (entry, Entry.from_json(entry.to_json())):
         log.add(line, None)
-    weight = Weight.NOTICE if isinstance(act, MarkIncident) else Weight.PLAIN
+    loud = isinstance(act, MarkIncident | Void | Correct)
+    weight = Weight.NOTICE if loud else Weight.PLAIN
     assert [(line.text, line.weight) for line in log.lines] == [(logged, weight)] * 2
 
 
@@ -189,7 +215,7 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     ("confirmed", "told", "logged"),
     [
         (False, "step 6 denied", "referee denies step 6"),
-        (None, "step 6 as the sensors say", "referee withdraws the ruling on step 6"),
+        (None, "step 6 as the sensors say", "referee takes back the ruling on step 6"),
     ],
 )
 def test_a_ruling_says_which_way(confirmed: bool | None, told: str, logged: str) -> None:
@@ -241,6 +267,16 @@ def test_the_next_run_is_clean_but_for_the_handle_zero() -> None:
     used = replace(STOPPED, handle_zero=5.9, pose_confirmed=True, issue=1)
     fresh = SetUp(SETUP).apply(situation(used), 200.0)
     assert fresh == Run(Phase.READY, SETUP, handle_zero=5.9)
+
+
+def test_another_name_than_the_lists_is_set_up_with_a_reason_only() -> None:
+    here = replace(situation(READY), teams=TeamList({SETUP.subject: "Delft Walkers"}))
+    other = replace(SETUP, team="Delft")
+    assert "another name needs a reason" in (SetUp(other).refusal(here) or "")
+    act = SetUp(replace(other, team_reason="renamed"))
+    assert act.refusal(here) is None
+    assert act.reason_given == "renamed"
+    assert SetUp(replace(SETUP, team="Delft Walkers")).refusal(here) is None
 
 
 def test_the_result_has_to_be_written_before_the_next_run() -> None:
@@ -307,3 +343,14 @@ def test_an_incident_is_withdrawn_and_stays_on_record() -> None:
     twice = WithdrawIncident("no fall").apply(situation(once), 4.0)
     assert [mark.withdrawn for mark in twice.incidents] == ["no fall", "a shadow"]
     assert WithdrawIncident("?").refusal(situation(twice)) == "there is no incident to withdraw"
+
+
+@pytest.mark.parametrize("voided", [False, True])
+@pytest.mark.parametrize("outcome", Outcome)
+def test_only_what_the_referee_has_ended_as_invalid_is_left_without_a_question(
+    outcome: Outcome, *, voided: bool
+) -> None:
+    void = Voiding(5.0, "robot unsafe", "Ada") if voided else None
+    view = Seen(Run(Phase.STOPPED, SETUP, outcome=outcome, voided=void), scored=True)
+    asked = isinstance(SetUp(SETUP).unless_final(view), Ask)
+    assert asked is (outcome is not Outcome.ABORTED and not voided)

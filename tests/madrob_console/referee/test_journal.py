@@ -49,11 +49,15 @@ def line(number: int) -> Entry:
     return Entry(float(number), Origin.SYSTEM, f"line {number}")
 
 
-def test_lines_from_before_the_file_come_first(tmp_path: Path) -> None:
-    journal = Journal()
-    assert journal.append(line(0), must_take_effect=False) is None
+def test_several_lines_are_brought_to_the_disk_by_one_sync(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal, synced = Journal(), list[int]()
     journal.open(tmp_path / "journal.jsonl")
-    journal.append(line(1), must_take_effect=False)
+    monkeypatch.setattr(os, "fsync", synced.append)
+    assert journal.append([line(0), line(1)]) == 2
+    assert journal.append([]) == 0
+    assert len(synced) == 1
     journal.close()
     assert read_journal(tmp_path / "journal.jsonl") == ((line(0), line(1)), ())
 
@@ -79,7 +83,6 @@ def test_an_existing_journal_is_never_overwritten(tmp_path: Path) -> None:
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
-from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, Journal, Origin
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -87,29 +90,30 @@ journal = Journal()
 journal.open(Path(sys.argv[1]))
 resource.setrlimit(resource.RLIMIT_FSIZE, (150, resource.RLIM_INFINITY))
 long = Entry(1.0, Origin.REFEREE, "note", reason="x" * 200)
-try:
-    journal.append(long, must_take_effect=False)
-except MadrobError as error:
-    print("refused:", error)
-print("kept:", journal.append(Entry(2.0, Origin.REFEREE, "abort"), must_take_effect=True))
+print(journal.append([long]), journal.refused.strerror)
+print(journal.append([Entry(2.0, Origin.REFEREE, "abort"), long]), journal.refused.strerror)
 resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
-print("later:", journal.append(Entry(3.0, Origin.SYSTEM, "end"), must_take_effect=True))
+print(journal.append([Entry(3.0, Origin.SYSTEM, "end")]), journal.refused)
 """
 
 
 @pytest.mark.machine
-def test_a_full_disk_refuses_a_note_but_no_abort_and_writes_it_later(tmp_path: Path) -> None:
+def test_a_full_disk_takes_the_lines_that_it_has_room_for_and_no_part_of_one(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "journal.jsonl"
     done = subprocess.run(
         [sys.executable, "-c", FULL_DISK, str(path)],
         capture_output=True, text=True, check=True, env=os.environ,
     )  # fmt: skip
-    refused, kept, later = done.stdout.splitlines()
-    assert refused.startswith("refused: the journal cannot be written")
-    assert kept.startswith("kept: the journal cannot be written")
-    assert later == "later: None"
-    found, _ = read_journal(path)
+    assert done.stdout.splitlines() == [
+        "0 No space left on device",
+        "1 No space left on device",
+        "1 None",
+    ]
+    found, remarks = read_journal(path)
     assert [entry.what for entry in found] == ["abort", "end"]
+    assert remarks == ()
 
 
 def test_the_state_is_rebuilt_from_the_journal() -> None:
@@ -145,24 +149,74 @@ def test_every_character_of_a_reason_survives(text: str, tmp_path: Path) -> None
     journal, path = Journal(), tmp_path / "journal.jsonl"
     journal.open(path)
     entry = Entry(1.0, Origin.REFEREE, "note", reason=text)
-    journal.append(entry, must_take_effect=False)
+    assert journal.append([entry]) == 1
     journal.close()
     assert read_journal(path) == ((entry,), ())
 
 
-def test_a_disk_that_does_not_sync_refuses_a_note_and_keeps_an_abort(
+def test_what_the_disk_took_and_could_not_sync_is_no_part_of_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_file: int) -> None:
-        raise OSError(5, "Input/output error")
-
     journal, path = Journal(), tmp_path / "journal.jsonl"
     journal.open(path)
+    assert journal.append([line(0)]) == 1
     monkeypatch.setattr(os, "fsync", broken)
-    with pytest.raises(MadrobError, match="Input/output error"):
-        journal.append(line(1), must_take_effect=False)
-    assert journal.append(line(2), must_take_effect=True) is not None
-    assert journal.pending == (line(2),)
+    assert journal.append([line(1), line(2)]) == 0
+    assert journal.refused is not None
+    assert journal.refused.strerror == "Input/output error"
+    assert read_journal(path) == ((line(0),), ())
     monkeypatch.undo()
-    assert journal.append(line(3), must_take_effect=True) is None
-    assert [e.what for e in read_journal(path)[0]][-2:] == ["line 2", "line 3"]
+    assert journal.append([line(2), line(3)]) == 2
+    assert journal.refused is None
+    assert read_journal(path) == ((line(0), line(2), line(3)), ())
+
+
+def test_where_nothing_can_be_taken_back_a_line_withdraws_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal, path = Journal(), tmp_path / "journal.jsonl"
+    journal.open(path)
+    assert journal.append([line(0)]) == 1
+    monkeypatch.setattr(os, "ftruncate", broken)
+    with monkeypatch.context() as sick:
+        sick.setattr(os, "fsync", broken)
+        assert journal.append([line(1), line(2)]) == 0
+        assert journal.append([line(1), line(2)]) == 0
+    assert journal.append([line(2), line(3)]) == 2
+    what = [entry.what for entry in read_journal(path)[0] if entry.what != "withdrawn"]
+    assert what == ["line 0", "line 2", "line 3"]
+
+
+def broken(*_arguments: object) -> None:
+    raise OSError(5, "Input/output error")
+
+
+def act(number: int, name: str = "finalise") -> Entry:
+    return Entry(float(number), Origin.REFEREE, name, id=f"id {number}")
+
+
+def withdrawn(**details: object) -> Entry:
+    return Entry(9.0, Origin.SYSTEM, "withdrawn", details=details)
+
+
+@pytest.mark.parametrize(
+    ("lines", "stand"),
+    [
+        ([line(0), act(1), line(2), withdrawn(id="id 1")], [line(0), line(2)]),
+        ([act(1), withdrawn(id="id 1"), act(1)], [act(1)]),
+        ([act(1), withdrawn(id="id 2")], [act(1)]),
+        ([act(1), withdrawn()], [act(1)]),
+        ([line(0), line(1), withdrawn(lines=1)], [line(0)]),
+        ([line(0), withdrawn(lines=10**9)], []),
+        ([line(0), withdrawn(lines=-5)], [line(0)]),
+        ([line(0), withdrawn(lines="all", id=["id 1"])], [line(0)]),
+    ],
+)
+def test_what_was_withdrawn_counts_for_nobody_who_reads(
+    lines: list[Entry], stand: list[Entry], tmp_path: Path
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_text("".join(one.to_json() + "\n" for one in lines))
+    found, remarks = read_journal(path)
+    assert [entry for entry in found if entry.what != "withdrawn"] == stand
+    assert remarks == ()

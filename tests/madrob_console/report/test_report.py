@@ -37,6 +37,7 @@ from madrob_console.referee.run import (
     TeamWord,
     Waiver,
 )
+from madrob_console.referee.run import TestbedFault as Fault
 from madrob_console.report import PictureFormat
 from madrob_console.report.page import report_html
 from madrob_console.testbeds.simulated import Scenario
@@ -111,9 +112,8 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scored, Path]:
     drive.finish()
     drive.act(Rule(Step.CROSS, confirmed=True, reason="seen from the side"))
     drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "the robot was slower"))
-    scored, folder = drive.engine.scored, drive.engine.folder
+    scored, folder = drive.scored(), drive.engine.folder
     drive.engine.close()
-    assert scored is not None
     assert folder is not None
     return scored, folder
 
@@ -148,7 +148,9 @@ def ended(scored: Scored, outcome: Outcome, reason: str = "as told") -> Scored:
 
 
 def of_source(scored: Scored, source: SourceKind) -> Scored:
-    return replace(scored, record=replace(scored.record, source=source))
+    """The same, and official where the testbed is a real one."""
+    setup = replace(scored.record.setup, practice=source is SourceKind.SIMULATED)
+    return replace(scored, record=replace(scored.record, source=source, setup=setup))
 
 
 def test_the_page_needs_nothing_from_elsewhere_and_runs_nothing(text: str, page: Page) -> None:
@@ -224,8 +226,7 @@ def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -
 def test_an_indicator_without_a_value_has_a_reason(tmp_path: Path) -> None:
     drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
     drive.whole_run(make_setup(timeout=6.0))
-    assert drive.engine.scored is not None
-    page = Page(report_html(drive.engine.scored))
+    page = Page(report_html(drive.scored()))
     told = page.section("Indicators")
     assert "none: robot never approached on the starting side" in told
     assert told.count("none: door never opened") == 2
@@ -251,6 +252,20 @@ def test_a_denied_step_is_told_on_top(scored: Scored) -> None:
     page = Page(report_html(ended(denied, Outcome.ABORTED)))
     assert "The referee denies: cross the threshold." in page.inside("header")
     assert "denied by the referee" in page.section("The six steps")
+
+
+def test_what_a_decision_hangs_on_is_told_on_top(page: Page, scored: Scored) -> None:
+    head = page.inside("header")
+    assert "PROTESTED by the team; step 4 confirmed; 1 incident (fall)" in head
+    assert "UNDECIDED" not in head
+    assert scored.run.start is not None
+    touched = FalseStart(scored.run.start - 1, EventName.HANDLE_IS_TOUCHED)
+    fault = Fault(scored.run.start + 2, "/madrob/door/angle: <lost>")
+    run = replace(scored.run, false_starts=(touched,), faults=(fault,))
+    marked = Page(report_html(replace(scored, run=run)))
+    assert marked.inside("header").count("1 false start UNDECIDED (handle touched)") == 1
+    assert "1 testbed fault" in marked.inside("header")
+    assert "+2.00 s /madrob/door/angle: <lost>" in marked.section("Testbed faults")
 
 
 def test_what_the_referee_said_is_told(page: Page) -> None:
@@ -283,8 +298,8 @@ def test_waivers_and_false_starts_are_told_once(scored: Scored) -> None:
     told = page.section("Referee decisions")
     assert "check “disk space” waived by Ann: small disk, short run" in told
     told = page.section("False starts")
-    assert "-1.00 s handle is touched; accepted: a cable hung on it" in told
-    assert "-0.50 s door opens; not decided" in told
+    assert "-1.00 s handle touched (handle_is_touched); accepted: a cable hung on it" in told
+    assert "-0.50 s door opens (door_opens); not decided" in told
     assert "door angle: 3 gaps" in page.section("Data quality")
     assert page.text.count("small disk") == 1
 
@@ -309,8 +324,8 @@ def test_the_teams_word_is_told_and_signed(word: TeamWord, sentence: str, scored
 def test_a_result_that_is_not_final_says_so(scored: Scored) -> None:
     still_open = replace(scored, run=replace(scored.run, closure=None, issue=2))
     page = Page(report_html(ended(still_open, Outcome.ABORTED)))
-    assert "PROVISIONAL" in page.section("The team's word")
-    assert "provisional, issue 2" in page.inside("header")
+    assert "NOT FINAL" in page.section("The team's word")
+    assert "not final, issue 2" in page.inside("header")
 
 
 def test_the_figures_are_pictures_with_words_for_those_who_cannot_see(page: Page) -> None:
@@ -348,6 +363,13 @@ def test_a_run_on_no_testbed_is_marked_as_not_official(source: SourceKind, score
     assert page.inside("body").startswith(f"{source.upper()}: not an official result.")
 
 
+def test_a_rehearsal_on_a_real_testbed_is_marked_too(scored: Scored) -> None:
+    real = of_source(ended(scored, Outcome.ABORTED), SourceKind.ROS)
+    setup = replace(real.record.setup, practice=True)
+    page = Page(report_html(replace(real, record=replace(real.record, setup=setup))))
+    assert page.inside("body").startswith("PRACTICE: not an official result.")
+
+
 def test_a_run_on_a_testbed_is_not(scored: Scored) -> None:
     page = Page(report_html(of_source(ended(scored, Outcome.ABORTED), SourceKind.ROS)))
     assert "official" not in page.text
@@ -359,8 +381,7 @@ def test_an_aborted_run_is_invalid_on_top_and_has_no_figures(tmp_path: Path) -> 
     drive.wait(3.0)
     drive.act(Abort("robot on fire"))
     drive.finish()
-    assert drive.engine.scored is not None
-    page = Page(report_html(of_source(drive.engine.scored, SourceKind.ROS)))
+    page = Page(report_html(of_source(drive.scored(), SourceKind.ROS)))
     assert page.inside("body").startswith("INVALID: the referee aborted this run.")
     assert "robot on fire" in page.inside("header")
     assert page.section("Figures") == "None: the run was aborted and is invalid."
@@ -372,8 +393,7 @@ def test_a_run_that_was_cut_off_says_so_on_top_and_shows_what_there_is(tmp_path:
     drive.start(make_setup())
     drive.wait(4.0)
     drive.engine.close()
-    assert drive.engine.scored is not None
-    page = Page(report_html(of_source(drive.engine.scored, SourceKind.ROS)))
+    page = Page(report_html(of_source(drive.scored(), SourceKind.ROS)))
     assert page.inside("body").startswith("INTERRUPTED: the machine failed during this run.")
     assert "none: no benchmark stop" in page.section("Indicators")
     assert "The run took" not in page.text
@@ -387,8 +407,7 @@ def test_a_run_aborted_in_the_countdown_has_a_page(tmp_path: Path) -> None:
     drive.wait(0.5)
     drive.act(Abort("not ready"))
     drive.finish()
-    assert drive.engine.scored is not None
-    page = Page(report_html(drive.engine.scored))
+    page = Page(report_html(drive.scored()))
     assert "INVALID" in page.inside("header")
     assert "The run took" not in page.text
 

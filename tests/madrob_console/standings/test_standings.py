@@ -47,22 +47,39 @@ def test_runs_are_counted_by_how_they_ended() -> None:
     assert standing.interrupted == 2
 
 
-def test_teams_conditions_and_rulesets_stand_apart_by_subject_and_condition() -> None:
+def test_subjects_conditions_and_rulesets_stand_apart_and_names_never_do() -> None:
     runs = [
         summary(2, 8),
         summary(2, 7),
-        summary(1, 20, team="Z"),
-        summary(1, 20, team="A"),
+        summary(1, 20, team="A", hour=2.0),
+        summary(1, 20, team="Z", hour=1.0),
         summary(2, 7, ruleset="eurobench-2020"),
     ]
     found = [(s.subject, s.condition, s.team, s.ruleset) for s in standings(runs)]
     assert found == [
         (1, 20, "A", "protocol"),
-        (1, 20, "Z", "protocol"),
         (2, 7, "Team 2", "eurobench-2020"),
         (2, 7, "Team 2", "protocol"),
         (2, 8, "Team 2", "protocol"),
     ]
+
+
+def test_a_team_has_the_name_of_the_list_and_the_others_are_a_remark() -> None:
+    names = ["Team 3", "team 3", "", "Delft", "team 3"]
+    runs = [summary(3, team=name, hour=float(hour)) for hour, name in enumerate(names)]
+    for found in (standings, overall):
+        (team,) = found(runs, listed={3: "Delft Walkers"})
+        assert team.team == "Delft Walkers"
+        assert team.other_names == ("Team 3", "Delft", "team 3")
+        assert team.completed == 5
+        (team,) = found(runs, listed={4: "Others"})
+        assert (team.team, team.other_names) == ("team 3", ("Team 3", "Delft"))
+
+
+def test_the_name_of_a_practice_run_is_none_of_the_official_standings() -> None:
+    runs = [summary(3, team="Delft"), summary(3, team="TEST", source="simulated", hour=1.0)]
+    (team,) = overall(runs)
+    assert (team.team, team.other_names) == ("Delft", ())
 
 
 def test_an_aggregate_has_mean_median_and_the_sample_deviation() -> None:
@@ -190,9 +207,11 @@ def test_official_standings_do_not_depend_on_runs_that_are_not(
     runs: list[RunSummary], best: int
 ) -> None:
     counted = [run for run in runs if run.official and run.valid]
-    with_all = {(s.subject, s.condition, s.team): s.aggregates for s in standings(runs, best=best)}
+    with_all = {
+        (s.subject, s.condition, s.ruleset): s.aggregates for s in standings(runs, best=best)
+    }
     for standing in standings(counted, best=best):
-        key = (standing.subject, standing.condition, standing.team)
+        key = (standing.subject, standing.condition, standing.ruleset)
         assert with_all.pop(key) == standing.aggregates
     assert not any(with_all.values())
 

@@ -15,7 +15,12 @@ import pytest
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageTypes
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_STATE_TOPIC,
+    Decoder,
+    MessageTypes,
+)
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated import Scenario, SensorSettings, SimulatedTestbed
 from madrob_console.testbeds.simulated.referee_state import parse_state
@@ -24,7 +29,7 @@ from recorder.message import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.samples import DoorSample, HandleSample, Sample
 from tests.madrob_console import said
-from tests.madrob_console.ros_peer import Taker, source
+from tests.madrob_console.ros_peer import KEPT, Peer, Taker, source
 from tests.watching import PATIENCE, until
 
 pytestmark = pytest.mark.machine
@@ -149,6 +154,37 @@ def test_it_ends_after_the_runs_it_was_asked_for() -> None:
     assert console.lines.count("robot sets out") == 2
 
 
+def test_a_second_referee_ends_no_run_and_is_heeded_once_the_first_is_gone(peer: Peer) -> None:
+    stated = peer.publisher(REFEREE_STATE_TOPIC, "std_msgs/msg/String", KEPT)
+    heard = peer.listen(REFEREE_STATE_TOPIC, "std_msgs/msg/String", KEPT)
+
+    def say(phase: str, start: float | None) -> None:
+        count = len(heard)
+        stated.publish(stated.msg_type(data=said.state_text(phase, start, CW)))
+        peer.until(lambda: len(heard) > count)
+
+    with console_and_node(SimulatedTestbed(), CW, repeat=2) as console:
+        console.until(lambda: console.samples)
+        start = time.time()
+        for phase in ("countdown", "running"):
+            console.source.publish(state(phase, start))
+        console.until(lambda: "robot sets out" in console.lines)
+        for phase, at in (("idle", None), ("running", start + 5.0), ("stopped", start + 5.0)):
+            say(phase, at)
+        console.until(lambda: "not heeded while the run goes on" in console.lines[-1])
+        console.source.configure(Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW))
+        console.until(lambda: "two referees" in str(console.source.sides_problem))
+        assert "run over" not in console.lines
+        console.source.publish(state("stopped", start))
+        console.until(lambda: "run over" in console.lines)
+        say("running", start + 9.0)
+        console.until(lambda: console.lines.count("robot sets out") == 2)
+        console.source.publish(state("final", start))
+        console.until(lambda: console.lines.count(console.lines[-1]) == 2)
+        peer.own.destroy_publisher(stated)  # the second one's run is over when it is gone
+        console.until(lambda: console.lines.count("run over") == 2)
+
+
 @pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
@@ -169,7 +205,8 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
             assert process.stdout is not None
             domain = os.environ["ROS_DOMAIN_ID"]
             assert process.stdout.readline() == (
-                f"simulated testbed nominal in ROS domain {domain}: waits for the referee\n"
+                f"simulated testbed nominal in ROS domain {domain}: waits for the referee; every "
+                "run on it is practice\n"
             )
             with Taker(source()) as taker:
                 until(lambda: taker.has(1) and len({m.topic for m in taker.taken}) == 6)

@@ -7,12 +7,14 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from textual.events import Event
 from textual.pilot import Pilot
 
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
+from madrob_console.ui.keys.type_ahead import TypeAhead
 from tests.madrob_console.ui.drawn import drawn
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
@@ -23,6 +25,33 @@ DEFAULTS = ConsoleDefaults(
 )
 
 
+LOOKING = 3.0
+"""Between two keys of somebody who looks at the screen, s."""
+
+
+@dataclass
+class Hand:
+    """When keys are typed: time passes with each of them, and otherwise stands still.
+
+    Attributes:
+        gap: between two keys, s.
+        now: the time, s.
+    """
+
+    gap: float = LOOKING
+    now: float = 1000.0
+
+    def __post_init__(self) -> None:
+        self._last: Event | None = None
+
+    def typed(self, event: Event) -> float:
+        """The time of a key."""
+        if event is not self._last:
+            self._last = event
+            self.now += self.gap
+        return self.now
+
+
 @dataclass
 class Driver:
     """The console under test."""
@@ -30,6 +59,7 @@ class Driver:
     app: MadrobApp
     engine: FakeEngine
     pilot: Pilot[None]
+    hand: Hand
 
     @property
     def console(self) -> ConsoleScreen:
@@ -86,11 +116,17 @@ async def driving(
     defaults: ConsoleDefaults = DEFAULTS,
     monotonic: Callable[[], float] = lambda: 0.0,
     look: ConsoleSettings | None = None,
+    gap: float = LOOKING,
 ) -> AsyncIterator[Driver]:
-    """The console on `engine`, in a terminal of `size`; time stands still for the screens."""
-    app = MadrobApp(lambda: engine, defaults, look, monotonic)
+    """The console on `engine`, in a terminal of `size`; time stands still for the screens.
+
+    Keys are typed `gap` seconds one after the other.
+    """
+    hand = Hand(gap)
+    ahead = TypeAhead(lambda: hand.now, hand.typed)
+    app = MadrobApp(lambda: engine, defaults, look, monotonic, lambda: engine.now, ahead)
     async with app.run_test(size=size) as pilot:
-        driver = Driver(app, engine, pilot)
+        driver = Driver(app, engine, pilot, hand)
         await app.workers.wait_for_complete()
         await driver.settle()
         yield driver

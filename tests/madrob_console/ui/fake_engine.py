@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from typing import Any, cast
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
 from madrob_console.engine.shown.curves import Curves
@@ -13,6 +15,7 @@ from madrob_console.engine.shown.playback import PlaybackCommand, PlaybackView
 from madrob_console.engine.shown.requests import (
     ExportTeam,
     GiveCurves,
+    GivePlan,
     NextRunNumber,
     OpenRun,
     Perform,
@@ -26,6 +29,7 @@ from madrob_console.engine.shown.snapshot import (
     HandleView,
     LatchView,
     LogLine,
+    Pulse,
     RecorderView,
     RightToAct,
     SensorView,
@@ -36,10 +40,12 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import Act, Situation, Start, act_named, refusals
+from madrob_console.referee.competition_plan import NO_PLAN, Plan, plan_progress
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.referee.transitions import begin_run, stop
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
@@ -76,6 +82,7 @@ class FakeEngine:
     run: Run = field(default_factory=Run)
     kind: SourceKind = SourceKind.SIMULATED
     label: str = "SIMULATED nominal"
+    simulated: str | None = None
     angle: float | None = 0.0
     force: float | None = 0.4
     maximum: float | None = None
@@ -98,12 +105,17 @@ class FakeEngine:
     unfinished: tuple[Unfinished, ...] = ()
     opened: list[str] = field(default_factory=list)
     exported: list[int] = field(default_factory=list)
+    """Subjects; below 0 where practice runs were asked for."""
     export: ExportView | None = None
     playback: PlaybackView | None = None
     commands: list[PlaybackCommand] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
     right: RightToAct = field(default_factory=RightToAct)
+    pulse: Pulse = field(default_factory=Pulse)
+    teams: TeamList = NO_TEAMS
+    plan: Plan = NO_PLAN
+    history: list[RunSummary] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._made = self._snapshot_now()
@@ -122,6 +134,7 @@ class FakeEngine:
             time=self.now,
             source_kind=self.kind,
             source_label=self.label,
+            simulated=self.simulated,
             sides_problem=self.sides_problem,
             run=self.run,
             elapsed=elapsed(self.run, self.now),
@@ -153,13 +166,16 @@ class FakeEngine:
             playback=self.playback,
             export=self.export,
             right=self.right,
+            pulse=self.pulse,
+            teams=self.teams,
+            plan=self.plan,
         )
 
     def act(self, act: Act) -> str | None:
         situation = self._situation()
         if (refused := act.refusal(situation)) is not None:
             return refused
-        self.run = act.apply(situation, self.now)
+        self.run = act.settled(situation).apply(situation, self.now)
         self.acts.append(act)
         if isinstance(act, Start):
             self._use_number()
@@ -168,27 +184,37 @@ class FakeEngine:
             self.result, self.steps = None, NO_STEPS
         return None
 
+    def begin(self, request: Request[T]) -> Future[T]:
+        answer: Future[T] = Future()
+        try:
+            self._answer()
+            answer.set_result(cast("T", self._carry_out(request)))
+        except MadrobError as error:
+            answer.set_exception(error)
+        return answer
+
     def ask(self, request: Request[T]) -> T:
-        self._answer()
-        return cast("T", self._carry_out(request))
+        return self.begin(request).result()
 
     def _carry_out(self, request: Request[Any]) -> object:
         match request:
             case Perform(name, details):
                 return self.act(act_named(name, details))
-            case NextRunNumber(subject, condition):
+            case NextRunNumber(subject, condition, practice):
                 if self.no_number is not None:
                     raise MadrobError(self.no_number)
-                return self.used_numbers.get((subject, condition), 0) + 1
+                return 1 if practice else self.used_numbers.get((subject, condition), 0) + 1
             case OpenRun(folder, invalid):
                 self.opened.append(f"{folder} invalid" if invalid else folder)
-            case ExportTeam(subject):
-                self.exported.append(subject)
+            case ExportTeam(subject, practice):
+                self.exported.append(-subject if practice else subject)
                 self.export = ExportView(subject)
             case PlaybackCommand():
                 self.commands.append(request)
             case GiveCurves():
                 return self.figures
+            case GivePlan():
+                return plan_progress(self.plan, self.history, "Autumn Cup")
             case TakeOver():
                 self.right = RightToAct()
         return None
@@ -258,7 +284,15 @@ class FakeEngine:
             raise MadrobError(self.failure)
 
     def _situation(self) -> Situation:
-        return Situation(self.run, self.result is not None, self._checks, lambda: self.force)
+        return Situation(
+            self.run,
+            self.result is not None,
+            self._checks,
+            lambda: self.force,
+            teams=self.teams,
+            steps=self.steps if self.result is None else self.result.steps,
+            simulated=self.simulated,
+        )
 
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero
@@ -273,7 +307,8 @@ class FakeEngine:
             largest_skew=0.1,
             disk_free=self.disk_free,
             disk_needed=1_000_000_000,
-            recorder_problem=self.recorder.problem,
+            recorder_problems=(self.recorder.problem,) if self.recorder.problem else (),
+            other_referee=None,
         )
         return preflight(readings, self.run)
 
@@ -284,6 +319,33 @@ class FakeEngine:
     def _sensor(self, side: Side, index: int) -> SensorView:
         masked = self.angle is not None and Thresholds().masked(side, index, self.angle)
         return SensorView(side, index, (side, index) in self.occupied, masked, None, self.freshness)
+
+
+@dataclass
+class SlowEngine(FakeEngine):
+    """It can be made slow: then it answers when it is told to.
+
+    Attributes:
+        slow: whether requests wait.
+        waiting: those that do, and their answers to come.
+    """
+
+    slow: bool = False
+    waiting: list[tuple[Request[Any], Future[Any]]] = field(default_factory=list)
+
+    def begin(self, request: Request[T]) -> Future[T]:
+        if not self.slow:
+            return super().begin(request)
+        answer: Future[T] = Future()
+        self.waiting.append((request, answer))
+        return answer
+
+    def answer(self) -> None:
+        """Carry out and answer what waits and was not given up."""
+        waiting, self.waiting = self.waiting, []
+        for request, answer in waiting:
+            if answer.set_running_or_notify_cancel():
+                answer.set_result(super().begin(request).result())
 
 
 def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:

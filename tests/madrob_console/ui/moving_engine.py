@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from pathlib import Path
 
 from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
@@ -16,11 +17,15 @@ from tests.madrob_console.ui.setups import a_setup
 
 
 class MovingEngine(FakeEngine):
-    """Panel and force swing, sensors come and go, the log grows once a second."""
+    """Panel and force swing, sensors come and go, the log grows once a second.
 
-    def __init__(self) -> None:
+    A run goes on until the file `ends` is there.
+    """
+
+    def __init__(self, ends: Path | None = None) -> None:
         super().__init__()
         self._began = time.monotonic()
+        self._ends = ends
 
     def start_run(self) -> None:
         """Skip to a running run."""
@@ -33,6 +38,8 @@ class MovingEngine(FakeEngine):
     def snapshot(self) -> Snapshot:
         elapsed = time.monotonic() - self._began
         self.now = EPOCH + elapsed
+        if self.run.active and self._ends is not None and self._ends.exists():
+            self.finish()
         if self.run.active:
             self.angle = 0.6 + 0.5 * math.sin(elapsed)
             self.force = 8 * math.sin(3 * elapsed)
@@ -45,7 +52,7 @@ class MovingEngine(FakeEngine):
 
 
 if __name__ == "__main__":
-    engine = MovingEngine()
+    engine = MovingEngine(Path(sys.argv[2]) if len(sys.argv) > 2 else None)
     if "--running" in sys.argv:
         engine.start_run()
     sys.exit(run_console(lambda: engine, ConsoleDefaults(competition="Autumn Cup")))

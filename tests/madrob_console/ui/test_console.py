@@ -4,29 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from dataclasses import replace
+from collections.abc import Coroutine
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.shown.client import EngineClient
+from madrob_console.engine.shown.client import EngineClient, UnsureError
 from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import Role, TakeOver
-from madrob_console.engine.shown.snapshot import RightToAct
+from madrob_console.engine.shown.requests import UNSURE, Role, TakeOver
+from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
-from madrob_console.referee.acts import Abort, Act, DeclareTimeout
+from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.run import Phase
+from madrob_console.referee.teams import TeamList
+from madrob_console.ui import app
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.panes.history_pane import HistoryPane
 from scoring.protocol import Outcome
-from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, Hand, driving
+from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
 from tests.slowly import slow_but_for
-from tests.watching import PATIENCE
 
 PHASES = {
     Phase.IDLE: (),
@@ -145,13 +148,17 @@ def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
             await driver.settle()
             await driver.settle()
             counts.append(len(rung))
+            for silent in (1, 2):  # the disk
+                driver.engine.pulse = Pulse(disk=silent)
+                await driver.settle()
+            counts.append(len(rung))
             driver.engine.finish()
             await driver.settle()
             counts.append(len(rung))
         return counts
 
-    assert asyncio.run(drive(ConsoleSettings())) == [0, 1, 2, 3]
-    assert asyncio.run(drive(ConsoleSettings(bell=False))) == [0, 0, 0, 0]
+    assert asyncio.run(drive(ConsoleSettings())) == [0, 1, 2, 3, 4]
+    assert asyncio.run(drive(ConsoleSettings(bell=False))) == [0, 0, 0, 0, 0]
 
 
 def test_the_palette_finds_every_command_and_says_why_one_is_not_possible(
@@ -286,16 +293,14 @@ def test_the_next_run_from_the_history_is_for_the_marked_team_and_condition(
 
 
 def test_a_teams_file_with_broken_lines_says_so_at_the_start(engine: FakeEngine) -> None:
-    defaults = replace(
-        DEFAULTS, teams={1: "Delft"}, problems=("teams.csv line 3: subject 'x' is no number",)
-    )
+    engine.teams = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
 
     async def drive() -> None:
-        async with driving(engine, defaults=defaults) as driver:
+        async with driving(engine) as driver:
             assert "teams.csv line 3" in driver.console.status
             await driver.press("f2", "9", "enter")
             await driver.press("f6")
-            assert "Subject 9 has no name in the list of teams" in " ".join(driver.text.split())
+            assert "Subject 9 is not in the list of teams" in " ".join(driver.text.split())
 
     asyncio.run(drive())
 
@@ -313,6 +318,10 @@ def test_a_console_without_the_right_to_act_says_who_has_it_and_can_take_it(
             await driver.press("f8")
             assert driver.console.status == f"Refused: abort: {who}"
             await driver.press("t")
+            assert "bo@tent has it, and can do nothing then. A run goes on." in driver.text
+            await driver.press("enter")
+            assert engine.right.holder
+            await driver.press("t", "y")
             assert driver.console.status == "This console has the right to act now."
             assert "no faults" in driver.rows()[1]
             await driver.press("t")
@@ -340,6 +349,44 @@ def test_a_spectator_is_told_so_by_every_key_and_by_no_fault(engine: FakeEngine)
     asyncio.run(drive())
 
 
+@pytest.mark.parametrize("size", [(80, 24), (160, 50)])
+def test_a_spectator_sees_only_what_there_is_to_see(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    engine.right = RightToAct(Role.WATCH)
+    engine.teams = TeamList({1: "Delft"}, ("teams.csv line 3: subject 'x' is no number",))
+
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.press("f2", "tab")
+            footer = "\n".join(driver.rows()[-2:])
+            assert "F4" in footer
+            assert "F10" in footer
+            assert "Figures" in footer
+            for key in KEYS.values():
+                assert not key.act or f"{key.cap}{key.label}" not in footer
+            for words in ("letters type", "waives", "teams.csv"):
+                assert words not in driver.text
+            await driver.press("h")
+            assert driver.console.pane == "history"
+
+    asyncio.run(drive())
+
+
+def test_a_spectator_leaves_without_a_question(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.finish()
+            engine.right = RightToAct(Role.WATCH)
+            await driver.settle()
+            assert engine.run.unsigned
+            await driver.press("f10")
+            assert not driver.app.is_running
+
+    asyncio.run(drive())
+
+
 def test_the_screens_are_there_before_the_engine_and_keys_say_so() -> None:
     ready = threading.Event()
     engine = FakeEngine()
@@ -351,7 +398,7 @@ def test_the_screens_are_there_before_the_engine_and_keys_say_so() -> None:
     async def drive() -> None:
         app = MadrobApp(open_client, DEFAULTS)
         async with app.run_test(size=(80, 24)) as pilot:
-            driver = Driver(app, engine, pilot)
+            driver = Driver(app, engine, pilot, Hand())
             await driver.press("f5")
             assert driver.console.status == "Refused: start: the engine is starting"
             ready.set()
@@ -377,46 +424,98 @@ def test_without_an_engine_the_screens_end_and_the_reason_is_kept() -> None:
     assert str(app.failure) == "no testbed on ROS domain 7: start it"
 
 
-class SlowEngine(FakeEngine):
-    """Its disk makes every act wait."""
-
-    go = threading.Event()
-    asked = threading.Event()
-
-    def act(self, act: Act) -> str | None:
-        self.asked.set()
-        self.go.wait(20.0)
-        return super().act(act)
-
-
-def test_the_screens_go_on_while_an_act_waits_for_the_disk() -> None:
-    engine = SlowEngine()
+def test_the_keys_go_on_while_an_act_waits_for_its_answer(slow_engine: SlowEngine) -> None:
+    engine = slow_engine
 
     async def drive() -> None:
         async with driving(engine) as driver:
-            SlowEngine.go.set()
             await driver.run()
-            SlowEngine.go.clear()
-            SlowEngine.asked.clear()
-            pressing = asyncio.create_task(driver.pilot.press("i", "c"))
-            assert await asyncio.to_thread(SlowEngine.asked.wait, PATIENCE)
+            engine.slow = True
+            await driver.press("i", "c")
             engine.say("the door opens")
-            while "the door opens" not in driver.text:
-                driver.console.poll()
-                await asyncio.sleep(0.01)
-            assert not [act for act in engine.acts if act.name == "mark an incident"]
-            SlowEngine.go.set()
-            await pressing
+            for _ in range(3):  # the log waits for every third look
+                await driver.settle()
+            assert "the door opens" in driver.text
+            assert "no answer of the engine yet; the keys work" in driver.console.status
+            await driver.press("i", "c")
+            assert "the one before is not answered yet" in driver.console.status
+            await driver.press("f8")
+            assert "ABORT the run" in driver.text
+            assert engine.acts[-1].name == "start"
+            engine.answer()
             await driver.settle()
             assert engine.acts[-1].name == "mark an incident"
+            assert driver.console.status.startswith("Done: ")
 
     asyncio.run(drive())
 
 
-def a_summary() -> RunSummary:
+@pytest.mark.parametrize("key", ["f8", "escape"])
+def test_a_start_that_waits_for_the_disk_is_named_and_can_be_withdrawn(
+    slow_engine: SlowEngine, key: str
+) -> None:
+    engine = slow_engine
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.set_up()
+            engine.slow = True
+            await driver.press("f5")
+            assert "start: waiting for the disk; F8 or Escape" in driver.console.status
+            await driver.press(key)
+            assert "start: withdrawing it" in driver.console.status
+            names = [getattr(request, "name", "") for request, _ in engine.waiting]
+            assert names == ["start", "abort"]
+            start, abort = (answer for _, answer in engine.waiting)
+            start.set_result("start withdrawn: it is withdrawn")
+            abort.set_result(None)
+            await driver.settle()
+            assert "Refused: start: start withdrawn" in driver.console.status
+            assert engine.run.phase is Phase.READY
+
+    asyncio.run(drive())
+
+
+def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def too_late(waiting: Coroutine[Any, Any, object], _patience: float) -> None:
+        await waiting
+        raise TimeoutError
+
+    loop = SimpleNamespace(Event=asyncio.Event, wait_for=too_late)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            monkeypatch.setattr(app, "asyncio", loop)
+            await driver.press("i", "c")
+            assert driver.console.status.startswith("Done: ")
+
+    asyncio.run(drive())
+
+
+def test_what_nobody_knows_is_not_called_refused(slow_engine: SlowEngine) -> None:
+    slow = slow_engine
+
+    async def drive() -> None:
+        async with driving(slow) as driver:
+            await driver.run()
+            slow.slow = True
+            await driver.press("i", "c")
+            _, answer = slow.waiting[0]
+            assert answer.set_running_or_notify_cancel()
+            answer.set_exception(UnsureError(UNSURE))
+            await driver.settle()
+            assert driver.console.status == f"mark an incident: {UNSURE}"
+
+    asyncio.run(drive())
+
+
+def a_summary(folder: str = "subject_004_cond_003_run_002_20231114_221320") -> RunSummary:
     """An earlier run of another team in another condition."""
     return RunSummary(
-        folder="subject_004_cond_003_run_002_20231114_221320",
+        folder=folder,
         subject=4,
         team="Oslo",
         run_number=2,
@@ -428,26 +527,75 @@ def a_summary() -> RunSummary:
     )
 
 
+CUT_OFF = Unfinished("folder", 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door opens", 2_500_000)
+
+
+def test_a_run_that_was_cut_off_is_asked_about_once_when_a_slow_disk_tells_of_it_late(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            assert not driver.console.dialogs
+            engine.unfinished = (CUT_OFF,)
+            await driver.settle()
+            assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
+            await driver.press("escape")
+            await driver.settle()
+            assert not driver.console.dialogs
+
+    asyncio.run(drive())
+
+
 @pytest.mark.parametrize(
     ("key", "opened"), [("s", ["folder"]), ("i", ["folder invalid"]), ("l", []), ("escape", [])]
 )
 def test_a_run_that_was_cut_off_is_asked_about_and_nothing_resumes_by_itself(
     engine: FakeEngine, key: str, opened: list[str]
 ) -> None:
-    engine.unfinished = (
-        Unfinished("folder", 3, "Delft", 2, 1, Phase.RUNNING, 10.0, 17.5, "door_opens", 2_500_000),
-    )
+    engine.unfinished = (CUT_OFF,)
 
     async def drive() -> None:
         async with driving(engine) as driver:
             text = " ".join(driver.text.replace("│", " ").split())
             assert (
                 "A RUN WAS CUT OFF: run 2 of subject 3 Delft was cut off while running, last line"
-                " +7.5 s from the start, last event door_opens, 2.5 MB recorded"
+                " +7.5 s from the start, last event door opens, 2.5 MB recorded"
             ) in text
+            assert "interrupted, uses up no attempt of the team" in text
+            assert "invalid, as if aborted: uses up an attempt of the team" in text
             await driver.press("enter" if key == "l" else key)
             await driver.settle()
             assert engine.opened == opened
             assert not driver.console.dialogs
+
+    asyncio.run(drive())
+
+
+def test_the_history_asks_about_a_run_that_was_cut_off_before_it_opens_it(
+    engine: FakeEngine,
+) -> None:
+    engine.unfinished = (CUT_OFF,)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("escape", "h")
+            for key, opened in (("l", []), ("i", ["folder invalid"])):
+                driver.app.post_message(HistoryPane.Opened(a_summary("folder")))
+                await driver.settle()
+                await driver.settle()
+                assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
+                await driver.press(key)
+                await driver.settle()
+                assert engine.opened == opened
+
+    asyncio.run(drive())
+
+
+def test_no_two_widgets_share_a_name_and_with_it_a_look(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            names = [widget.id for widget in driver.console.query("*") if widget.id]
+            assert sorted(names) == sorted(set(names))
+            assert "Starting side < CCW >" in driver.text
 
     asyncio.run(drive())

@@ -139,15 +139,20 @@ def test_the_pane_draws_with_the_characters_that_the_terminal_has(plain: bool) -
 
 
 def test_what_cannot_be_drawn_is_said_in_words() -> None:
-    def fail() -> Curves | None:
-        raise MadrobError("the engine does not answer: leave and start again")
+    silent = MadrobError("the engine does not answer: leave and start again")
+    no_handles = OSError(24, "Too many open files")
 
     async def drive() -> None:
         ended = finished().snapshot()
-        async with viewing(fail, ended) as viewer:
-            assert viewer.rows[0] == "the engine does not answer: leave and start again"
-            await viewer.press("plus", "tab", "left")
-            assert viewer.rows[0] == "the engine does not answer: leave and start again"
+        for error in (silent, no_handles):
+
+            def fail(error: Exception = error) -> Curves | None:
+                raise error
+
+            async with viewing(fail, ended) as viewer:
+                assert viewer.rows[0] == str(error)
+                await viewer.press("plus", "tab", "left")
+                assert viewer.rows[0] == str(error)
         async with viewing(lambda: None, prepared().snapshot()) as viewer:
             assert viewer.rows[0] == "no result yet: the figures come with it"
         async with viewing(lambda: Curves(3.0), ended) as viewer:

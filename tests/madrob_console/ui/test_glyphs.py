@@ -15,7 +15,6 @@ import madrob_console.ui
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.names import terminal_safe
 from madrob_console.ui.look.glyphs import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.panes.run_clock import large_digits
 from tests.madrob_console.ui.driver import DEFAULTS, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
@@ -95,14 +94,6 @@ def test_any_text_becomes_ascii_in_as_many_cells(text: str) -> None:
 @given(TEXTS.filter(str.isascii))
 def test_ascii_stays_as_it_is(text: str) -> None:
     assert to_ascii(text) == text
-
-
-def test_the_large_clock_has_digits_of_ascii_in_the_same_cells() -> None:
-    usual, plain = large_digits("-12:34.567890"), large_digits("-12:34.567890", ascii_only=True)
-    assert "".join(plain).isascii()
-    assert [len(row) for row in plain] == [len(row) for row in usual]
-    seen = [large_digits(digit, ascii_only=True) for digit in "0123456789:.-"]
-    assert len(set(seen)) == len(seen)
 
 
 @pytest.mark.slow

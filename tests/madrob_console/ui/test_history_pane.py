@@ -13,7 +13,7 @@ from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.history_pane import HistoryPane, about
 from madrob_console.ui.panes.history_pane import summary as head_line
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import summary
+from tests.madrob_console.run_folders import UNDECIDED_START, summary
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.pane_app import PANE, Shown, showing
 
@@ -24,7 +24,15 @@ RUNS = (
     summary(3, 13, 1, hour=2, team="🤖 Door Bots", final=True, team_word="acknowledged"),
     summary(1, 1, 2, hour=3, team="Delft", outcome=Outcome.ABORTED, values={}),
     summary(1, 1, 3, hour=4, team="Delft", outcome=Outcome.INTERRUPTED, source="replay"),
-    summary(4, 20, 1, hour=5, team="Ghent", final=True, team_word="protested", issue=2),
+    summary(
+        *(4, 20, 1),
+        hour=5,
+        team="Ghent",
+        final=True,
+        team_word="protested",
+        issue=2,
+        flags=(UNDECIDED_START,),
+    ),
     summary(2, 7, 2, hour=6, team="", problem="result.json is damaged: make it again", source=None),
     summary(5, 5, 1, hour=7, team="Liège", outcome=None, values={}, source=None, issue=0),
 )
@@ -35,7 +43,7 @@ class Results:
 
     def __init__(self, runs: Sequence[RunSummary] = RUNS) -> None:
         self.runs = runs
-        self.problem = ""
+        self.problem: str | OSError = ""
         self.readings = 0
         self.may_end = threading.Event()
         self.may_end.set()
@@ -44,6 +52,8 @@ class Results:
         self.readings += 1
         runs, problem = self.runs, self.problem
         assert self.may_end.wait(10)
+        if isinstance(problem, OSError):
+            raise problem
         if problem:
             raise MadrobError(problem)
         return runs
@@ -65,7 +75,7 @@ def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[int, in
         async with showing(HistoryPane(Results().load), size) as shown:
             assert teams(shown) == ["5", "2", "4", "1", "1", "3", "2", "1"]
             assert "unfinished" in shown.marked
-            for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed"):
+            for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed!!"):
                 assert words in shown.text
             (practice,) = (row for row in shown.rows() if " SIM " in row)
             assert " 1 Delft " in practice
@@ -94,6 +104,7 @@ def test_every_column_can_be_seen_on_a_small_screen() -> None:
 
 def test_the_line_below_says_what_does_not_fit() -> None:
     assert about(RUNS[5]) == (
+        "1 false start UNDECIDED (handle touched); "
         "Ghent: pull, from CW to CCW, Wind Ramp; completed; issue 2; protested; protocol; "
         + RUNS[5].folder
     )
@@ -104,9 +115,9 @@ def test_the_line_below_says_what_does_not_fit() -> None:
 
 def test_the_head_line_says_what_there_is() -> None:
     assert head_line(RUNS) == (
-        "8 runs (1 SIMULATED): 4 valid, 1 INVALID, 1 INTERRUPTED, 1 DAMAGED, 1 unfinished"
+        "8 runs (1 PRACTICE): 4 valid, 1 INVALID, 1 INTERRUPTED, 1 DAMAGED, 1 unfinished"
     )
-    assert head_line(RUNS[:1]) == "1 run (1 SIMULATED): 1 valid"
+    assert head_line(RUNS[:1]) == "1 run (1 PRACTICE): 1 valid"
     assert head_line(()) == "no runs in the results folder"
 
 
@@ -116,6 +127,9 @@ def test_v_shows_those_not_final_then_those_that_do_not_count() -> None:
             await shown.press("v")
             assert teams(shown) == ["5", "2", "1", "1", "2", "1"]
             assert "6 of 8 runs: not final" in shown.text
+            await shown.press("v")
+            assert teams(shown) == ["4"]
+            assert "1 of 8 runs: undecided" in shown.text
             await shown.press("v")
             assert teams(shown) == ["5", "2", "1", "1"]
             assert "4 of 8 runs: invalid and interrupted" in shown.text
@@ -140,6 +154,8 @@ def test_a_filter_is_typed_kept_with_enter_and_cleared_with_escape() -> None:
             assert "filter vo" in shown.text
             assert "no run passes the filter" in shown.text
             assert pane.selected is None
+            await shown.press("escape", "slash", *"foo", "colon")
+            assert "no field foo: there are subject, sub, cond, run, team" in shown.text
             await shown.press("escape")
             assert len(teams(shown)) == 8
             await shown.press("down")  # the table has the focus again
@@ -198,7 +214,7 @@ def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
             await shown.pilot.press("down", "o", "v")
             assert "reading the results folder" in shown.text
             assert len(teams(shown)) == 1
-            await shown.pilot.press("v", "v")
+            await shown.pilot.press("v", "v", "v")
             results.may_end.set()
             await shown.settle()
             assert len(teams(shown)) == 3
@@ -207,13 +223,22 @@ def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
     asyncio.run(drive())
 
 
-def test_a_results_folder_that_cannot_be_read_is_a_line_on_the_screen() -> None:
+@pytest.mark.parametrize(
+    "problem",
+    [
+        "/results: cannot be used for results (Permission denied)",
+        OSError(24, "Too many open files"),
+    ],
+)
+def test_a_results_folder_that_cannot_be_read_is_a_line_on_the_screen(
+    problem: str | OSError,
+) -> None:
     async def drive() -> None:
         results = Results()
-        results.problem = "/results: cannot be used for results (Permission denied)"
+        results.problem = problem
         pane = HistoryPane(results.load)
         async with showing(pane) as shown:
-            assert results.problem in shown.text
+            assert str(problem) in shown.text
             results.problem = ""
             pane.enter()
             await shown.settle()

@@ -111,7 +111,10 @@ Situation = Callable[[Driver], Awaitable[None]]
                 (["i", "h"], MarkIncident(IncidentKind.HUMAN_INTERVENTION)),
                 (["i", "c"], MarkIncident(IncidentKind.COLLISION)),
                 (["i", "f"], MarkIncident(IncidentKind.FALL)),
-                (["i", "o"], MarkIncident(IncidentKind.OTHER)),
+                (
+                    ["i", "o", "v", "x", "f", "enter"],
+                    MarkIncident(IncidentKind.OTHER, "vxf", 1.0),
+                ),
                 (["3", "s", "1", "y"], Rule(Step.OPEN, None, "seen by the referee")),
                 (["n", "o", "k", "enter"], AddNote("ok")),
             ],

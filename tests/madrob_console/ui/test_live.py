@@ -1,17 +1,21 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
-from madrob_console.engine.shown.snapshot import RecorderView
+from madrob_console.engine.shown.snapshot import Pulse, RecorderView
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.acts import Abort
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
+from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.panes.run_clock import clock_span
 from scoring.procedure import Ruling
 from scoring.protocol import Side, Step
-from tests.madrob_console.ui.driver import LARGE, SMALL, driving
+from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
@@ -67,6 +71,66 @@ def test_the_clock_reads_the_time_in_large_digits(engine: FakeEngine) -> None:
     asyncio.run(drive())
 
 
+@pytest.mark.parametrize(
+    ("size", "rows"), [((80, 24), 3), ((120, 36), 5), ((160, 50), 8), ((300, 80), 13)]
+)
+def test_the_clock_grows_with_the_terminal(
+    engine: FakeEngine, size: tuple[int, int], rows: int
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            await driver.let_pass(63.0)
+            drawn = [row for row in driver.rows()[2 : 2 + rows + 2] if {"█", "▀"} & set(row[:60])]
+            assert len(drawn) == rows
+            assert "RUNNING" in driver.text
+            assert "run 1 of subject 1" in driver.text
+
+    asyncio.run(drive())
+
+
+async def _resized(driver: Driver, size: tuple[int, int]) -> Sequence[str]:
+    await driver.pilot.resize_terminal(*size)
+    await driver.let_pass(1.0)
+    return driver.rows()
+
+
+def test_the_clock_follows_a_terminal_that_is_resized(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine, (120, 36)) as driver:
+            await driver.run()
+            large = len([row for row in driver.rows()[2:9] if "█" in row])
+            small = len([row for row in (await _resized(driver, (120, 30)))[2:9] if "█" in row])
+            again = len([row for row in (await _resized(driver, (120, 36)))[2:9] if "█" in row])
+            assert small < large == again
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("width", [60, 64, 70, 80, 90, 100, 110, 130, 160, 200])
+def test_no_column_touches_or_cuts_the_next(engine: FakeEngine, width: int) -> None:
+    async def drive() -> None:
+        async with driving(engine, (width, 30)) as driver:
+            await driver.run()
+            seen = engine.steps[0]
+            engine.do_step(Step.TOUCH)
+            long = "denied by the referee: the robot's arm was pushed, as the video shows"
+            denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
+            first = replace(seen, sensors=engine.now + 122.456, referee=denied, reason=long)
+            others = (replace(record, reason=long) for record in engine.steps[2:])
+            done = replace(engine.steps[1], final=engine.now + 122.456, referee=denied)
+            engine.steps = (first, done, *others)
+            await driver.let_pass(1.0)
+            rows = driver.rows()
+            head = next(i for i, row in enumerate(rows) if "passage sensors" in row)
+            begins = rows[head + 2].index("CCW ")
+            column = [row.ljust(width)[begins - 1] for row in rows[head : head + 7]]
+            assert column == [" "] * 7
+            assert "123.456" in rows[head + 2]  # a number is whole or not there
+
+    asyncio.run(drive())
+
+
 def test_three_columns_tell_sensors_referee_and_what_counts(engine: FakeEngine) -> None:
     async def drive() -> None:
         async with driving(engine) as driver:
@@ -92,7 +156,7 @@ def test_a_false_start_says_what_to_do(engine: FakeEngine, size: tuple[int, int]
             engine.false_start()
             await driver.settle()
             shown = " ".join(driver.text.split())
-            assert "FALSE START: handle is touched at -3.5 s: r restarts the countdown" in shown
+            assert "FALSE START: handle touched at -3.5 s: r restarts the countdown" in shown
             assert "a accepts it with a reason" in shown
             await driver.press("r")
             assert "FALSE START" not in driver.text
@@ -240,8 +304,9 @@ def test_an_engine_that_fails_is_a_fault_and_no_crash(engine: FakeEngine) -> Non
             engine.failure = "the engine has failed: disk full"
             await driver.settle()
             assert "the engine has failed: disk full: what you see is old" in driver.rows()[1]
-            await driver.press("i", "c")
+            await driver.press("i")
             assert "the engine has failed" in driver.console.status
+            assert not driver.console.dialogs
 
     asyncio.run(drive())
 
@@ -252,6 +317,46 @@ def test_an_engine_that_stands_still_is_called_silent(engine: FakeEngine) -> Non
         async with driving(engine, monotonic=lambda: next(times)) as driver:
             await driver.settle()
             assert "the engine is silent for 10 s: what you see is old" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_a_clock_that_may_have_gone_on_unseen_is_not_shown_as_fresh(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            assert "RUNNING  4:59 left of 5:00" in driver.text
+            engine.pulse = Pulse(core=3)
+            await driver.settle()
+            assert "the engine has not moved for 3 s: what you see is old" in driver.rows()[1]
+            assert "RUNNING  as it was 3 s ago" in driver.text
+            assert clock_span(engine.snapshot()) == ("0:01.?", Tone.DIM)
+            engine.pulse = Pulse()
+            await driver.settle()
+            assert "RUNNING  4:59 left of 5:00" in driver.text
+
+    asyncio.run(drive())
+
+
+@SIZES
+def test_a_silent_disk_is_named_with_what_still_works(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            engine.pulse = Pulse(disk=7, unwritten=2)
+            await driver.settle()
+            words = "disk silent for 7 s: nothing new starts; the clock runs, abort works"
+            assert words in driver.rows()[1]
+            assert "RUNNING  NOT ON DISK YET" in driver.text
+            assert engine.act(Abort("robot unsafe")) is None
+            await driver.settle()
+            assert "ABORTED  NOT ON DISK YET" in driver.text
+            assert "abort works" not in driver.text
+            engine.pulse = Pulse()
+            await driver.settle()
+            assert "NOT ON DISK YET" not in driver.text
 
     asyncio.run(drive())
 
@@ -282,5 +387,38 @@ def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
                 for key in ("f1", "f2", "f3", "n", "escape", "f4"):
                     await driver.press(key)
             assert "COMPLETED" in driver.text
+
+    asyncio.run(drive())
+
+
+@SIZES
+def test_what_may_still_change_is_rough_and_marked(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            for step in (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS):
+                engine.do_step(step)
+            engine.provisional = {"time_to_handle": 1.0, "door_occupation_time": 2.345}
+            for _ in range(3):
+                await driver.settle()
+            for words in (
+                "so far",
+                "✓ 3 open the door         1.000  -           1.000",
+                "✓ 4 cross the threshold    ~1.0  -            ~1.0",
+                "to handle 1.000 s occupation ~2.3 s",
+            ):
+                assert words in driver.text
+            for step in (Step.CLOSE, Step.LOCK):
+                engine.do_step(step)
+            engine.finish()
+            await driver.settle()
+            await driver.press("f3")
+            for _ in range(3):
+                await driver.settle()
+            assert "✓ 4 cross the threshold   1.000  -           1.000" in driver.text
+            assert "occupation 2.345 s" in driver.text
+            assert "~" not in "".join(driver.rows()[1:])
 
     asyncio.run(drive())

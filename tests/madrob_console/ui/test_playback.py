@@ -21,6 +21,7 @@ from madrob_console.engine.shown.playback import (
 )
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
+from madrob_console.referee.run import seconds_of
 from madrob_console.referee.transitions import begin_countdown, begin_run
 from madrob_console.ui.cells.lines import width_of
 from madrob_console.ui.frame.key_line import KeyLine
@@ -28,7 +29,6 @@ from madrob_console.ui.frame.playback_bar import playback_line, position_text, s
 from madrob_console.ui.frame.tiny_clock import tiny_lines
 from madrob_console.ui.keys.asks import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.look.words import seconds_of
 from madrob_console.ui.panes.result_head import ResultHead
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
@@ -179,7 +179,8 @@ def test_the_keys_move_a_replay_and_nothing_else() -> None:
         await driver.press("enter")
         assert engine.commands[-1] == JumpTo(65.0)
         await driver.press("j", "x", "enter")
-        assert "'x' is no time" in driver.console.status
+        assert "'x' is no time" in driver.text
+        await driver.press("escape")
         await driver.press("f1")
         assert "to a time of the run" in driver.text
         await driver.press("g", "plus")  # zooms

@@ -10,8 +10,11 @@ from pathlib import Path
 import pytest
 
 from madrob_console.engine.shown.snapshot import Weight
+from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.journal import Origin
-from scoring.protocol import Side, Step
+from madrob_console.referee.teams import TeamList
+from scoring.protocol import Outcome, Side, Step
+from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
@@ -52,13 +55,48 @@ def test_the_screens_are_as_they_were_looked_at(
             seen["help"] = driver.text
         return seen
 
-    update = request.config.getoption("--update-screens")
     for name, text in asyncio.run(drive()).items():
-        path = STORED / f"{name}_{size[0]}x{size[1]}.txt"
-        if update:
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(text + "\n")
-        assert text + "\n" == path.read_text(), path.name
+        compare(name, size, text, request)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_a_large_plan_is_as_it_was_looked_at(
+    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
+) -> None:
+    teams, conditions = range(1, 13), range(1, 21)
+    lines = (PlanLine(Task(team, condition), 2) for team in teams for condition in conditions)
+    engine.plan = Plan(tuple(lines))
+    engine.teams = TeamList({team: f"Robots of university {team}" for team in teams})
+    engine.history = [
+        summary(
+            *(team, condition, run),
+            hour=team + condition / 50 + run / 1000,
+            values={"capability_level": (team * condition) % 7},
+            outcome=Outcome.ABORTED if (team + condition) % 9 == 0 else Outcome.COMPLETED,
+        )
+        for team in teams
+        for condition in conditions
+        for run in (1, 2)
+        if team * condition * run < 60
+    ]
+
+    async def drive() -> str:
+        async with driving(engine, size) as driver:
+            await driver.press("f3", "p")
+            await driver.app.workers.wait_for_complete()
+            await driver.settle()
+            return driver.text
+
+    compare("plan", size, asyncio.run(drive()), request)
+
+
+def compare(name: str, size: tuple[int, int], text: str, request: pytest.FixtureRequest) -> None:
+    """A screen with the stored one."""
+    path = STORED / f"{name}_{size[0]}x{size[1]}.txt"
+    if request.config.getoption("--update-screens"):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text + "\n")
+    assert text + "\n" == path.read_text(), path.name
 
 
 async def in_the_middle_of_a_run(driver: Driver) -> None:
@@ -69,8 +107,8 @@ async def in_the_middle_of_a_run(driver: Driver) -> None:
     engine.angle, engine.force, engine.maximum = 0.52, 7.4, 15.2
     engine.occupied = {(Side.CCW, 1), (Side.CCW, 3)}
     engine.provisional = {"time_to_handle": 1.0}
-    engine.say("handle_is_touched")
-    engine.say("door_opens")
+    engine.say("handle touched")
+    engine.say("door opens")
     engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE)
     for _ in range(4):  # top line and log wait for their turn
         await driver.settle()

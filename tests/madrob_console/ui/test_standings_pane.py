@@ -3,11 +3,13 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from madrob_console.archive.history import RunSummary, matches
+from madrob_console.referee.flags import FlagWeight
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,
@@ -19,7 +21,7 @@ from madrob_console.ui.panes.standings_pane import (
 )
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import VALUES, summary
+from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary
 from tests.madrob_console.ui.pane_app import showing
 
 TITLES = (
@@ -59,6 +61,22 @@ def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
                 shown.text
             )
             assert PRACTICE_BANNER not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> None:
+    waiting = timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,))
+    caution = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
+    marked = timed(2, 15.0, team="Ghent", flags=(caution,))
+
+    async def drive() -> None:
+        async with showing(pane_of((waiting, marked, timed(3, 9.0, team="Pisa")))) as shown:
+            rows = [" ".join(row.split()) for row in shown.rows()]
+            assert "> 1 Delft 7 1 0 0 !! 10.00 3.21 4.50 12.25" in rows
+            assert "2 Ghent 7 1 0 0 ! 15.00 3.21 4.50 12.25" in rows
+            assert "3 Pisa 7 1 0 0 9.00 3.21 4.50 12.25" in rows
+            assert "1 completed, 1 UNDECIDED, 1 with flags" in " ".join(shown.text.split())
 
     asyncio.run(drive())
 

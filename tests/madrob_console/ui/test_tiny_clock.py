@@ -108,6 +108,14 @@ def test_rows_are_given_by_importance() -> None:
     assert drawn(failing(), 12, 6)[3] == "next: step …"
 
 
+def test_practice_is_said_before_what_is_next_and_what_is_left() -> None:
+    engine = running()
+    assert not any("PRACTICE" in row for row in drawn(engine, 40, 3))
+    assert engine.run.setup is not None
+    engine.run = replace(engine.run, setup=replace(engine.run.setup, practice=True))
+    assert any("PRACTICE" in row for row in drawn(engine, 40, 3))
+
+
 def test_with_room_everything_is_said_in_full() -> None:
     assert drawn(failing(), 59, 17) == [
         "RUNNING  0:11.2  4:49 left",
@@ -121,7 +129,7 @@ def test_with_room_everything_is_said_in_full() -> None:
 
 def test_a_false_start_comes_before_what_is_next() -> None:
     rows = drawn(false_started(), 40, 5)
-    assert rows[1].startswith("FALSE START: handle is touched")
+    assert rows[1].startswith("FALSE START: handle touched")
     assert rows[-1] == "F8 ABORT"
     assert not any("countdown:" in row for row in rows)
 

@@ -17,6 +17,7 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.cli.main import main
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.testbeds.announcement import INFO_TOPIC
 from recorder.reader import read_bag
 from scoring.protocol import Signal
 
@@ -62,11 +63,15 @@ def test_a_run_over_dds_is_completed_recorded_whole_and_scored_the_same_again(
     assert run.returncode == 0, run.stdout + run.stderr
     folder = Path(run.stdout.splitlines()[-1].removeprefix("run folder: "))
     result = json.loads((folder / "result.json").read_text())
-    assert (result["outcome"], result["source"]) == ("completed", "ros")
+    assert "testbed: SIMULATED over ROS domain " in run.stdout
+    assert folder.parent == tmp_path / "results" / "practice"
+    assert (result["outcome"], result["source"]) == ("completed", "simulated")
+    assert result["setup"]["practice"]
     assert result["indicators"]["capability_level"]["value"] == 6
     assert all(i["value"] is not None for i in result["indicators"].values())
     assert result["quality"]["remarks"] == []
     recorded = read_recorded(folder)
+    assert len(recorded[INFO_TOPIC]) == 1
     published = read_published(log)
     for topic in TOPICS:
         first = published[topic].index(recorded[topic][0])

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 
 from scoring.protocol import Outcome
+from tests.madrob_console.console_process import READING
 from tests.tmux import Tmux, needs_tmux
 
 pytestmark = pytest.mark.slow
@@ -83,9 +85,28 @@ class Referee:
             key = ""
 
     def press(self, key: str, *texts: str, timeout: float = 20.0) -> None:
-        """Press a key and wait until all of `texts` are on the screen."""
+        """Press a key and wait until all of `texts` are on the screen.
+
+        A key that comes before a person could have read what is new is left out, and that is said:
+        whoever reads it presses again.
+        """
         self._window.press(key)
+        for _ in range(3):
+            left_out = " is left out: "
+            if left_out not in self._window.wait_for(texts[0], timeout, instead=left_out):
+                break
+            time.sleep(READING)
+            self._window.press(key)
         self.see(*texts, key=key, timeout=timeout)
+
+    def press_until(self, key: str, text: str) -> None:
+        """Press a key that may be refused for a moment, until `text` is on the screen."""
+        for _ in range(20):
+            self._window.press(key)
+            with suppress(AssertionError):
+                self.see(text, key=key, timeout=1.0)
+                return
+        self.see(text, key=key)
 
     def go_on(self, fields: int) -> None:
         """Go to a field further on."""
@@ -121,7 +142,7 @@ def window(tmp_path: Path, results: Path) -> Iterator[Tmux]:
             with Tmux(console, env=env, cwd=ROOT) as window:
                 yield window
         finally:
-            stop = [*MADROB, "engine", "stop", "--force"]
+            stop = [*MADROB, "engine", "stop", "--force", "--results", str(results)]
             subprocess.run(
                 stop, env=os.environ | env, cwd=ROOT, capture_output=True, timeout=60, check=False
             )
@@ -140,14 +161,14 @@ def test_a_competition_morning(window: Tmux, results: Path) -> None:
             finalise(referee, planned.word)
         if planned.issues > 1:
             referee.press("u", "Re-issue the final result")
-            referee.press("2", "Open the result again?")
+            referee.press("2", "Re-issue the result?")
             referee.press("y", f"issue {planned.issues}, not final yet")
             finalise(referee, planned.word)
         before = planned
     look_back(referee, window)
     window.press("F10")
     assert window.wait_exit() == 0
-    folders = [path for path in results.iterdir() if path.is_dir()]
+    folders = list(results.glob("practice/subject_*"))
     assert len(folders) == len(MORNING)
     for planned in MORNING:
         check_result(planned, results)
@@ -174,7 +195,7 @@ def set_up(referee: Referee, planned: Planned, before: Planned | None) -> None:
 def complete(referee: Referee) -> None:
     """The robot does it."""
     start(referee)
-    referee.see("COMPLETED (all six steps done)", timeout=LONGEST_RUN)
+    referee.see("COMPLETED, valid (all six steps done)", timeout=LONGEST_RUN)
 
 
 def abort(referee: Referee) -> None:
@@ -191,7 +212,7 @@ def declare_timeout(referee: Referee) -> None:
     referee.see("✓ 1 touch the handle", timeout=LONGEST_RUN)
     referee.press("F9", "DECLARE TIMEOUT")
     referee.press("1", "Timeout now?")
-    referee.press("y", "TIMEOUT (the team gives up)")
+    referee.press("y", "TIMEOUT, valid (the team gives up)")
 
 
 PLAY = {Outcome.COMPLETED: complete, Outcome.ABORTED: abort, Outcome.TIMEOUT: declare_timeout}
@@ -213,7 +234,7 @@ def deny(referee: Referee, step: int) -> None:
 
 def finalise(referee: Referee, word: str) -> None:
     """Close the result with the team's word."""
-    referee.press("f", "What does the team say?")
+    referee.press_until("f", "What does the team say?")  # not before the result is written
     referee.press(word, "Note (Enter for none):")
     referee.press("Enter", f", final: {WORDS[word]} by the team")
 
@@ -227,7 +248,7 @@ def look_back(referee: Referee, window: Tmux) -> None:
     for subject, team in TEAMS.items():
         of_team = sum(run.subject == subject for run in MORNING)
         assert rows_of(team, shown) >= of_team
-    referee.press("s", "SIMULATED runs: not official", f"1-{standings} of {standings}")
+    referee.press("s", "PRACTICE runs: not official", f"1-{standings} of {standings}")
     shown = window.screen()
     print(*shown, sep="\n")
     assert all(rows_of(team, shown) >= 2 for team in TEAMS.values())
@@ -235,13 +256,13 @@ def look_back(referee: Referee, window: Tmux) -> None:
 
 def rows_of(team: str, screen: list[str]) -> int:
     """How many rows name a team; a long name may be cut."""
-    return sum(f" {team[:4]}" in row for row in screen)
+    return sum(f" {team[:3]}" in row for row in screen)
 
 
 def check_result(planned: Planned, results: Path) -> None:
     """A run's folder holds what was done."""
     numbers = (planned.subject, planned.condition, planned.run)
-    (folder,) = results.glob("subject_{:03d}_cond_{:03d}_run_{:03d}_*".format(*numbers))
+    (folder,) = results.glob("practice/subject_{:03d}_cond_{:03d}_run_{:03d}_*".format(*numbers))
     result = read(folder / "result.json")
     assert (result["subject"], result["condition_number"], result["run_number"]) == numbers
     assert (result["team"], result["source"]) == (TEAMS[planned.subject], "simulated")

@@ -29,7 +29,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name, terminal_safe
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
 from madrob_console.referee.run import CheckName
-from madrob_console.standings.teams import read_teams
+from madrob_console.referee.teams import read_teams
 from madrob_console.testbeds.simulated import Scenario
 from recorder.errors import RecorderError
 from scoring.errors import ScoringError
@@ -122,6 +122,7 @@ def only_words(use: Callable[[], object]) -> None:
         words = str(error)
         assert words
         assert words.isprintable()
+        assert "please report it" not in words
 
 
 def in_each(place: Place, examples: int, source: bytes, check: Callable[[bytes], None]) -> None:
@@ -190,8 +191,12 @@ def _socket(place: Place, examples: int) -> None:
                 case Perform(name, details):
                     only_words(lambda: drive.engine.perform(act_named(name, details)))
                     drive.engine.snapshot()
-                case NextRunNumber(subject, condition):
-                    only_words(lambda: drive.engine.next_run_number(subject, condition))
+                case NextRunNumber(subject, condition, practice):
+                    only_words(
+                        lambda: drive.engine.next_run_number(
+                            subject, condition, practice=practice
+                        ).result()
+                    )
                 case _:
                     pass
 

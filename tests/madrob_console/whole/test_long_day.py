@@ -14,10 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.scored import OpenedRun, Scored, open_run
+from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.course import Course
 from madrob_console.engine.live.recording import Recording
+from madrob_console.engine.live.scorer import EarlierRun, RenderedResult
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.shown.requests import Role
 from madrob_console.referee.acts import (
@@ -39,7 +40,10 @@ from tests.madrob_console.engine_process import EngineProcess
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
 MEMORY_GROWTH = 4_000_000
-OF_A_RUN = (*(Engine, Recording, BagWriter, Journal, Course, Assessment, Scored, OpenedRun),)
+OF_A_RUN = (
+    *(Engine, Recording, BagWriter, Journal, Course, Assessment),
+    *(Scored, OpenedRun, RenderedResult, EarlierRun),
+)
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class Day:
     def _afterwards(self, folder: Path) -> None:
         """Look at the run before now and then; keep the disk small."""
         if self.runs % 5 == 0 and self._kept is not None:
-            assert self.drive.engine.open_run(open_run(self._kept)) is None
+            assert self.drive.open(self._kept) is None
             self.drive.act(Reissue("appeal granted"))
         if self._kept is not None:
             shutil.rmtree(self._kept)

@@ -69,7 +69,7 @@ def events(document: dict[str, Any]) -> dict[str, float]:
 
 def stop_seen_after(results: Path) -> float:
     """How long after the stop it was decided, the settle time left out, s."""
-    (folder,) = results.glob("subject_*")
+    (folder,) = results.glob("practice/subject_*")
     lines, _ = read_journal(folder / "journal.jsonl")
     (line,) = (line for line in lines if line.what == "run stops")
     return line.time - float(line.details["time"]) - SETTLE

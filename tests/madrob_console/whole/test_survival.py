@@ -13,6 +13,7 @@ import pytest
 
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
+from madrob_console.ui.keys.type_ahead import UNSEEN
 from recorder.reader import read_bag
 from scoring.protocol import EventName
 from tests.madrob_console.console_process import F8, F10, Hall, start_a_run, wait_gone
@@ -97,12 +98,11 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
         until(lambda: any(m.receive_ns > 1e9 * touched.time for m in read_bag(folder).messages()))
         hall.kill_engine()
         terminal.wait_for("the engine has ended")
-        terminal.send(F10)
-        terminal.wait_for("Leave?")
-        terminal.send("y")
+        terminal.send(F10)  # nothing is left that could be lost: no question
         assert terminal.wait_exit() == 0
     with hall.console() as terminal:
-        terminal.wait_for("A RUN WAS CUT OFF: run 1 of subject 1", timeout=60.0)
+        terminal.wait_for("A RUN WAS CUT OFF: practice run 1 of subject 1", timeout=60.0)
+        time.sleep(2 * UNSEEN)  # read before it is answered
         terminal.send("s")
         terminal.wait_for("INTERRUPTED")
     result = hall.wait_for_result(folder)
@@ -114,22 +114,27 @@ def test_an_engine_started_twice_is_one_engine(hall: Hall) -> None:
     with hall.console() as one, hall.console() as other:
         for terminal in (one, other):
             terminal.wait_for("all fresh and at rate", timeout=60.0)
-        listed = hall.madrob("engine", "status").stdout
-        assert listed.count("SIMULATED nominal") == 1
+        (line,) = hall.status()
+        assert line.startswith("SIMULATED nominal: pid ")
 
 
 def test_status_and_stop_are_for_people_and_systemd(hall: Hall) -> None:
     hall.speed = 1.0  # the run is still there, however busy the machine is
-    nothing = hall.madrob("engine", "status")
-    assert (nothing.returncode, nothing.stdout) == (1, "no engine runs\n")
+    named = f"--results={hall.results}"
+    assert hall.status() == []
+    nothing = hall.madrob("engine", "stop", named)
+    assert nothing.returncode == 1
+    assert nothing.stdout.startswith("the engine that is named does not run")
     with hall.console() as terminal:
         start_a_run(terminal)
         hall.wait_for_running()
-        refused = hall.madrob("engine", "stop")
+        (line,) = hall.status()
+        assert ", RUNNING, run 1 of subject 1, 1 screen, runs in " in line
+        refused = hall.madrob("engine", "stop", named)
         assert refused.returncode == 1
         assert "a run is going on" in refused.stdout
         pid = hall.engine_pid()
-        stopped = hall.madrob("engine", "stop", "--force")
+        stopped = hall.madrob("engine", "stop", "--force", named)
         assert (stopped.returncode, stopped.stdout) == (0, "SIMULATED nominal: ended\n")
         wait_gone(pid)
     (folder,) = hall.run_folders()
@@ -140,7 +145,7 @@ def test_an_engine_that_cannot_start_says_why_in_one_line(hall: Hall) -> None:
     hall.speed = 5000.0
     with hall.console() as terminal:
         assert terminal.wait_exit(60.0) == 2
-        assert any("madrob: --speed 5000: use 0 to 1000" in line for line in terminal.screen())
+        assert any("--speed: 5000.0: use 0 to 1000" in line for line in terminal.screen())
 
 
 @pytest.mark.slow

@@ -7,12 +7,14 @@ import textwrap
 import threading
 import time
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, TopicMapping
+from madrob_console.testbeds.ros import ros_source
 from recorder.bag import Durability, Qos, Reliability
 from scoring.protocol import Signal
 from tests.madrob_console import ros_peer, said
@@ -231,6 +233,28 @@ def test_a_middleware_that_fails_is_shown_and_ends_nothing(peer: Peer) -> None:
         peer.until(lambda: taker.source.status()[0].problem)
         assert taker.source.status()[0].problem.startswith("ROS fails (")  # type: ignore[union-attr]
         assert taker.source.take(0) == []
+
+
+def test_a_want_of_memory_is_shown_and_what_comes_later_is_received(
+    peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> NoReturn:
+        raise MemoryError
+
+    publisher = peer.publisher(LOCKED, BOOL)
+
+    def published() -> bool:
+        publisher.publish(truth(True))
+        return True
+
+    with Taker(source()) as taker:
+        peer.until(lambda: taker.matched(LOCKED))
+        with monkeypatch.context() as short:
+            short.setattr(ros_source, "_message", fail)
+            peer.until(lambda: published() and any(s.problem for s in taker.source.status()))
+            problem = next(s.problem for s in taker.source.status() if s.problem)
+            assert problem == "ROS fails (MemoryError): start the console again"
+        peer.until(lambda: published() and taker.has(1))
 
 
 def test_what_arrived_before_the_end_can_still_be_taken(peer: Peer) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,13 +10,10 @@ from hypothesis import strategies as st
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import LONGEST_NAME, clean_name
-from madrob_console.standings.teams import (
-    LARGEST_FILE,
-    MOST_PROBLEMS,
-    TeamList,
-    merge_teams,
-    read_teams,
-)
+from madrob_console.referee.list_file import LARGEST_FILE, MOST_PROBLEMS
+from madrob_console.referee.run import RunSetup
+from madrob_console.referee.teams import TeamList, TeamSource, merge_teams, read_teams
+from tests.madrob_console.ui.setups import a_setup
 
 
 @pytest.fixture
@@ -73,7 +71,6 @@ def test_names_of_every_script_and_with_separators_in_quotes_are_kept(file: Path
         ("4,\u200d", "subject 4 has no team"),
         ("4;Late", "subject '4;Late' is no number from 1 to 999"),
         ("4,Late,Delft", "3 values, use subject and team; put a team with a separator into quotes"),
-        ("4," + "x" * 200, "team has 200 characters: use at most 60, nothing is cut"),
         ("4," + "x" * 200_000, "field larger than field limit (131072)"),
         ('4,"Late', 'a quote (") is not closed'),
         ("subject,team", "subject 'subject' is no number from 1 to 999"),
@@ -84,6 +81,7 @@ def test_a_broken_line_is_named_and_the_others_count(file: Path, text: str, prob
     teams = read(file, f"subject,team\n3,Walk-Man\n\n{text}\n5,Next\n")
     assert teams.names == {3: "Walk-Man", 5: "Next"}
     assert teams.problems == (f"teams.csv line 4: {problem}",)
+    assert teams.unread == 1
 
 
 @pytest.mark.parametrize(
@@ -93,12 +91,15 @@ def test_a_broken_line_is_named_and_the_others_count(file: Path, text: str, prob
         ("Bo\u202ets", "Bots", "characters that cannot be shown are left out"),
         ("../Bots", "Bots", "/ and \\ become blanks"),
         (".Bots", "Bots", "dots at the beginning are left out"),
+        ("x" * 200, "x" * 59 + "…", "more than 60 characters, cut"),
+        ("門" * 61, "門" * 59 + "…", "more than 60 characters, cut"),
     ],
 )
 def test_what_is_taken_from_a_name_is_said(file: Path, value: str, name: str, problem: str) -> None:
     teams = read(file, f"3,{value}\n")
     assert teams.names == {3: name}
-    assert teams.problems == (f"teams.csv line 1: {problem}: the team is '{name}'",)
+    shown = name if len(name) <= 20 else f"{name[:17]}..."
+    assert teams.problems == (f"teams.csv line 1: {problem}: the team is '{shown}'",)
 
 
 def test_of_two_lines_for_one_subject_the_first_counts(file: Path) -> None:
@@ -188,3 +189,85 @@ def test_the_settings_win_over_the_file_and_the_difference_is_said() -> None:
         "teams.csv line 9: subject 9 has no team",
         "subject 3 is 'Walker' in the settings and 'Walk-Man' in the file: the settings count",
     )
+
+
+SETTINGS = {9: "Own"}
+"""The teams of the settings."""
+
+
+def named(subject: int, team: str, reason: str = "") -> RunSetup:
+    return replace(a_setup(), subject=subject, team=team, team_reason=reason)
+
+
+def test_another_name_than_the_list_has_needs_a_reason() -> None:
+    teams = TeamList({3: "Delft Walkers"})
+    assert teams.problem(named(3, "Delft Walkers")) is None
+    assert teams.problem(named(3, "delft walkers")) == (
+        "subject 3 is 'Delft Walkers' in the list of teams: another name needs a reason"
+    )
+    assert teams.problem(named(3, "")) is not None
+    assert teams.problem(named(3, "Delft", "renamed")) is None
+    assert teams.problem(named(3, "Delft", "  ")) is not None
+    assert teams.problem(named(4, "Late")) == (
+        "subject 4 is not in the list of teams: a name needs a reason"
+    )
+    assert teams.problem(named(4, "")) is None
+
+
+def test_without_a_list_names_are_free() -> None:
+    assert TeamList().problem(named(3, "Anybody")) is None
+    assert not TeamList().differs(3, "Anybody")
+
+
+def test_the_file_and_the_settings_are_one_list(file: Path) -> None:
+    file.write_text("3,Walk-Man\n")
+    listed = TeamSource(SETTINGS, file).read()
+    assert listed == TeamList({3: "Walk-Man", 9: "Own"}, (), str(file))
+    assert TeamSource(SETTINGS).read() == TeamList(SETTINGS)
+
+
+def test_a_file_that_is_not_there_leaves_the_teams_of_the_settings(file: Path) -> None:
+    listed = TeamSource(SETTINGS, file).read()
+    assert listed.names == SETTINGS
+    (problem,) = listed.problems
+    why = "cannot be read (No such file or directory); correct teams_file of [competition]"
+    assert problem == f"teams file {file}: {why}"
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (None, "cannot be read (No such file or directory); correct --teams"),
+        (b"", "it names no team"),
+        (b"subject,team\n", "it names no team"),
+        (b"\xff\xfe3\x00,\x00", "no text; save it as CSV in UTF-8; correct --teams"),
+    ],
+)
+def test_a_file_that_cannot_be_read_any_more_leaves_the_list_as_it_was(
+    file: Path, data: bytes | None, problem: str
+) -> None:
+    source = TeamSource(SETTINGS, file, "correct --teams")
+    file.write_text("3,Walk-Man\n")
+    before = source.read()
+    if data is None:
+        file.unlink()
+    else:
+        file.write_bytes(data)
+    listed = source.read(before)
+    assert listed.names == before.names
+    assert listed.problems == (f"teams file {file}: {problem}; the list stays as it was",)
+    assert source.read(listed) == listed
+    file.write_text("3,Walkers\n")
+    assert source.read(listed) == TeamList({3: "Walkers", 9: "Own"}, (), str(file))
+
+
+def test_a_line_that_cannot_be_read_any_more_costs_no_team_its_name(file: Path) -> None:
+    source = TeamSource({}, file)
+    file.write_text("3,Walk-Man\n4,Runner\n5,Next\n")
+    before = source.read()
+    file.write_text("3,Walkers\n4;Runner\n")
+    listed = source.read(before)
+    assert listed.names == {3: "Walkers", 4: "Runner", 5: "Next"}
+    assert "line 2: subject '4;Runner' is no number" in listed.problems[0]
+    file.write_text("3,Walkers\n4,Runner\n")
+    assert source.read(listed).names == {3: "Walkers", 4: "Runner"}

@@ -1,0 +1,38 @@
+"""The `madrob` program: Ctrl+C is heeded from its first line on."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+
+
+def main() -> int:
+    """Run `madrob`; returns the exit code."""
+    stopped: list[int] = []
+    atexit.register(_die, stopped)  # the first that is registered comes last
+    try:
+        from madrob_console.cli.main import main as madrob
+
+        code = madrob()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was asked for is done: it only ends
+    except KeyboardInterrupt:
+        sys.stderr.write("madrob: stopped\n")
+        code = 128 + signal.SIGINT
+    if code == 128 + signal.SIGINT:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # once more ends it at once
+        stopped.append(code)
+    return code
+
+
+def _die(stopped: list[int]) -> None:
+    """Die of the signal, which shells call 130: a script that called this stops, too."""
+    if stopped:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""`madrob completion`: what a shell needs to complete `madrob` with TAB."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+
+from madrob_console.cli import options
+from madrob_console.cli.parsing import one_of
+
+
+class Shell(StrEnum):
+    """A shell that can complete."""
+
+    BASH = "bash"
+    ZSH = "zsh"
+    FISH = "fish"
+
+
+_TESTBED = {
+    "bash": "_madrob_testbed",
+    "zsh": "_madrob_testbed::bag:_files",
+    "fish": "ros simulated replay",
+    "preamble": {
+        "bash": """\
+_madrob_testbed() {
+  compgen -W "ros simulated replay" -- "$1"
+}
+""",
+        "zsh": """\
+_madrob_testbed() {
+  compadd ros simulated replay
+}
+""",
+    },
+}
+"""What comes after `--testbed`."""
+
+_REPLAY = {
+    Shell.BASH: "complete -o bashdefault -o default -F _shtab_madrob madrob",
+    Shell.ZSH: "",  # it knows of a second word
+    Shell.FISH: "complete -c madrob -n 'test (commandline -opc)[-1] = replay' -F",
+}
+"""What comes after `--testbed replay`: the path of a bag."""
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "completion",
+        main,
+        "what bash, zsh or fish needs to complete `madrob` with TAB",
+        "It goes where the shell looks for it; zsh must have that folder in its `fpath`. Print it "
+        "anew after an update.",
+        (
+            "madrob completion bash > ~/.local/share/bash-completion/completions/madrob",
+            "madrob completion zsh > ~/.zfunc/_madrob",
+            "madrob completion fish > ~/.config/fish/completions/madrob.fish",
+        ),
+    )
+    parser.add_argument(
+        "shell", type=one_of(Shell), choices=list(Shell), metavar="SHELL", help=", ".join(Shell)
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the script of a shell, made of the parser of all commands; TAB starts no program."""
+    import shtab
+
+    from madrob_console.cli.main import build_parser
+
+    parser = build_parser()
+    for action in _actions(parser):
+        if action.dest == "testbed":
+            action.complete = _TESTBED  # type: ignore[attr-defined]
+            action.metavar = "TESTBED"
+        elif action.type is Path:
+            kind = shtab.DIRECTORY if action.metavar == "FOLDER" else shtab.FILE
+            action.complete = kind  # type: ignore[attr-defined]
+    print(shtab.complete(parser, arguments.shell.value), _REPLAY[arguments.shell], sep="\n")
+    return 0
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from _actions(inner)
+        else:
+            yield action

@@ -1,0 +1,143 @@
+"""The parser of the command line: one line for what is wrong with it, help to work from."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
+from enum import StrEnum
+from typing import Any, NoReturn, TypeVar
+
+from madrob_console.cli.problems import BAD_INPUT
+
+_Words = TypeVar("_Words", bound=StrEnum)
+
+_SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
+_MANY = 6
+"""So many choices are not listed where one of them is near to what was typed."""
+
+
+class CommandHelp(argparse.HelpFormatter):
+    """Says the default of every option that has one, also where the settings have it.
+
+    A help text with "setting `run.timeout`" gets that setting's default. In a description, lines
+    that begin with blanks stay as they are; the rest is wrapped.
+    """
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Leave room for the names of commands, which stand further to the right."""
+        super().add_argument(action)
+        if isinstance(action, argparse._SubParsersAction):
+            self._action_max_length += self._indent_increment
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        text = _SETTING.sub(_with_default, action.help or "").replace("%", "%%")
+        default = action.default
+        silent = default is None or default == "" or action.nargs == 0
+        if silent or not action.option_strings or "default" in text:
+            return text
+        return f"{text} (default: {_default_words(default)})".lstrip()
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n".join(
+            line if line.startswith(" ") else textwrap.fill(line, width, initial_indent=indent)
+            for line in text.splitlines()
+        )
+
+
+def _with_default(found: re.Match[str]) -> str:
+    from madrob_console.config import Settings
+
+    default = getattr(getattr(Settings(), found[1]), found[2])
+    return f"{found[0]}, {_default_words(default)} by default"
+
+
+def _default_words(default: object) -> str:
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong with the command line in one line, and what may have been meant."""
+
+    def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
+        super().__init__(**({"formatter_class": CommandHelp} | how))
+        self.set_defaults(parser=self)
+
+    def read(self, words: Sequence[str]) -> argparse.Namespace:
+        """The arguments; `parser` among them is that of the command.
+
+        Raises:
+            SystemExit: help was asked for, or the words cannot be used; that is said.
+        """
+        arguments, unknown = self.parse_known_args(words)
+        if unknown:
+            command: Parser = arguments.parser
+            command.refuse(unknown)
+        return arguments
+
+    def refuse(self, unknown: Sequence[str]) -> NoReturn:
+        """End with what was typed beside all that there is."""
+        first = unknown[0].partition("=")[0]
+        if not first.startswith("-"):
+            self.error(f"{' '.join(unknown)}: nothing more is expected here")
+        near = _meant(first, self._option_string_actions)
+        self.error(f"{first}: no such option{near}")
+
+    def error(self, message: str) -> NoReturn:
+        """End with the exit code of bad input."""
+        words = message.removeprefix("argument ")
+        self.exit(BAD_INPUT, f"{self.prog}: {words}; see `{self.prog} --help`\n")
+
+    def _check_value(self, action: argparse.Action, value: object) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, none_of(str(value), map(str, action.choices)))
+
+
+def none_of(text: str, choices: Iterable[str]) -> str:
+    """What to say of a text that is none of the choices."""
+    known = list(choices)
+    near = _meant(text, known)
+    listed = "" if near and len(known) > _MANY else f", use {_either(known)}"
+    return f"there is no '{text}'{near}{listed}"
+
+
+def _meant(text: str, known: Iterable[str]) -> str:
+    """The one that the text begins, or else the most similar; empty = none is near."""
+    words = list(known)
+    begun = [word for word in words if word.startswith(text)]
+    near = begun if len(begun) == 1 else get_close_matches(text, words, n=1)
+    return f", did you mean {near[0]}?" if near else ""
+
+
+def _either(words: Sequence[str]) -> str:
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def one_of(words: type[_Words]) -> Callable[[str], _Words]:
+    """What makes one of some words of the text that was typed; for the type of an argument."""
+
+    def convert(text: str) -> _Words:
+        try:
+            return words(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(none_of(text, words)) from None
+
+    return convert
+
+
+def whole_number(text: str) -> int:
+    """A whole number; for the type of an argument."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no whole number") from None
+
+
+def number(text: str) -> float:
+    """A number; for the type of an argument."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None

@@ -1,0 +1,100 @@
+"""`madrob plan`: the competition's plan, and how much of it is done."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.cli import options
+from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.config import Settings
+    from madrob_console.referee.competition_plan import Plan
+
+_STDOUT = Path("-")
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "plan",
+        main,
+        "the competition's plan: what is done, what comes next, what is left",
+        "The plan is a csv file with lines `subject,condition,attempts` in the order of the "
+        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used; the "
+        "others count.",
+        examples=("madrob plan", "madrob plan --plan tomorrow.csv --teams teams.csv"),
+    )
+    parser.add_argument(
+        "--plan", type=Path, default=None, metavar="FILE", help="another plan than the settings'"
+    )
+    parser.add_argument(
+        "--json",
+        type=Path,
+        nargs="?",
+        const=_STDOUT,
+        default=None,
+        metavar="FILE",
+        help="everything, for programs; - or nothing = standard output",
+    )
+    options.add_teams(parser)
+    options.add_results(parser)
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the plan, or write its JSON; lines that cannot be used are named."""
+    with imports_kept():
+        from madrob_console.archive.history import History
+        from madrob_console.config import load_settings
+        from madrob_console.files.whole import atomic_write
+        from madrob_console.referee.competition_plan import plan_progress
+        from madrob_console.standings.plan_table import plan_json, plan_lines
+        from madrob_console.version import software_version
+
+    settings = load_settings(arguments.settings)
+    plan = _plan(arguments.plan, settings)
+    teams = options.team_list(arguments, settings).names
+    competition = settings.competition.name
+    runs = History(options.results_folder(arguments, settings)).refresh()
+    found = plan_progress(plan, runs, competition)
+    target: Path | None = arguments.json
+    if target is None:
+        for line in plan_lines(found, competition, teams):
+            print(terminal_safe(line))
+    else:
+        data = plan_json(found, competition, teams, software_version())
+        if target == _STDOUT:
+            sys.stdout.buffer.write(data)
+            sys.stdout.flush()
+        else:
+            atomic_write(target, data)
+            print(terminal_safe(str(target)))
+    for problem in plan.problems:
+        complain(problem)
+    return BAD_INPUT if plan.problems else 0
+
+
+def _plan(named: Path | None, settings: Settings) -> Plan:
+    """The plan that is named, or that of the settings.
+
+    Raises:
+        MadrobError: there is none, or it cannot be read.
+    """
+    from madrob_console.referee.competition_plan import Plan, read_plan
+
+    source = settings.plan.source
+    if named is not None:
+        return read_plan(named.expanduser(), "correct --plan")
+    if source.file is not None:
+        return read_plan(source.file, source.remedy)
+    if not source.lines:
+        raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
+    return Plan(source.lines)

@@ -1,0 +1,68 @@
+"""What a power cut left half done in a results folder is done again: results and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from madrob_console.archive.folders import REPORT_FILE, run_folder_names
+from madrob_console.archive.history import History
+from madrob_console.archive.result_reader import UnusableResultError, read_result
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_bounded, stamp_of
+from madrob_console.report.markup import made_of
+
+_HEAD = 1000  # bytes of a report in which it says what it was made of
+
+
+def repair_run(folder: Path) -> bool:
+    """Make result and report of a run again, where they are not what its journal says.
+
+    Returns:
+        Whether anything was written.
+
+    Raises:
+        MadrobError: it cannot be.
+    """
+    # they load numpy and SciPy, which most looks at a results folder do without
+    from madrob_console.archive.repair import repair
+    from madrob_console.archive.scored import score_opened
+    from madrob_console.files.whole import atomic_write
+    from madrob_console.report.page import report_html
+    from madrob_console.version import software_version
+
+    scored = repair(folder)
+    if scored is None and _report_is_old(folder):
+        scored = score_opened(folder)
+    if scored is None:
+        return False
+    if stamp_of(str(folder / REPORT_FILE)) is not None:
+        atomic_write(folder / REPORT_FILE, report_html(scored, software_version()).encode())
+    return True
+
+
+def repair_all(root: Path) -> Iterator[str]:
+    """Do so with all runs of a results folder; yields what could not be done, in words.
+
+    Raises:
+        MadrobError: the folder cannot be read.
+    """
+    repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
+    for name in run_folder_names(root):
+        folder = root / name
+        if folder in repairable or _report_is_old(folder):
+            try:
+                repair_run(folder)
+            except MadrobError as error:
+                yield str(error)
+
+
+def _report_is_old(folder: Path) -> bool:
+    """Whether there is a report that says it was made of another journal than the result."""
+    try:
+        head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
+        result, _ = read_result(str(folder))
+    except (OSError, UnusableResultError):
+        return False
+    told = made_of(head.decode(errors="replace"))
+    return None not in (told, result.journal) and told != result.journal

@@ -1,0 +1,193 @@
+"""The result of the run at hand: wanted, made, written, and then shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from madrob_console.engine.live.chronicle import Chronicle
+from madrob_console.engine.live.keeper import Keepers
+from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
+from madrob_console.engine.live.scorer import RenderedResult, Scorer, ToScore
+
+NOTICEABLE = 0.3
+"""A result that is out of date is shown for so long while the next one is made, s."""
+
+HURRY = 1.0
+"""For so long after it is wanted it is looked for often, s."""
+
+
+class CurrentResult:
+    """Has the results of one run after the other made and written; each is shown once on disk.
+
+    Those of earlier runs that the disk has refused wait here, too.
+
+    Args:
+        scorer: makes them.
+        keepers: write them.
+        chronicle: has the lines that they are made from.
+        again: asks for the result of the run at hand once more.
+        written: told of each one of the run at hand that is on disk.
+        shown: told of each one of the run at hand that can be shown.
+        tell: told of each one that is on disk.
+
+    Attributes:
+        scored: of the run at hand, as it can be shown; None = not yet.
+    """
+
+    def __init__(
+        self,
+        scorer: Scorer,
+        keepers: Keepers,
+        chronicle: Chronicle,
+        *,
+        again: Callable[[], None],
+        written: Callable[[Path, RenderedResult], None],
+        shown: Callable[[RenderedResult], None],
+        tell: Callable[[Path, RenderedResult], None],
+    ) -> None:
+        self.scored: RenderedResult | None = None
+        self._scorer = scorer
+        self._monotonic = keepers.monotonic
+        self._chronicle = chronicle
+        self._again = again
+        self._shown = shown
+        self._files = ResultKeeper(keepers.own, written, tell, self._anew)
+        self._asked = 0
+        self._awaited: int | None = None
+        self._awaited_since = 0.0
+        self._hurries_until = -math.inf
+        self._ending = False
+
+    def __contains__(self, folder: Path) -> bool:
+        """Whether that of an earlier run waits for the disk."""
+        return folder in self._files
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is one, or one is being made."""
+        return self.scored is not None or self._awaited is not None
+
+    @property
+    def missing(self) -> bool:
+        """Whether one is being made, and none was before."""
+        return self.scored is None and self._awaited is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is one, and none is being made."""
+        return self.scored is not None and self._awaited is None
+
+    @property
+    def outdated(self) -> bool:
+        """Whether another one is wanted than the one that there is, and takes a while."""
+        waits = self._awaited is not None
+        return waits and self._monotonic() - self._awaited_since > NOTICEABLE
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether several tries to make it were in vain."""
+        return self._scorer.hopeless
+
+    @property
+    def writing(self) -> bool:
+        """Whether one is being written."""
+        return self._files.writing
+
+    @property
+    def problem(self) -> str | None:
+        """Why that of the run at hand is not on disk, in words; None when it is."""
+        return self._files.problem
+
+    @property
+    def problems(self) -> tuple[str | None, ...]:
+        """What is wrong with it, with the scorer, and with those that wait, in words."""
+        return (self._files.problem, self._scorer.problem, *self._files.problems)
+
+    @property
+    def hurries(self) -> bool:
+        """Whether people wait for it: it is looked for often."""
+        return self._monotonic() < self._hurries_until
+
+    def hurry(self) -> None:
+        """Something is made elsewhere that people wait for."""
+        self._hurries_until = self._monotonic() + HURRY
+
+    def ask(self, wanted: ToScore) -> None:
+        """Want the result of the run at hand; what was asked for before is out of date.
+
+        Args:
+            wanted: the run. With files the result goes to disk, and is shown once it is there or
+                the disk has refused.
+        """
+        if self._awaited is None:
+            self._awaited_since = self._monotonic()
+        self.hurry()
+        self._asked += 1
+        number = self._awaited = self._asked
+
+        def done(scored: RenderedResult) -> None:
+            if number != self._awaited:
+                return
+            if wanted.files:
+                self._files.write(wanted.folder, scored, lambda: self._have(number, scored))
+            else:
+                self._have(number, scored)
+
+        run = replace(wanted.run, journal=self._chronicle.mark)
+        self._scorer.score(replace(wanted, run=run), done)
+
+    def _have(self, number: int, scored: RenderedResult) -> None:
+        """There is one that can be shown."""
+        if number != self._awaited:
+            return
+        self.scored, self._awaited = scored, None
+        self._hurries_until = -math.inf
+        self._shown(scored)
+
+    def _anew(self) -> bool:
+        """Have one made again that the disk refused; False where none can come soon."""
+        if self._awaited is not None or self._ending:
+            return False
+        self._again()
+        return True
+
+    def clear(self) -> None:
+        """There is none, and none is wanted."""
+        self.scored = self._awaited = None
+
+    def leave(self, folder: Path | None) -> None:
+        """The run at hand makes room for another one; it waits here if it is not on disk.
+
+        Args:
+            folder: of the run at hand; None = it has none.
+        """
+        chronicle = self._chronicle
+        problem = self.problem or chronicle.problem
+        if problem is None and chronicle.unwritten[0]:
+            problem = "its journal waits for the disk"
+        unwritten = None
+        if problem is not None and self.scored is not None and folder is not None:
+            unwritten = Unwritten(folder, self.scored, chronicle.entries, problem)
+        self._files.leave(unwritten)
+
+    def look(self, now: float, *, busy: bool) -> None:
+        """Now and then, write what the disk refused before.
+
+        Args:
+            now: s since the epoch.
+            busy: a run goes on; results wait for its end.
+        """
+        if self._files.due(now):
+            self._try_again(now, busy=busy)
+
+    def end(self, now: float, *, busy: bool) -> None:
+        """Write what the disk refused for the last time; arguments as for `look`."""
+        self._ending = True
+        self._try_again(now, busy=busy)
+
+    def _try_again(self, now: float, *, busy: bool) -> None:
+        self._chronicle.catch_up()
+        self._files.try_again(now, busy=busy)

@@ -1,0 +1,253 @@
+"""The run at hand: its state, and what each change of it brings with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.engine.live.chronicle import Chronicle
+from madrob_console.engine.live.course import Course, Happening
+from madrob_console.engine.live.current_result import CurrentResult
+from madrob_console.engine.live.earlier_runs import EarlierRuns
+from madrob_console.engine.live.equipment import Equipment
+from madrob_console.engine.live.fault_notes import FaultNotes
+from madrob_console.engine.live.journal_keeper import OpenJournal
+from madrob_console.engine.live.observation import Observation
+from madrob_console.engine.live.replay import DECIDED_ANEW
+from madrob_console.engine.live.run_recorder import OpenRecording, RunRecorder
+from madrob_console.engine.live.scorer import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.live.topic_watch import Trouble
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Phase, Run, TestbedFault
+from madrob_console.referee.transitions import stop
+from scoring.protocol import Outcome
+
+
+class RunAtHand:
+    """One run after the other: the one that is set up or goes on, or was the last; or an earlier.
+
+    Args:
+        equipment: what the engine works with.
+        observation: follows it.
+        earlier: hears of a run that is left without a result.
+        tell: told of each result that is on disk.
+
+    Attributes:
+        generation: another one for each run that takes the place of the one before.
+        run: its state.
+        record: what is set for it; None before its start.
+        folder: of it; None before its start.
+        opened: the earlier run that it is; None = it is of this engine.
+        decided: when it was found to be over, s since the epoch; None = it is not.
+        over: whether its post-roll is, too: nothing more is recorded.
+        kept_zero: the handle zero of runs to come, while an earlier one is opened, N.
+        chronicle: gets a line of whatever happens.
+        recorder: its recording.
+        result: its result.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        observation: Observation,
+        earlier: EarlierRuns,
+        tell: Callable[[Path, RenderedResult], None],
+    ) -> None:
+        self.generation = 0
+        self.run = Run()
+        self.record: RunRecord | None = None
+        self.folder: Path | None = None
+        self.opened: EarlierRun | None = None
+        self.decided: float | None = None
+        self.over = False
+        self.kept_zero = 0.0
+        self.chronicle = Chronicle(equipment)
+        self.recorder = RunRecorder(equipment, self.chronicle)
+        self.result = CurrentResult(
+            equipment.scorer,
+            equipment.keepers,
+            self.chronicle,
+            again=self.score,
+            written=self._written,
+            shown=self._shown,
+            tell=tell,
+        )
+        self._equipment = equipment
+        self._observation = observation
+        self._earlier = earlier
+        self._replay = replay = equipment.replay
+        self._missing: tuple[str, ...] = ()
+        self._fault_notes = FaultNotes()
+        if replay is not None:
+            self.record, self.folder = replay.recorded.recorded_as, replay.source.path
+            self.run = Run(handle_zero=self.record.handle_zero)
+
+    # ------------------------------------------------------------------ one after the other
+
+    @property
+    def came_words(self) -> str:
+        """Why it makes no room for a run that was asked for before it came."""
+        setup = self.run.setup
+        if self.opened is not None or setup is None:
+            return "another run was opened meanwhile"
+        which = f"run {setup.run_number} of subject {setup.subject}"
+        return f"{which} was set up meanwhile, and stays: the history (h) opens the other one"
+
+    def begin_next(self) -> None:
+        """A clean next run takes its place, with the handle zero that was set last."""
+        zero = self.run.handle_zero if self.opened is None else self.kept_zero
+        self._leave()
+        self.run = Run(handle_zero=zero)  # that of an opened run is of its day
+
+    def take_up(self, opened: EarlierRun, journal: OpenJournal, *, invalid: bool) -> None:
+        """An earlier run takes its place, as if it had stopped just now.
+
+        Args:
+            opened: the earlier run.
+            journal: of it.
+            invalid: stop a run that was cut off as aborted: it does not count.
+        """
+        if self.opened is None:
+            self.kept_zero = self.run.handle_zero
+        self._leave()
+        self.chronicle.go_on(journal, opened.entries)
+        self.opened, self.record = opened, opened.scored.record
+        stood = replace(opened.scored.run, journal=None)
+        self.folder, self.run = opened.folder, stood
+        self._equipment.scorer.look_back(opened)
+        self._observation.look_back(opened.scored.past)
+        if self.run.active:
+            outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
+            reason = "the program or the machine failed"
+            self.interrupt(reason, opened.entries[-1].time, outcome)
+            self.decided = None
+        self.run = replace(self.run, issue=max(1, self.run.issue))
+        if self.run == stood and not opened.out_of_date:
+            self.result.scored = opened.scored
+        else:
+            cut_off = self.run.outcome is not stood.outcome
+            self.score(write=opened.out_of_date or cut_off)
+
+    def _leave(self) -> None:
+        """It makes room; nothing of it stays."""
+        self.generation += 1
+        self.result.leave(self.folder)
+        self.chronicle.begin()
+        if self.result.missing:
+            self._earlier.look_again()
+        self.record = self.folder = self.opened = self.decided = None
+        self.over = False
+        self.result.clear()
+        self._missing = ()
+        self._observation.look_back()
+        self._fault_notes.clear()
+        self.recorder.clear()
+
+    def adopt(self, made: OpenRecording) -> None:
+        """It has a folder, and is recorded from now on."""
+        self.record, self.folder = made.record, made.recording.folder
+        self.recorder.adopt(made, self._equipment.clock.now_ns())
+
+    # ------------------------------------------------------------------ what becomes of it
+
+    def go_on(self, run: Run, happened: Sequence[Happening] = ()) -> None:
+        """It is another: by an act, the sensors or the clock."""
+        before, self.run = self.run, run
+        for one in happened:
+            if self._replay is None or one.change in DECIDED_ANEW:
+                self.note(one)
+        counts_anew = run.phase is Phase.COUNTDOWN and run.countdown_began != before.countdown_began
+        if counts_anew:
+            self._count_down(run)
+        if before.active and run.phase is Phase.STOPPED:
+            self.decided = self._equipment.now()
+            self._observation.judge(run)
+        told = (run.phase, run.setup, run.voided)
+        if counts_anew or told != (before.phase, before.setup, before.voided):
+            self.chronicle.announce_state(run)
+
+    def _count_down(self, run: Run) -> None:
+        """The countdown begins, for the first time or anew."""
+        observation = self._observation
+        if observation.course is not None:
+            observation.course.restart(run)
+            return
+        assert self.record is not None
+        before = observation.sensors.newest() if self._replay is None else None
+        follow, silence = self._equipment.scorer.follow, self._equipment.config.limits.lost
+        observation.course = Course(self.record, run, follow, silence, before)
+
+    def interrupt(
+        self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
+    ) -> None:
+        """It is cut off by no decision of sensors, clock or referee.
+
+        Args:
+            reason: why, in words.
+            at: its end, s since the epoch; None = now.
+            outcome: of it.
+        """
+        at = at or self._equipment.now()
+        details = {"outcome": outcome, "time": at}
+        stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
+        self.go_on(stop(self.run, outcome, at, reason), [stopped])
+
+    def note(self, happened: Happening) -> Entry:
+        """Write a line that takes effect whatever the disk says."""
+        if happened.change is Change.FAULT:
+            fault = TestbedFault(float(happened.details["time"]), happened.reason)
+            self.run = replace(self.run, faults=(*self.run.faults, fault))
+        entry = Entry(
+            self._equipment.now(),
+            happened.origin,
+            happened.change.value,
+            reason=happened.reason,
+            details=happened.details,
+        )
+        self.write(entry)
+        return entry
+
+    def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
+        """Write down what is wrong with the testbed, each thing once, if it lasts.
+
+        Args:
+            troubles: in words, by topic and kind.
+            now: s since the epoch.
+        """
+        for words in self._fault_notes.due(troubles, now):
+            self.note(Happening(Origin.SYSTEM, Change.FAULT, words, {"time": now}))
+
+    def write(self, entry: Entry) -> None:
+        """Write a line of it."""
+        self.chronicle.write(entry, self.run.start)
+
+    # ------------------------------------------------------------------ its end
+
+    def finish(self) -> None:
+        """Nothing more is recorded: have the bag closed, and the run scored."""
+        self.result.hurry()
+        self.recorder.finish(self._recorded)
+
+    def _recorded(self, missing: tuple[str, ...]) -> None:
+        """The bag is closed."""
+        self._missing = missing
+        self._equipment.clock.release()
+        self.run = replace(self.run, issue=1)
+        self.score()
+
+    def score(self, *, write: bool = True) -> None:
+        """Ask for its result, and have it written unless `write` says no."""
+        self._observation.judge(self.run)
+        assert self.folder is not None
+        self.result.ask(ToScore(self.run, self.folder, self._missing, files=write))
+
+    def _written(self, _folder: Path, scored: RenderedResult) -> None:
+        details = {"issue": scored.run.issue}
+        self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
+
+    def _shown(self, scored: RenderedResult) -> None:
+        if self._observation.course is None or self.run.corrections:  # it followed something else
+            self._observation.look_back(scored.past)

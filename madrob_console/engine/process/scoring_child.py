@@ -1,0 +1,144 @@
+"""One process that scores, and the engine's end of the line to it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from madrob_console.engine.process.scoring_messages import ToEngine, answer_of_process, frames
+
+LOOK_PERIOD = 1.0
+"""Whether it moves is looked at this often, s."""
+
+END_TIME = 2.0
+"""One that is not needed any more is waited for so long, s."""
+
+_BUSY = ("R", "D")
+"""States of a process that waits for the processor or a disk (proc(5))."""
+
+
+class Started(Protocol):
+    """A process, as `subprocess.Popen` has it."""
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        ...
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit code, once it has ended; raises `subprocess.TimeoutExpired`."""
+        ...
+
+    def kill(self) -> None:
+        """End it at once."""
+        ...
+
+
+def start_process(command: Sequence[str], link: socket.socket) -> Started:
+    """Start a process.
+
+    Args:
+        command: what is started.
+        link: its end of the line; the handle stands behind the command.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    return subprocess.Popen(
+        [*command, str(link.fileno())],
+        stdin=subprocess.DEVNULL,
+        pass_fds=[link.fileno()],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # a thread costs memory
+        start_new_session=True,  # no hang-up and no Ctrl+C of a terminal reaches it
+    )
+
+
+class ScoringChild:
+    """One process that scores; what crosses the line is in `scoring_messages`.
+
+    Args:
+        command: what is started.
+
+    Attributes:
+        link: the engine's end of the line.
+        memories: handles of what came with answers; who takes one closes it.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self.link, theirs = socket.socketpair()
+        with theirs:
+            try:
+                self._process = start_process(command, theirs)
+            except BaseException:
+                self.link.close()
+                raise
+        self.link.setblocking(False)
+        self.memories: deque[int] = deque()
+        self._received = bytearray()
+        self._looked = self._moved = time.monotonic()
+        self._used = ""
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        return self._process.pid
+
+    def receive(self) -> list[ToEngine]:
+        """What has come.
+
+        Raises:
+            EOFError: it has ended.
+            MadrobError: it talks nonsense.
+        """
+        try:
+            data, memories, _, _ = socket.recv_fds(self.link, 1 << 18, 8)
+        except BlockingIOError:
+            return []
+        self.memories.extend(memories)
+        if not data:
+            raise EOFError
+        self._received += data
+        return [answer_of_process(each) for each in frames(self._received)]
+
+    def end(self) -> str:
+        """End it, if it has not ended; how it did, in words."""
+        self.link.close()
+        while self.memories:
+            os.close(self.memories.popleft())
+        try:
+            code = self._process.wait(END_TIME)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            with suppress(subprocess.TimeoutExpired):  # it hangs in a disk: nobody can end it
+                self._process.wait(END_TIME)
+            return "it did not end by itself"
+        if code < 0:
+            return f"it was ended by {signal.Signals(-code).name}"
+        return f"it ended with code {code}"
+
+    def moved(self, now: float) -> float:
+        """When it last used the processor, wanted to or waited for a disk, s."""
+        if now - self._looked < LOOK_PERIOD:
+            return self._moved
+        self._looked = now
+        with suppress(OSError):  # it has ended: its socket says so
+            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+            state, used = told[0], " ".join(told[11:13])
+            if state in _BUSY or used != self._used:
+                self._moved, self._used = now, used
+        return self._moved
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()

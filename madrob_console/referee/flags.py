@@ -1,0 +1,315 @@
+"""The flags of a run: what a decision on it hangs on, and what is still undecided.
+
+Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
+line in `flags`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Annotated, Protocol
+
+from msgspec import Meta
+
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.run import (
+    Closure,
+    Correction,
+    FalseStart,
+    Incident,
+    TeamWord,
+    TestbedFault,
+    Voiding,
+    Waiver,
+)
+from scoring.procedure import Ruling, StepRecord
+from scoring.protocol import Outcome
+from scoring.quality import AGAINST_OPENING
+
+LONGEST_WORDS = 120
+"""Of a flag, characters."""
+
+FlagWords = Annotated[str, Meta(max_length=500)]
+"""Longer than any that this version writes."""
+
+
+class FlagWeight(StrEnum):
+    """How much a flag weighs, the lightest first."""
+
+    REMARK = "remark"
+    CAUTION = "caution"
+    ALARM = "alarm"
+
+    @property
+    def rank(self) -> int:
+        """Its place among them, 0 for the lightest."""
+        return tuple(FlagWeight).index(self)
+
+    @classmethod
+    def _missing_(cls, value: object) -> FlagWeight:
+        return cls.ALARM  # a later version's
+
+
+class FlagKind(StrEnum):
+    """What flags are about."""
+
+    VOID = "void"
+    FALSE_START = "false start"
+    UNDECIDED_STEP = "undecided step"
+    PRACTICE = "practice"
+    OUT_OF_PLAN = "out of plan"
+    PROTEST = "protest"
+    CORRECTION = "correction"
+    DENIED_STEP = "denied step"
+    CONFIRMED_STEP = "confirmed step"
+    FAULT = "fault"
+    INCIDENT = "incident"
+    WAIVER = "waiver"
+    OTHER_NAME = "other name"
+    OTHER = "other"
+    """What a later version flags."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> FlagKind:
+        return cls.OTHER
+
+
+@dataclass(frozen=True, slots=True)
+class Flag:
+    """One thing that whoever reads a result has to know at once.
+
+    Attributes:
+        kind: what it is about.
+        words: all of it, in a few words.
+        weight: how much it weighs.
+        undecided: whether the referee still has to decide something.
+    """
+
+    kind: FlagKind
+    words: FlagWords
+    weight: FlagWeight
+    undecided: bool = False
+
+
+class Flagged(Protocol):
+    """What flags are made of: a run has it, and so has a stored result of a version without."""
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How it ended; None before that."""
+        ...
+
+    @property
+    def practice(self) -> bool:
+        """Whether it counts for nothing."""
+        ...
+
+    @property
+    def out_of_plan(self) -> bool:
+        """Whether it was set up beyond the competition's plan."""
+        ...
+
+    @property
+    def team_reason(self) -> str:
+        """Why its team has another name than in the list; empty = it has not."""
+        ...
+
+    @property
+    def false_starts(self) -> tuple[FalseStart, ...]:
+        """Those of the countdown."""
+        ...
+
+    @property
+    def incidents(self) -> tuple[Incident, ...]:
+        """What the referee marked."""
+        ...
+
+    @property
+    def waivers(self) -> tuple[Waiver, ...]:
+        """The checks that were let pass."""
+        ...
+
+    @property
+    def rulings(self) -> tuple[Ruling, ...]:
+        """What the referee said of the steps, in order."""
+        ...
+
+    @property
+    def faults(self) -> tuple[TestbedFault, ...]:
+        """Of the testbed."""
+        ...
+
+    @property
+    def closure(self) -> Closure | None:
+        """How it was finalised."""
+        ...
+
+    @property
+    def voided(self) -> Voiding | None:
+        """Why it counts nowhere; None = it counts as its outcome says."""
+        ...
+
+    @property
+    def corrections(self) -> tuple[Correction, ...]:
+        """Of what was set up."""
+        ...
+
+
+def flags(
+    run: Flagged,
+    steps: Iterable[StepRecord] = (),
+    source: SourceKind | None = None,
+    remarks: Iterable[str] = (),
+) -> tuple[Flag, ...]:
+    """All flags of a run, the heaviest first.
+
+    Args:
+        run: the run, or what a stored result says of it.
+        steps: the six, as they count; empty before the stop.
+        source: where its messages came from; None = of no interest.
+        remarks: on the quality of its data, with a result.
+    """
+    # else there is nothing to decide
+    counts = run.outcome is not Outcome.ABORTED and run.voided is None
+    found = (
+        *(_false_starts(run.false_starts) if counts else ()),
+        *(_undecided_steps(steps) if counts else ()),
+        *_void(run.voided),
+        *_practice(source, practice=run.practice),
+        *_out_of_plan(beyond=run.out_of_plan),
+        *_protest(run.closure),
+        *_corrections(run.corrections),
+        *_rulings(run.rulings),
+        *_faults(run.faults),
+        *_against_opening(remarks),
+        *_incidents(run.incidents),
+        *_waivers(run.waivers),
+        *_other_name(run.team_reason),
+    )
+    heaviest_first = sorted(found, key=lambda flag: -flag.weight.rank)
+    return tuple(replace(flag, words=_cut(flag.words)) for flag in heaviest_first)
+
+
+def worst(found: Iterable[Flag]) -> FlagWeight | None:
+    """The heaviest weight among flags; None without any."""
+    return max((flag.weight for flag in found), key=lambda weight: weight.rank, default=None)
+
+
+def weighty(found: Iterable[Flag]) -> tuple[Flag, ...]:
+    """The flags that are more than a remark."""
+    return tuple(flag for flag in found if flag.weight is not FlagWeight.REMARK)
+
+
+def undecided(found: Iterable[Flag]) -> tuple[Flag, ...]:
+    """The flags that wait for the referee."""
+    return tuple(flag for flag in found if flag.undecided)
+
+
+def _false_starts(marks: Sequence[FalseStart]) -> Iterator[Flag]:
+    waiting = [mark for mark in marks if mark.accepted is None]
+    if waiting:
+        first = f"{'first: ' if len(waiting) > 1 else ''}{waiting[0].event.words}"
+        words = f"{_counted(len(waiting), 'false start')} UNDECIDED ({first})"
+        yield Flag(FlagKind.FALSE_START, words, FlagWeight.ALARM, undecided=True)
+    if passed := len(marks) - len(waiting):
+        words = f"{_counted(passed, 'false start')} accepted"
+        yield Flag(FlagKind.FALSE_START, words, FlagWeight.REMARK)
+
+
+def _undecided_steps(steps: Iterable[StepRecord]) -> Iterator[Flag]:
+    for record in steps:
+        if record.undecided:
+            words = f"step {record.step:d} UNDECIDED ({record.reason})"
+            yield Flag(FlagKind.UNDECIDED_STEP, words, FlagWeight.ALARM, undecided=True)
+
+
+def _void(voided: Voiding | None) -> Iterator[Flag]:
+    if voided is not None:
+        words = f"VOID, counts nowhere ({voided.reason})"
+        yield Flag(FlagKind.VOID, words, FlagWeight.ALARM)
+
+
+def _corrections(corrections: Sequence[Correction]) -> Iterator[Flag]:
+    if corrections:
+        words = f"corrected: {_listed(correction.words for correction in corrections)}"
+        yield Flag(FlagKind.CORRECTION, words, FlagWeight.CAUTION)
+
+
+def _practice(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
+    if source not in (None, SourceKind.ROS):
+        yield _unofficial(source)
+    elif practice:
+        yield _unofficial(FlagKind.PRACTICE)
+
+
+def _unofficial(kind: str) -> Flag:
+    words = f"{kind.upper()}: not an official result"
+    return Flag(FlagKind.PRACTICE, words, FlagWeight.REMARK)
+
+
+def _out_of_plan(*, beyond: bool) -> Iterator[Flag]:
+    if beyond:
+        words = "out of plan: more than the competition planned"
+        yield Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
+
+
+def _protest(closure: Closure | None) -> Iterator[Flag]:
+    if closure is not None and closure.team_word is TeamWord.PROTESTED:
+        yield Flag(FlagKind.PROTEST, "PROTESTED by the team", FlagWeight.CAUTION)
+
+
+def _rulings(rulings: Iterable[Ruling]) -> Iterator[Flag]:
+    last = {ruling.step: ruling.confirmed for ruling in rulings}
+    for verdict, kind in ((False, FlagKind.DENIED_STEP), (True, FlagKind.CONFIRMED_STEP)):
+        ruled = [f"{step:d}" for step in sorted(last) if last[step] is verdict]
+        if ruled:
+            steps = f"{'steps' if len(ruled) > 1 else 'step'} {', '.join(ruled)}"
+            said = "confirmed" if verdict else "denied"
+            yield Flag(kind, f"{steps} {said}", FlagWeight.CAUTION)
+
+
+def _faults(faults: Sequence[TestbedFault]) -> Iterator[Flag]:
+    if faults:
+        yield Flag(FlagKind.FAULT, _counted(len(faults), "testbed fault"), FlagWeight.CAUTION)
+
+
+def _against_opening(remarks: Iterable[str]) -> Iterator[Flag]:
+    """A fault, by protocol section 3: the testbed is wrong, or what was set up or corrected."""
+    for remark in remarks:
+        if remark.endswith(AGAINST_OPENING):
+            yield Flag(FlagKind.FAULT, remark.partition(":")[0], FlagWeight.CAUTION)
+
+
+def _incidents(incidents: Iterable[Incident]) -> Iterator[Flag]:
+    standing = [mark for mark in incidents if mark.withdrawn is None]
+    if standing:
+        what = _listed(mark.kind for mark in standing)
+        words = f"{_counted(len(standing), 'incident')} ({what})"
+        yield Flag(FlagKind.INCIDENT, words, FlagWeight.CAUTION)
+
+
+def _waivers(waivers: Iterable[Waiver]) -> Iterator[Flag]:
+    if checks := _listed(waiver.check for waiver in waivers):
+        yield Flag(FlagKind.WAIVER, f"waived: {checks}", FlagWeight.CAUTION)
+
+
+def _cut(words: str) -> str:
+    """What people wrote into a flag may be long; it stands whole elsewhere."""
+    return words if len(words) <= LONGEST_WORDS else f"{words[: LONGEST_WORDS - 3]}..."
+
+
+def _other_name(why: str) -> Iterator[Flag]:
+    if why:
+        words = f"team's name other than the list's: {why}"
+        yield Flag(FlagKind.OTHER_NAME, words, FlagWeight.CAUTION)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count > 1 else ''}"
+
+
+def _listed(words: Iterable[str]) -> str:
+    """Each word once, in the order in which they come."""
+    return ", ".join(dict.fromkeys(words))

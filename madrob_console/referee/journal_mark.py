@@ -1,0 +1,49 @@
+"""How much of a journal a result is made of: the result says so, and can be held to it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+
+from madrob_console.referee.acts import Correct, Finalise, Reissue, TakeBack, Void
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import JournalMark
+
+_BESIDE = {Change.EVENT, Change.RESULT_WRITTEN, Change.WITHDRAWN}
+"""From these no result changes; where they stand among the others may differ."""
+
+_OPENS = {act.name for act in (Reissue, Void, Correct, TakeBack)}
+"""They open a final result again."""
+
+
+def mark_of(entries: Iterable[Entry]) -> JournalMark:
+    """The mark of a journal as it was read."""
+    growing = GrowingMark()
+    for entry in entries:
+        growing.add(entry)
+    return growing.mark
+
+
+class GrowingMark:
+    """The mark of a journal that is still written.
+
+    Attributes:
+        mark: of all lines so far.
+    """
+
+    def __init__(self) -> None:
+        self._lines = 0
+        self._digest = hashlib.sha256()
+        self._final = False
+        self.mark = JournalMark(0, self._digest.hexdigest())
+
+    def add(self, entry: Entry) -> None:
+        """One more line."""
+        if entry.what in _BESIDE:
+            return
+        self._digest.update(f"{entry.to_json()}\n".encode())
+        self._lines += 1
+        if not self._final or entry.what in _OPENS:
+            self.mark = JournalMark(self._lines, self._digest.hexdigest())
+            self._final = entry.what == Finalise.name

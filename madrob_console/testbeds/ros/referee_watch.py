@@ -1,0 +1,101 @@
+"""Who else tells the testbed of a ROS domain where the run stands."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import socket
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC
+from madrob_console.names import terminal_safe
+from madrob_console.testbeds.ros.loading import RosObject
+
+_OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
+_NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
+_REMEDY = "end it, or use another ROS domain"
+
+
+@cache
+def console_name() -> str:
+    """The name of this process's node: unlike any other's, it says host and process."""
+    host = re.sub(r"\W", "_", socket.gethostname(), flags=re.ASCII)[:40] or "host"
+    return f"console_{host}_{os.getpid()}_{_machine()}"
+
+
+def _machine() -> str:
+    """What tells this machine, since it was started, and this container from all others."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        processes = str(Path("/proc/self/ns/pid").stat().st_ino)
+    except OSError:
+        boot, processes = os.urandom(8).hex(), ""  # nothing is known: like no other
+    return hashlib.blake2s((boot + processes).encode(), digest_size=3).hexdigest()
+
+
+class RefereeWatch:
+    """Looks for publishers of `/madrob/referee/state` beside this process's own one.
+
+    Args:
+        node: asks the ROS graph.
+        speaks: whether this process publishes it, too.
+
+    Attributes:
+        other: who else does, in words; None = nobody. May be read from any thread.
+    """
+
+    def __init__(self, node: RosObject, *, speaks: bool) -> None:
+        self.other: str | None = None
+        self._node = node
+        self._own = int(speaks)
+
+    def look(self) -> None:
+        """Ask the graph; call it a few times a second."""
+        infos = self._node.get_publishers_info_by_topic(REFEREE_STATE_TOPIC)
+        self.other = second_referee(((i.node_namespace, i.node_name) for i in infos), self._own)
+
+
+def second_referee(nodes: Iterable[tuple[str, str]], own: int = 1) -> str | None:
+    """Who publishes the state of the run beside us, in words; None = nobody.
+
+    One that was killed stays in the graph for a while (20 s with Fast DDS): where it ran on this
+    machine, it is known to be gone.
+
+    Args:
+        nodes: (namespace, name) of each publisher's node.
+        own: how many publishers are ours.
+    """
+    others, ours = [], 0
+    for namespace, name in nodes:
+        ours += name == console_name()
+        if not (name == console_name() and ours <= own) and not _is_gone(name):
+            others.append(_in_words(namespace, name))
+    if not others:
+        return None
+    who = ", ".join(sorted(others)[:3])
+    verb = "publishes" if len(others) == 1 else "publish"
+    return f"{who} {verb} {REFEREE_STATE_TOPIC}: {_REMEDY}"
+
+
+def _is_gone(name: str) -> bool:
+    found = _OURS.fullmatch(name)
+    if found is None or found["machine"] != _machine():
+        return False
+    try:
+        os.kill(int(found["pid"]), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:  # another user's
+        return False
+    return False
+
+
+def _in_words(namespace: str, name: str) -> str:
+    if name in _NAMELESS:
+        return "a program without a node"
+    full = terminal_safe(f"{namespace.rstrip('/')}/{name}")[:100]
+    found = _OURS.fullmatch(name)
+    return full if found is None else f"{full} (pid {found['pid']} on {found['host']})"

@@ -1,0 +1,150 @@
+"""Text in large letters: a font of 3 x 5 points, each of half a cell's height, in any size.
+
+Only capitals, digits and a few signs: letters lose their accents, and of a text in another script
+there is no large one.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+HEIGHT = 5
+"""Of a letter of size 1, in points: two of them lie in one row of cells."""
+
+_LETTERS = {
+    "0": "### #.# #.# #.# ###",
+    "1": "##. .#. .#. .#. ###",
+    "2": "### ..# ### #.. ###",
+    "3": "### ..# .## ..# ###",
+    "4": "#.# #.# ### ..# ..#",
+    "5": "### #.. ### ..# ###",
+    "6": "### #.. ### #.# ###",
+    "7": "### ..# ..# ..# ..#",
+    "8": "### #.# ### #.# ###",
+    "9": "### #.# ### ..# ###",
+    "?": "### ..# .## ... .#.",
+    ":": ". # . # .",
+    ".": ". . . . #",
+    "-": "... ... ### ... ...",
+    " ": ".. .. .. .. ..",
+    "A": ".#. #.# ### #.# #.#",
+    "B": "##. #.# ##. #.# ##.",
+    "C": "### #.. #.. #.. ###",
+    "D": "##. #.# #.# #.# ##.",
+    "E": "### #.. ##. #.. ###",
+    "F": "### #.. ##. #.. #..",
+    "G": "### #.. #.# #.# ###",
+    "H": "#.# #.# ### #.# #.#",
+    "I": "### .#. .#. .#. ###",
+    "J": "..# ..# ..# #.# ###",
+    "K": "#.# #.# ##. #.# #.#",
+    "L": "#.. #.. #.. #.. ###",
+    "M": "#...# ##.## #.#.# #...# #...#",
+    "N": "#..# ##.# #.## #..# #..#",
+    "O": "### #.# #.# #.# ###",
+    "P": "### #.# ### #.. #..",
+    "Q": "###. #.#. #.#. ###. ..##",
+    "R": "##. #.# ##. #.# #.#",
+    "S": "### #.. ### ..# ###",
+    "T": "### .#. .#. .#. .#.",
+    "U": "#.# #.# #.# #.# ###",
+    "V": "#.# #.# #.# #.# .#.",
+    "W": "#...# #...# #.#.# ##.## #...#",
+    "X": "#.# #.# .#. #.# #.#",
+    "Y": "#.# #.# .#. .#. .#.",
+    "Z": "### ..# .#. #.. ###",
+    "&": "##. ##. .#. #.# ###",
+    "+": "... .#. ### .#. ...",
+    "/": "..# ..# .#. #.. #..",
+    "'": "# # . . .",
+    ",": ". . . # #",
+    "(": ".# #. #. #. .#",
+    ")": "#. .# .# .# #.",
+    "_": "... ... ... ... ###",
+}
+_CELLS = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
+
+_GAP = " "
+
+# In ASCII a digit is made of bars, as on a pocket calculator: three rows of three cells.
+_BARS = {
+    "0": (" _ ", "| |", "|_|"),
+    "1": ("   ", "  |", "  |"),
+    "2": (" _ ", " _|", "|_ "),
+    "3": (" _ ", " _|", " _|"),
+    "4": ("   ", "|_|", "  |"),
+    "5": (" _ ", "|_ ", " _|"),
+    "6": (" _ ", "|_ ", "|_|"),
+    "7": (" _ ", "  |", "  |"),
+    "8": (" _ ", "|_|", "|_|"),
+    "9": (" _ ", "|_|", " _|"),
+    "?": (" _ ", " _|", " . "),
+    ":": (" ", ".", "."),
+    ".": (" ", " ", "."),
+    "-": ("   ", " _ ", "   "),
+}
+
+
+def rows_of(size: int) -> int:
+    """The rows of cells that a text of a size takes; 3 for size 1."""
+    return (HEIGHT * size + 1) // 2
+
+
+def large_text(text: str, size: int, *, ascii_only: bool = False) -> list[str] | None:
+    """A text in large letters, `rows_of(size)` rows of one width.
+
+    Args:
+        text: without regard to case.
+        size: 1 for the smallest, whose points are as wide as a cell.
+        ascii_only: draw with bars; they only make digits.
+
+    Returns:
+        The rows; None where a character has no large form.
+    """
+    plain = _capitals(text)
+    known = _BARS if ascii_only else _LETTERS
+    if not plain or any(letter not in known for letter in plain):
+        return None
+    draw = _bars if ascii_only else _points
+    letters = [draw(letter, size) for letter in plain]
+    return [(_GAP * size).join(rows) for rows in zip(*letters, strict=True)]
+
+
+def width_of_large(text: str, size: int) -> int:
+    """The cells that each row of a large text takes, if there is one."""
+    letters = [_LETTERS.get(letter, "") for letter in _capitals(text)]
+    return size * (sum(len(rows.split()[0]) if rows else 0 for rows in letters) + len(letters) - 1)
+
+
+def _capitals(text: str) -> str:
+    """Letters without their accents, in capitals."""
+    parts = unicodedata.normalize("NFKD", text)
+    return "".join(part for part in parts if not unicodedata.combining(part)).upper()
+
+
+def _points(letter: str, size: int) -> list[str]:
+    rows = [
+        [point == "#" for point in row for _ in range(size)]
+        for row in _LETTERS[letter].split()
+        for _ in range(size)
+    ]
+    if len(rows) % 2:
+        rows.append([False] * len(rows[0]))
+    return [
+        "".join(_CELLS[pair] for pair in zip(upper, lower, strict=True))
+        for upper, lower in zip(rows[::2], rows[1::2], strict=True)
+    ]
+
+
+def _bars(letter: str, size: int) -> list[str]:
+    rows = rows_of(size)
+    half = (rows - 1) // 2  # of the rows below the uppermost bar
+    top, middle, bottom = _BARS[letter]
+    sides = str.maketrans("_.", "  ")
+    drawn = [top, *[middle.translate(sides)] * (half - 1), middle]
+    drawn += [*[bottom.translate(sides)] * (half - 1), bottom]
+    wide = [
+        f"{row[0]}{row[1] * (3 * size - 2)}{row[2]}" if len(row) == 3 else row.ljust(size)
+        for row in drawn
+    ]
+    return [*wide, *[" " * len(wide[0])] * (rows - len(wide))]

@@ -1,0 +1,52 @@
+"""What `madrob console` and `madrob watch` refuse before they take the terminal."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.terminal import Terminal
+
+PROGRAM = [sys.executable, "-m", "madrob_console.cli"]
+
+pytestmark = pytest.mark.machine
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("console --testbed sim", "there is no 'sim', did you mean simulated?"),
+        ("console --testbed replay", "replay needs the path of one bag"),
+        ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
+        ("console --testbed replay EMPTY", "the folder holds no recording"),
+        ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
+        ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
+        ("console --settings /nowhere.toml", "no such settings file"),
+        ("console --testbed simulated --from 3", "with `--testbed replay PATH` only"),
+    ],
+)
+def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
+    arguments: str, words: str, tmp_path: Path
+) -> None:
+    line = arguments.replace("EMPTY", str(tmp_path)).split()
+    where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
+    with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:
+        assert terminal.wait_exit() == 2
+        told = terminal.output.decode()
+    assert words in told
+    assert told.count("\n") == 1
+    assert "\x1b" not in told
+
+
+@pytest.mark.parametrize("command", ["console", "watch"])
+def test_screens_are_not_painted_into_a_pipe(command: str, tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [*PROGRAM, command, "--results", str(tmp_path)], stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert ran.stderr.startswith("madrob: input and output are no terminal: ")
+    assert ran.stderr.count("\n") == 1

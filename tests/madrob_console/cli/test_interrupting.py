@@ -1,0 +1,153 @@
+"""Ctrl+C, at whatever moment: one line, nothing half made, exit code 130 (as shells have it)."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from madrob_console.cli.interrupting import STOPPED
+from madrob_console.cli.main import main
+from madrob_console.kinds import Scenario
+from tests.madrob_console.recorded_runs import recorded
+
+PROGRAM = (sys.executable, "-m", "madrob_console.cli")
+RUNS = 12
+EARLIEST = 0.3  # s: by then python has begun with this program, also on a busy machine
+LATEST = 4.0
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for number in range(1, RUNS + 1):
+        name = f"subject_001_cond_001_run_{number:03d}_20260321_1000{number:02d}"
+        shutil.copytree(recorded(Scenario.NOMINAL), root / name)
+    return root
+
+
+def interrupted(arguments: list[str], begun: Callable[[], bool]) -> tuple[int, str]:
+    """The return code and what was said, if it was not over before."""
+    with subprocess.Popen(
+        [*PROGRAM, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        while process.poll() is None and not begun():
+            time.sleep(0.005)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)  # all of it hears, as from a terminal
+        _, error = process.communicate(timeout=40)
+    return process.returncode, error
+
+
+def there(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def commands(results: Path) -> list[list[str]]:
+    folder = str(results)
+    one = str(next(results.glob("subject*")))
+    return [
+        ["score", folder],
+        ["score", "--check", "--jobs", "2", folder],
+        ["report", folder, "--output", str(results.parent / "pages")],
+        ["export", "--subject", "1", "--results", folder],
+        ["recover", *map(str, results.glob("subject*"))],
+        ["calibrate", "masks", one],
+        ["standings", "--practice", "--results", folder],
+    ]
+
+
+def half_made(results: Path) -> list[Path]:
+    files = list(results.parent.rglob("*"))
+    parts = [path for path in files if path.name.endswith(".part")]
+    return parts + [path for path in files if path.suffix == ".zip" and not whole(path)]
+
+
+def whole(zip_file: Path) -> bool:
+    try:
+        return zipfile.ZipFile(zip_file).testzip() is None
+    except zipfile.BadZipFile:
+        return False
+
+
+def part_way(results: Path, command: str) -> Callable[[], bool]:
+    """Whether something of what the command makes is there."""
+    made = results.parent / "pages" if command == "report" else results / "exports"
+    return lambda: made.is_dir() and any(made.iterdir())
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("command", ["report", "export"])
+def test_ctrl_c_prints_one_line_and_leaves_nothing_half_made(command: str, results: Path) -> None:
+    (arguments,) = (words for words in commands(results) if words[0] == command)
+    code, error = interrupted(arguments, part_way(results, command))
+    assert (code, error) == (-signal.SIGINT, "madrob: stopped\n")
+    assert half_made(results) == []
+    assert not (results / "exports").exists()
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("options", [[], ["--check", "--jobs", "2"]])
+def test_ctrl_c_ends_those_who_work_for_it_in_silence(options: list[str], results: Path) -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "score", *options, str(results)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        os.killpg(process.pid, signal.SIGINT)
+        _, error = process.communicate(timeout=40)
+    assert (process.returncode, error) == (-signal.SIGINT, "madrob: stopped\n")
+    while there(process.pid):  # within the minute that a test has
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_ctrl_c_at_any_moment(results: Path, request: pytest.FixtureRequest) -> None:
+    runs = request.config.getoption("--runs")
+    moments = random.Random(runs)
+    stopped = 0
+    for _ in range(runs):
+        for arguments in commands(results):
+            after = moments.uniform(EARLIEST, LATEST)
+            at = time.monotonic() + after
+            code, error = interrupted(arguments, lambda at=at: time.monotonic() > at)  # type: ignore[misc]
+            if code == -signal.SIGINT:
+                stopped += 1
+                assert error == "madrob: stopped\n", (arguments, after)
+                assert half_made(results) == []
+            else:
+                assert "Traceback" not in error, (arguments, after)
+    assert stopped >= runs
+
+
+def test_ctrl_c_in_a_command_is_its_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def pressed(_arguments: object) -> int:
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0)
+        return 0
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr("madrob_console.cli.schema_command.main", pressed)
+    try:
+        assert main(["schema"]) == STOPPED
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "madrob: stopped\n"

@@ -1,0 +1,81 @@
+"""Screens by the hundred, run as a program of its own: they read, ask for too much, or are deaf.
+
+Usage: `crowd.py SOCKET WATCHING FLOOD DEAF`: so many screens that watch, requests that one of them
+sends at once, and screens that ask and never read. It says `there` when all are attached.
+"""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.requests import NextRunNumber, Role
+
+ROOT = Path(__file__).parents[2]
+THERE = "there"
+
+
+@contextmanager
+def crowd(path: Path, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterator[None]:
+    """They are attached while inside; the flood goes on from the beginning."""
+    sizes = map(str, (watching, flood, deaf))
+    module = "tests.madrob_console.crowd"
+    with subprocess.Popen(
+        [sys.executable, "-m", module, str(path), *sizes],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline().strip() == THERE
+            yield
+        finally:
+            process.kill()
+
+
+def _attached(path: str, role: Role) -> socket.socket:
+    screen = socket.socket(socket.AF_UNIX)
+    screen.connect(path)
+    screen.sendall(wire.frame(wire.Hello(wire.VERSION, role, "one of many")))
+    return screen
+
+
+def _asking(count: int) -> bytes:
+    asked = wire.raw(NextRunNumber(3, 1))
+    deadline = time.monotonic() + 600.0
+    return b"".join(wire.frame(wire.Call(n, deadline, asked)) for n in range(count))
+
+
+def _ask(screen: socket.socket, data: bytes) -> None:
+    threading.Thread(target=screen.sendall, args=(data,), daemon=True).start()
+
+
+def main() -> None:
+    """Attach, ask, and read until the end."""
+    path, watching, flood, deaf = sys.argv[1], *map(int, sys.argv[2:])
+    screens = [_attached(path, Role.WATCH) for _ in range(watching)]
+    never_read = [_attached(path, Role.REFEREE) for _ in range(deaf)]
+    selector = selectors.DefaultSelector()
+    for screen in screens:
+        selector.register(screen, selectors.EVENT_READ)
+    for screen in (*screens[: 1 if flood else 0], *never_read):
+        _ask(screen, _asking(flood))
+    print(THERE, flush=True)
+    while True:
+        for key, _ in selector.select():
+            assert isinstance(key.fileobj, socket.socket)
+            if not key.fileobj.recv(1 << 20):
+                selector.unregister(key.fileobj)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""An engine whose runs are scored in a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from madrob_console.archive import score
+from madrob_console.engine.live.keeper import Keepers
+from madrob_console.engine.process.scoring_process import ScoringProcess
+from madrob_console.referee.acts import (
+    Act,
+)
+from madrob_console.testbeds.simulated import Scenario
+from tests.madrob_console.engine.drive import Drive
+from tests.watching import until
+
+
+class Referee(Drive):
+    """An engine whose results come from elsewhere: they are waited for, time stands still."""
+
+    def __init__(
+        self,
+        results: Path,
+        scorer: ScoringProcess,
+        scenario: Scenario = Scenario.NOMINAL,
+        keepers: Keepers | None = None,
+    ) -> None:
+        super().__init__(results, scenario, scorer=scorer, keepers=keepers)
+        self.scorer = scorer
+        self.faults: set[str] = set()
+
+    def look(self) -> None:
+        self.engine.step(0.0)
+        self.faults |= set(self.engine.snapshot().faults)
+
+    def settle(self, patience: float = 60.0) -> None:
+        """Until there is the result that was asked for."""
+
+        def there() -> bool:
+            self.look()
+            return self.engine.situation().scored
+
+        until(there, patience)
+
+    def finish(self) -> None:
+        self.stop()
+        self.settle()
+
+    def stop(self) -> None:
+        """Until the result is asked for."""
+        self.wait_until(lambda: self.engine.run.issue > 0)
+
+    def ruled(self, *acts: Act) -> None:
+        for act in acts:
+            self.act(act)
+            self.settle()
+
+    def verify(self) -> None:
+        """The bag gives the digits that are shown, and they are on disk; nothing is wrong."""
+        assert self.engine.scored is not None
+        assert self.engine.folder is not None
+        again = next(score(self.engine.folder)).result
+        shown = self.engine.scored.result
+        assert again == replace(shown, quality=again.quality)
+        assert again.quality.signals == shown.quality.signals
+        assert self.engine.snapshot().faults == ()
+        for name, content in self.engine.scored.files.items():
+            assert (self.engine.folder / name).read_bytes() == content, name
+
+
+S = TypeVar("S", bound=ScoringProcess)
+
+
+@contextmanager
+def ended(scorer: S) -> Iterator[S]:
+    scorer.warm()
+    try:
+        yield scorer
+    finally:
+        scorer.close()
+
+
+def pid_of(scorer: ScoringProcess) -> int:
+    pid = until(lambda: scorer.pid)
+    assert pid is not None
+    return pid
+
+
+def alive(pid: int) -> bool:
+    return Path(f"/proc/{pid}").exists()

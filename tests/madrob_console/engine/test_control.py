@@ -1,0 +1,358 @@
+"""The part of the protocol that all versions share, and what an engine owns."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import msgspec
+import platformdirs
+import pytest
+
+from madrob_console.cli.main import main
+from madrob_console.engine.process import holding
+from madrob_console.engine.process.control import (
+    ControlPort,
+    Inquiry,
+    StopAnswer,
+    WhoAnswer,
+    ask,
+    stop_answer_in,
+    who_answer_in,
+)
+from madrob_console.engine.process.engines import all_engines, found_at
+from madrob_console.engine.process.holding import HeldError, held
+from madrob_console.engine.process.owned import LOCK_FILE, Owned, address_of, owned_by, results_name
+from madrob_console.engine.process.place import make_private
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from tests.watching import until
+
+PRESENCE = WhoAnswer(os.getpid(), "0.1.0", 5, "SIMULATED nominal", "simulated")
+
+
+@contextmanager
+def answering(owned: Owned, presence: WhoAnswer = PRESENCE) -> Iterator[ControlPort]:
+    """An engine's names, and what answers on them."""
+    with held(owned) as got, ControlPort(got.listening, lambda: presence) as control:
+        yield control
+
+
+@pytest.fixture
+def owned(tmp_path: Path) -> Owned:
+    return owned_by(SourceKind.SIMULATED, tmp_path, results=tmp_path / "runs")
+
+
+def say(owned: Owned, line: bytes) -> bytes:
+    """What is answered to a line."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(10.0)
+        connection.connect(address_of(owned.testbed))
+        connection.sendall(line)
+        connection.shutdown(socket.SHUT_WR)
+        answer = b""
+        while part := connection.recv(65536):
+            answer += part
+    return answer
+
+
+def test_every_version_is_asked_and_answers_in_these_words(owned: Owned) -> None:
+    """They stand in the consoles and engines of all versions: they never change."""
+    busy = msgspec.structs.replace(
+        PRESENCE,
+        pid=7,
+        domain=3,
+        results="/runs",
+        socket="/run/s",
+        started=1.5,
+        phase="running",
+        run="run 1 of subject 3",
+        busy=True,
+        screens=2,
+        console=("--testbed", "ros"),
+        remarks=("odd",),
+    )
+    with answering(owned, busy):
+        assert say(owned, b'{"ask": "who"}\n') == (
+            b'{"pid":7,"version":"0.1.0","wire":5,"testbed":"SIMULATED nominal","kind":"simulated",'
+            b'"domain":3,"results":"/runs","socket":"/run/s","started":1.5,"phase":"running",'
+            b'"run":"run 1 of subject 3","busy":true,"screens":2,"console":["--testbed","ros"],'
+            b'"remarks":["odd"]}\n'
+        )
+        assert say(owned, b'{"ask": "stop", "force": false}\n') == (
+            b'{"ends":false,"refused":"a run is going on, 2 screens are attached"}\n'
+        )
+
+
+def test_what_a_later_version_adds_is_passed_over_and_what_it_lacks_is_unknown() -> None:
+    later = who_answer_in(b'{"pid": 7, "wire": 900, "mood": ["good"], "busy": true}\n')
+    assert later == WhoAnswer(7, wire=900, busy=True)
+    assert later.against_stopping == "a run is going on"
+    assert stop_answer_in(b'{"ends": true, "in": 3}') == StopAnswer(ends=True)
+    assert stop_answer_in(b"\x93\x01") == StopAnswer()
+    assert stop_answer_in(b'{"refused": "\xff"}') == StopAnswer()
+    assert who_answer_in(b'{"version": "\xff"}') is None
+    assert who_answer_in(b"") is who_answer_in(b'{"pid": "x"}') is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"",
+        b"\n",
+        b"GET / HTTP/1.0\r\n",
+        b"[" * 60000,
+        b"\x00" * 70000,
+        b'{"ask": 3}\n',
+        b'{"ask": "\xff"}\n',
+    ],
+)
+def test_rubbish_is_not_answered_and_the_next_one_is(owned: Owned, line: bytes) -> None:
+    with answering(owned):
+        with suppress(OSError):  # it hung up before it had read all of it
+            assert say(owned, line) in (b"", NOTHING_ELSE)
+        found = found_at(owned.testbed)
+        assert found is not None
+        assert found.presence == PRESENCE
+
+
+NOTHING_ELSE = b'{"ends":false,"refused":"this engine knows who and stop"}\n'
+
+
+def test_who_may_stop_it_ends_it_as_a_signal_would(owned: Owned) -> None:
+    got: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: got.append(number))
+    try:
+        with answering(owned):
+            heard = ask(address_of(owned.testbed), Inquiry("stop"))
+            assert heard is not None
+            assert stop_answer_in(heard.line).ends
+            until(lambda: got)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert got == [signal.SIGTERM]
+
+
+def test_an_engine_that_has_failed_still_says_so(owned: Owned) -> None:
+    def failing() -> WhoAnswer:
+        raise MadrobError("the engine has failed: no disk")
+
+    with answering(owned) as control:
+        control.describe = failing
+        found = found_at(owned.testbed)
+        assert found is not None
+        assert found.presence is not None
+        assert (found.presence.phase, found.presence.pid) == ("failed", os.getpid())
+        assert "no disk" in found.presence.run
+
+
+def test_a_second_engine_of_the_same_testbed_is_told_of_the_first(owned: Owned) -> None:
+    with answering(owned), pytest.raises(HeldError) as told, held(owned):
+        pass
+    assert told.value.same
+    assert f"(SIMULATED nominal, pid {os.getpid()}, since " in str(told.value)
+    assert f"`madrob engine stop --pid {os.getpid()}` ends it" in str(told.value)
+    with held(owned):
+        pass  # nothing is left of the first
+
+
+def test_a_results_folder_is_one_folder_by_whatever_path(owned: Owned, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "runs")
+    live = owned_by(SourceKind.ROS, 3, results=tmp_path / "link")
+    with answering(owned), pytest.raises(HeldError) as told, held(live):
+        pass
+    assert not told.value.same
+    assert f"{tmp_path / 'link'} has an engine already (SIMULATED nominal, " in str(told.value)
+    assert "or use another --results" in str(told.value)
+    with answering(owned), held(owned_by(SourceKind.REPLAY, "bag", results=None)):
+        pass  # it records nothing
+
+
+def test_a_folder_that_another_machine_records_to_is_refused(owned: Owned, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    with held(owned):
+        pass
+    with (tmp_path / "runs" / LOCK_FILE).open("w") as lock:
+        lock.write("pid 7 on hall\x1b[2J\n")
+        lock.flush()
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(HeldError, match=r"\(pid 7 on hall\), of another user"), held(owned):
+            pass
+    with held(owned) as got:
+        assert got.remarks == ()
+        assert f"pid {os.getpid()} on " in (tmp_path / "runs" / LOCK_FILE).read_text()
+        assert (tmp_path / "runs" / LOCK_FILE).stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_system_without_locks_is_said_and_does_not_stop_anybody(
+    owned: Owned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without(_file: int, _operation: int) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", without)
+    with held(owned) as got:
+        (remark,) = got.remarks
+        assert "No locks available: other users and other machines are not kept out" in remark
+        assert len(got.listening) == 2
+
+
+def test_a_results_folder_that_does_not_answer_holds_up_no_engine(
+    owned: Owned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs = threading.Event()
+
+    def hang(_path: Path) -> int:
+        hangs.wait()
+        raise OSError(5, "no disk")
+
+    monkeypatch.setattr(holding, "_lock", hang)
+    with held(owned) as got:
+        assert "it does not answer: other users and other machines are not" in got.remarks[0]
+        assert len(got.listening) == 2
+    hangs.set()
+
+
+def test_an_engine_whose_lock_file_hangs_is_not_kept_out_by_itself(
+    owned: Owned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holding, "_PATIENCE", 0.05)
+    thaw = threading.Event()
+    (tmp_path / "runs").mkdir()
+
+    def hangs(_file: int, _length: int) -> None:
+        assert thaw.wait(50.0)
+
+    monkeypatch.setattr(os, "ftruncate", hangs)
+    try:
+        with held(owned) as holds:  # its own thread has locked the file by now, and waits
+            (remark,) = holds.remarks
+            assert "it does not answer: other users and other machines are not" in remark
+    finally:
+        thaw.set()
+
+
+def test_a_lock_file_that_is_a_trap_is_not_waited_for(owned: Owned, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    os.mkfifo(tmp_path / "runs" / LOCK_FILE)
+    with held(owned) as got:
+        assert "no plain file" in got.remarks[0]
+
+
+def test_a_folder_that_cannot_be_made_is_not_held(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    owned = owned_by(SourceKind.SIMULATED, tmp_path, results=tmp_path / "file" / "runs")
+    with held(owned) as got:
+        assert len(got.listening) == 1
+        assert results_name(tmp_path / "file" / "runs") is None
+
+
+_STRANGER = """
+import os, socket, sys
+os.setuid(65534)
+taken = socket.socket(socket.AF_UNIX)
+taken.bind(sys.argv[1].replace("@", chr(0)))
+taken.listen()
+print("there", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.machine
+def test_a_name_that_another_user_took_stops_nobody_and_is_said(owned: Owned) -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can be another user")
+    name = address_of(owned.testbed).replace("\0", "@")
+    with subprocess.Popen(
+        [sys.executable, "-c", _STRANGER, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as stranger:
+        assert stranger.stdout is not None
+        assert stranger.stdin is not None
+        assert stranger.stdout.readline() == b"there\n"
+        with held(owned) as got:
+            (remark,) = got.remarks
+            assert "no engine of yours has the name" in remark
+        with pytest.raises(MadrobError, match=f"{stranger.pid} of another user"):
+            found_at(owned.testbed)
+        stranger.stdin.close()
+
+
+def test_what_cannot_be_looked_at_is_said(
+    owned: Owned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("madrob_console.engine.process.owned._TABLE", tmp_path / "none")
+    with answering(owned):
+        _, unseen = all_engines()
+        assert "an engine whose runtime folder is lost is not listed" in unseen[0]
+        assert found_at(owned.testbed) is not None
+
+
+@pytest.fixture
+def taken_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A runtime folder among the temporary ones that another user made first."""
+    if os.getuid() != 0:
+        pytest.skip("only root can make folders of another user")
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = tmp_path / f"runtime-{os.getuid()}"
+    folder.mkdir(mode=0o777)
+    os.chown(folder, 65534, 65534)
+    try:
+        if folder not in platformdirs.user_runtime_path("madrob").parents:
+            pytest.skip("this user has a runtime folder of the login")
+    except PermissionError:
+        pass  # what the test is about
+    return folder
+
+
+def test_a_folder_that_is_lost_with_those_above_it_is_made_for_its_user_alone(
+    tmp_path: Path,
+) -> None:
+    above = tmp_path / "1000"
+    for _ in range(2):
+        make_private(above / "madrob")
+    assert [folder.stat().st_mode & 0o777 for folder in (above, above / "madrob")] == [0o700] * 2
+
+
+def test_a_runtime_folder_that_another_user_made_first_is_named_with_the_remedy(
+    taken_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["engine", "serve", "--testbed", "simulated", f"--results={tmp_path}"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1, said
+    assert str(taken_folder) in said
+    assert "set XDG_RUNTIME_DIR to a folder of your own" in said
+
+
+def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    domain = 101 + os.getpid() % 100
+    options = ("--testbed", "ros", "--domain", str(domain))
+    presence = WhoAnswer(
+        os.getpid(), wire=5, testbed=f"LIVE ros domain {domain}", kind="ros", domain=domain,
+        console=options,
+    )  # fmt: skip
+    with answering(owned_by(SourceKind.ROS, domain, results=tmp_path / "a"), presence):
+        for text in (f"+{domain}", f"0{domain:o}", f" {domain} "):
+            monkeypatch.setenv("ROS_DOMAIN_ID", text)
+            assert (
+                main(["engine", "serve", "--testbed", "ros", f"--results={tmp_path / 'b'}"]) == 75
+            )
+            said = capsys.readouterr().err
+            who = f"(LIVE ros domain {domain}, pid {os.getpid()}, since "
+            assert said.startswith(f"madrob: ROS domain {domain} has an engine already {who}")
+            assert f"`madrob console {shlex.join(options)}` attaches to it" in said
+            assert f"`madrob engine stop {shlex.join(options)}` ends it\n" in said
+        assert main(["run", "--testbed", "ros", "--subject", "3", f"--results={tmp_path}"]) == 2

@@ -1,0 +1,253 @@
+"""What is kept of a run, whatever becomes of it: recording, journal, result."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from madrob_console.archive import score
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, referee_topics
+from madrob_console.referee.acts import (
+    ConfirmPose,
+    Finalise,
+    MarkIncident,
+    Reissue,
+    RestartCountdown,
+    Rule,
+    SetUp,
+    Start,
+    ZeroHandle,
+)
+from madrob_console.referee.journal import HOLD_FILE, read_journal
+from madrob_console.referee.run import IncidentKind, Phase, TeamWord
+from madrob_console.testbeds.simulated import Scenario
+from recorder.message import RawMessage
+from recorder.reader import read_bag
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome, Step
+from scoring.result import Result
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.slowly import slow_but_for
+
+
+def snapshot_faults(snapshot: Snapshot) -> str:
+    return "\n".join(snapshot.faults)
+
+
+def test_the_recording_has_a_second_before_the_start_and_after_the_stop(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup(countdown=0.0))
+    run = drive.engine.run
+    assert run.start is not None
+    assert run.stop is not None
+    times = [m.receive_ns / 1e9 for m in read_bag(drive.folder).messages()]
+    assert min(times) <= run.start - 0.99
+    assert max(times) >= run.stop + 1.0 + 0.99  # the settle time, then the post-roll
+
+
+@pytest.mark.parametrize("ruleset", list(RulesetName))
+@pytest.mark.parametrize(
+    "scenario",
+    slow_but_for([Scenario.NOMINAL, Scenario.BOUNCES, Scenario.OPEN_ONLY], Scenario.BOUNCES),
+)
+def test_bag_replay_and_live_run_give_the_same_digits(
+    scenario: Scenario, ruleset: RulesetName, tmp_path: Path
+) -> None:
+    drive = Drive(tmp_path, scenario, seed=5)
+    drive.whole_run(make_setup(ruleset=ruleset, timeout=30.0))
+    live, folder = drive.engine.scored, drive.folder
+    assert live is not None
+    drive.engine.close()
+    again = next(score(folder)).result
+    assert again == live.result
+    bag_alone = tmp_path / "elsewhere"
+    bag_alone.mkdir()
+    for name in (f"{folder.name}_0.mcap", "metadata.yaml"):
+        (bag_alone / name).write_bytes((folder / name).read_bytes())
+    assert next(score(bag_alone)).result == live.result
+    assert replayed(folder) == live.result
+    assert replayed(bag_alone) == live.result
+
+
+def test_a_reissue_gets_a_number_and_the_old_result_stays(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup())
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
+    first = (drive.folder / "result.json").read_bytes()
+    drive.act(Reissue("appeal granted"), Rule(Step.LOCK, confirmed=False, reason="video"))
+    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
+    assert (drive.folder / "result_issue_1.json").read_bytes() == first
+    second = json.loads((drive.folder / "result.json").read_text())
+    assert (second["issue"], second["closure"]["team_word"]) == (2, "acknowledged")
+
+
+def test_every_act_and_change_is_in_the_journal_and_in_the_bag(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.act(MarkIncident(IncidentKind.COLLISION, "door frame"))
+    drive.finish()
+    entries, remarks = read_journal(drive.folder / "journal.jsonl")
+    assert remarks == ()
+    what = [entry.what for entry in entries]
+    assert what[:4] == ["set up", "zero the handle", "confirm the start pose", "start"]
+    assert what[4:7] == ["countdown begins", "run starts", "mark an incident"]
+    assert what[-2:] == ["run stops", "result written"]
+    assert {e.referee for e in entries if e.origin == "referee"} == {"R. Eferee"}
+    bag = read_bag(drive.folder)
+    counted = [m for m in bag.messages() if m.topic == "/madrob/referee/event"]
+    assert len(counted) == len(entries) - 1  # the result is written after the bag is closed
+    topics = {m.topic for m in bag.messages()}
+    assert {"/madrob/referee/state", "/madrob/referee/start_pose"} <= topics
+
+
+def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup(timeout=5.0))
+    again = SetUp(make_setup(run_number=2, timeout=5.0))
+    drive.act(again)
+    assert drive.engine.log.lines[0].relative is None  # not a time of the run before
+    drive.act(again)
+    drive.wait(1.5)
+    drive.act(ZeroHandle(), ConfirmPose(), Start())
+    drive.wait(1.0)
+    drive.act(RestartCountdown())
+    drive.finish()
+    said = [m for m in read_bag(drive.folder).messages() if "/referee/" in m.topic]
+    assert [m.topic.rpartition("/")[2] for m in said[:3]] == ["event", "start_pose", "state"]
+    states = [m.data for m in said if m.topic == "/madrob/referee/state"]
+    phases = [str(json.loads(data[8:].rstrip(b"\0"))["phase"]) for data in states]
+    assert phases == ["ready", "countdown", "countdown", "running", "stopped"]
+    starts = [json.loads(data[8:].rstrip(b"\0"))["start_time"] for data in states]
+    assert starts[2] == pytest.approx(starts[1] + 1.0, abs=0.05)
+
+
+def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) -> None:
+    drive = FaultyDrive(tmp_path)
+    drive.whole_run(make_setup())
+    assert drive.engine.folder is not None
+    recorded = [m for m in read_bag(drive.engine.folder).messages() if "/referee/" in m.topic]
+    published = drive.faulty.published
+    in_bag = [(m.topic, m.type, m.data) for m in recorded]
+    said = [(m.topic, m.type, m.data) for m in published]
+    begin = said.index(in_bag[0])
+    assert said[begin : begin + len(in_bag)] == in_bag
+    assert {m.topic for m in recorded} == {topic.name for topic in referee_topics(MessageTypes())}
+    assert all(m.publish_ns <= m.receive_ns for m in recorded)
+
+
+def test_a_used_run_number_is_refused_and_nothing_is_overwritten(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.whole_run(make_setup(timeout=5.0))
+    before = {p.name: p.stat().st_size for p in drive.folder.iterdir()}
+    first = drive.folder
+    assert before.pop(HOLD_FILE) == 0  # while the engine has the run
+    drive.prepare(make_setup())
+    refusal = drive.engine.perform(Start())
+    assert refusal is not None
+    assert "use run 2" in refusal
+    assert drive.engine.run.phase is Phase.READY
+    assert {p.name: p.stat().st_size for p in first.iterdir()} == before
+
+
+def test_an_unwritable_results_folder_refuses_the_start_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "results").write_text("a file, not a folder")
+    drive = Drive(tmp_path / "results")
+    drive.prepare(make_setup())
+    refusal = drive.engine.perform(Start())
+    assert refusal is not None
+    assert "\n" not in refusal
+    assert str(tmp_path / "results") in refusal
+    assert drive.engine.run.phase is Phase.READY
+
+
+def test_closing_during_a_run_keeps_it_as_interrupted(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(4.0)
+    drive.engine.close()
+    document = json.loads((drive.folder / "result.json").read_text())
+    assert document["outcome"] == "interrupted"
+    assert document["indicators"]["time_to_handle"]["value"] is not None
+    assert document["indicators"]["execution_time"]["reason"] == "no benchmark stop"
+    assert read_bag(drive.folder).complete
+    assert next(score(drive.folder)).result == drive.engine.scored.result  # type: ignore[union-attr]
+
+
+def replayed(folder: Path) -> Result:
+    config = EngineConfig(folder.parent, DEFAULT_MAPPINGS, disk_needed=0)
+    types = MessageTypes()
+    engine = Engine.of_recording(Replay(folder, types, speed=0), config, types)
+    engine.open()
+    while engine.scored is None:
+        engine.step(0.02)
+    return engine.scored.result
+
+
+def test_a_recording_that_was_cut_off_is_interrupted_in_score_and_replay(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(6.0)
+    drive.wait_for_disk()
+    cut = tmp_path / "cut"
+    shutil.copytree(drive.folder, cut)  # what a kill at this moment leaves behind
+    drive.engine.close()
+    scored = next(score(cut)).result
+    assert scored.outcome is Outcome.INTERRUPTED
+    assert replayed(cut) == scored
+    assert scored.indicators[IndicatorName.EXECUTION_TIME].value is None
+    assert scored.indicators[IndicatorName.TIME_TO_HANDLE].value is not None
+
+
+class Silenced(Drive):
+    """A testbed of which some topics can be made to say something else, or nothing."""
+
+    def change(self, topic: str, data: bytes | None) -> None:
+        take = self.source.take
+
+        def changed(timeout: float) -> list[RawMessage]:
+            messages = take(timeout)
+            if data is None:
+                return [m for m in messages if m.topic != topic]
+            return [replace(m, data=data) if m.topic == topic else m for m in messages]
+
+        self.source.take = changed  # type: ignore[method-assign]
+
+
+def test_a_dead_topic_is_named_and_its_values_vanish(tmp_path: Path) -> None:
+    drive = Silenced(tmp_path)
+    drive.start(make_setup(timeout=8.0))
+    assert snapshot_faults(drive.engine.snapshot()) == ""
+    drive.change("/madrob/door/angle", None)
+    drive.wait(1.0)
+    stale = drive.engine.snapshot()
+    assert stale.door.angle is None
+    assert "/madrob/door/angle: stale" in snapshot_faults(stale)
+    drive.wait(1.5)
+    assert "/madrob/door/angle: lost" in snapshot_faults(drive.engine.snapshot())
+    drive.finish()
+    assert drive.engine.run.outcome is Outcome.TIMEOUT
+
+
+def test_undecodable_bytes_are_recorded_named_and_counted(tmp_path: Path) -> None:
+    drive = Silenced(tmp_path)
+    drive.start(make_setup(timeout=4.0))
+    drive.change("/madrob/handle/force", b"\x00\x01\x00\x00junk")
+    drive.wait(0.5)
+    assert "/madrob/handle/force" in snapshot_faults(drive.engine.snapshot())
+    drive.finish()
+    assert drive.engine.scored is not None
+    remarks = drive.engine.scored.result.quality.remarks
+    assert any("/madrob/handle/force" in r and "times" in r for r in remarks)
+    junk = [m for m in read_bag(drive.folder).messages() if m.data.endswith(b"junk")]
+    assert len(junk) > 100
+    assert next(score(drive.folder)).result.indicators == (drive.engine.scored.result.indicators)

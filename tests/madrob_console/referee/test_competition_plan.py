@@ -1,0 +1,289 @@
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.errors import MadrobError
+from madrob_console.referee.competition_plan import (
+    MOST_LINES,
+    Attempts,
+    Plan,
+    PlanLine,
+    PlannedAttempt,
+    PlanProgress,
+    PlanSource,
+    Task,
+    plan_progress,
+    read_plan,
+)
+from madrob_console.referee.list_file import MOST_PROBLEMS
+from scoring.protocol import Outcome
+from tests.madrob_console.run_folders import summary
+
+CUP = "Autumn Cup"
+A, B, C = Task(3, 1), Task(4, 1), Task(3, 7)
+TASKS = (A, B, C)
+
+PLANS = st.builds(
+    lambda lines: Plan(tuple(PlanLine(*line) for line in lines)),
+    st.lists(st.tuples(st.sampled_from(TASKS), st.integers(1, 3)), max_size=6),
+)
+LEVELS = st.integers(0, 6)
+
+
+@st.composite
+def histories(draw: st.DrawFn) -> list[RunSummary]:
+    """What a competition leaves: also practice, what was cut off, another competition's runs."""
+    return [
+        summary(
+            *draw(st.sampled_from((*TASKS, Task(9, 20)))),
+            run_number=number,
+            hour=draw(st.integers(0, 5)),
+            outcome=draw(st.none() | st.sampled_from(Outcome)),
+            source=draw(st.sampled_from(["ros", "ros", "ros", "simulated", "replay", None])),
+            competition=draw(st.sampled_from([CUP, CUP, CUP, "", "Spring Cup"])),
+            problem=draw(st.sampled_from([None, None, None, "damaged"])),
+            voided=draw(st.sampled_from([False, False, True])),
+            values={"capability_level": draw(LEVELS)} if draw(st.booleans()) else {},
+        )
+        for number in range(1, draw(st.integers(0, 15)) + 1)
+    ]
+
+
+def plan(*lines: tuple[Task, int]) -> Plan:
+    return Plan(tuple(PlanLine(*line) for line in lines))
+
+
+def run(task: Task, hour: float = 0.0, level: int = 6, **fields: Any) -> RunSummary:  # noqa: ANN401
+    return summary(*task, hour=hour, values={"capability_level": level}, **fields)
+
+
+def progress(of: Plan, *runs: RunSummary) -> PlanProgress:
+    return plan_progress(of, runs, CUP)
+
+
+def uses_up(run: RunSummary) -> bool:
+    """What the papers say: an official run of the competition that ended by itself or by abort."""
+    ended = run.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.ABORTED)
+    counts = ended and not run.voided and run.problem is None
+    return counts and run.source == "ros" and run.competition == CUP
+
+
+def test_a_plan_that_nobody_has_begun_is_left_from_its_first_line_on() -> None:
+    found = progress(plan((A, 2), (B, 1)))
+    assert found.lines == (Attempts(A, planned=2), Attempts(B, planned=1))
+    assert (found.planned, found.left) == (3, 3)
+    assert found.next == PlannedAttempt(A, 1, 2)
+    assert list(found.upcoming()) == [PlannedAttempt(A, 1, 2), PlannedAttempt(B, 1, 1)]
+
+
+def test_no_plan_has_no_next_run_and_nothing_is_out_of_it() -> None:
+    found = progress(Plan(), run(A))
+    assert found.next is None
+    assert not found.out_of_plan(A)
+    assert found.tasks == (Attempts(A, 0, 1, 1, 6),)
+
+
+def test_in_rounds_the_attempts_of_a_team_fill_its_lines_in_their_order() -> None:
+    rounds = plan((A, 1), (B, 1), (A, 2))
+    found = progress(rounds, run(A, level=3), run(A, 1.0, level=5))
+    assert found.lines == (Attempts(A, 1, 1, 1, 3), Attempts(B, 1), Attempts(A, 2, 1, 1, 5))
+    assert found.tasks == (Attempts(A, 3, 2, 2, 5), Attempts(B, 1))
+    assert list(found.upcoming()) == [PlannedAttempt(B, 1, 1), PlannedAttempt(A, 3, 3)]
+
+
+def test_an_aborted_run_has_used_up_its_attempt_and_may_be_repeated_within_the_plan() -> None:
+    found = progress(plan((A, 1), (B, 1)), run(A, outcome=Outcome.ABORTED))
+    assert found.tasks[0] == Attempts(A, 1, 1, 0, None)
+    assert found.next == PlannedAttempt(B, 1, 1)
+    assert not found.out_of_plan(A)
+    again = progress(
+        plan((A, 1), (B, 1)), run(A, outcome=Outcome.ABORTED), run(A, 1.0, run_number=2)
+    )
+    assert again.out_of_plan(A)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"outcome": Outcome.INTERRUPTED},
+        {"outcome": None},
+        {"voided": True},
+        {"source": "simulated"},
+        {"source": "replay"},
+        {"problem": "damaged"},
+        {"competition": "Spring Cup"},
+    ],
+)
+def test_what_is_no_attempt_comes_next_again(fields: dict[str, Any]) -> None:
+    found = progress(plan((A, 1), (B, 1)), run(A, **fields))
+    assert found.next == PlannedAttempt(A, 1, 1)
+    assert found.tasks[0] == Attempts(A, 1)
+
+
+def test_runs_out_of_plan_stand_behind_the_planned_ones() -> None:
+    found = progress(plan((B, 1)), run(A, level=2), run(B, level=4))
+    assert found.tasks == (Attempts(B, 1, 1, 1, 4), Attempts(A, 0, 1, 1, 2))
+    assert found.out_of_plan(A)
+    assert found.out_of_plan(B)  # the team has had what is planned
+    assert found.out_of_plan(Task(9, 9))
+    assert found.next is None
+
+
+def test_damaged_runs_are_counted_because_nobody_knows_what_they_are() -> None:
+    assert progress(plan((A, 1)), run(A, problem="damaged"), run(B)).unread == 1
+
+
+@given(PLANS, histories())
+def test_every_attempt_of_any_history_is_counted_once(of: Plan, runs: list[RunSummary]) -> None:
+    found = plan_progress(of, runs, CUP)
+    counted = Counter(Task(run.subject, run.condition) for run in runs if uses_up(run))
+    planned: Counter[Task] = Counter()
+    for line in of.lines:
+        planned[line.task] += line.attempts
+    assert {one.task: one.done for one in found.tasks if one.done} == counted
+    assert {one.task: one.planned for one in found.tasks if one.planned} == planned
+    for task in planned:
+        lines = [line for line in found.lines if line.task == task]
+        assert sum(line.done for line in lines) == min(counted[task], planned[task])
+        for earlier, later in pairwise(lines):
+            assert not (earlier.left and later.done)
+    for one in (*found.tasks, *found.lines):
+        assert 0 <= one.valid <= one.done
+        assert (one.best_level is None) or one.valid
+    assert found.left == sum(one.left for one in found.tasks)
+    assert found.left == sum((planned - counted).values())
+
+
+@given(PLANS, histories())
+def test_the_order_in_which_runs_are_found_does_not_matter(
+    of: Plan, runs: list[RunSummary]
+) -> None:
+    assert plan_progress(of, runs, CUP) == plan_progress(of, runs[::-1], CUP)
+
+
+@given(PLANS, histories())
+def test_what_is_no_attempt_changes_nothing(of: Plan, runs: list[RunSummary]) -> None:
+    found = plan_progress(of, runs, CUP)
+    attempts = plan_progress(of, [run for run in runs if uses_up(run)], CUP)
+    assert (found.tasks, found.lines) == (attempts.tasks, attempts.lines)
+
+
+@given(PLANS, histories(), st.lists(st.sampled_from(Outcome), min_size=40, max_size=40))
+def test_who_always_runs_what_is_next_has_done_the_plan(
+    of: Plan, runs: list[RunSummary], outcomes: list[Outcome]
+) -> None:
+    """From any history: each attempt that counts is one less, none is ever out of plan."""
+    for hour, outcome in enumerate(outcomes, start=10):
+        before = plan_progress(of, runs, CUP)
+        if before.next is None:
+            break
+        task, number, planned = before.next
+        assert not before.out_of_plan(task)
+        assert 1 <= number <= planned
+        runs = [*runs, run(task, hour, run_number=hour, outcome=outcome)]
+        counts = outcome is not Outcome.INTERRUPTED
+        after = plan_progress(of, runs, CUP)
+        assert after.left == before.left - counts
+        assert counts or after.next == before.next
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "plan.csv"
+
+
+def read(file: Path, text: str | bytes) -> Plan:
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_plan(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "3,1,2\n4,1,1\n3,7,1\n",
+        "subject,condition,attempts\r\n3,1,2\r\n4,1\r\n3,7\r\n",
+        'Subject;Condition;Attempts\n# morning\n003; 01 ;2\n\n"4";1;1;\n3;7;1',
+    ],
+)
+def test_every_usual_way_to_write_a_plan_is_read(file: Path, text: str) -> None:
+    found = read(file, text)
+    assert found == Plan(plan((A, 2), (B, 1), (C, 1)).lines, (), str(file))
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("x,1,1", "subject 'x' is no number from 1 to 999"),
+        ("1000,1,1", "subject '1000' is no number from 1 to 999"),
+        ("3", "subject 3 has no condition"),
+        ("3,", "subject 3 has no condition"),
+        ("3,0,1", "condition '0' is no number from 1 to 20"),
+        ("3,21,1", "condition '21' is no number from 1 to 20"),
+        ("3,No Force,1", "condition 'No Force' is no number from 1 to 20"),
+        ("3,٤,1", "condition '٤' is no number from 1 to 20"),
+        ("3,1,0", "attempts '0' is no number from 1 to 99"),
+        ("3,1,100", "attempts '100' is no number from 1 to 99"),
+        ("3,1," + "9" * 5000, "attempts '99999999999999999...' is no number from 1 to 99"),
+        ("3,1,1,Delft", "4 values, use subject, condition and attempts"),
+        ('3,1,"2', 'a quote (") is not closed'),
+    ],
+)
+def test_a_bad_line_is_named_and_the_others_count(file: Path, text: str, problem: str) -> None:
+    found = read(file, f"subject,condition,attempts\n3,1,2\n{text}\n4,1,1\n")
+    assert found.lines == plan((A, 2), (B, 1)).lines
+    assert found.problems == (f"plan.csv line 3: {problem}",)
+
+
+def test_a_plan_has_an_end(file: Path) -> None:
+    found = read(file, "3,1\n" * (MOST_LINES + 50))
+    assert len(found.lines) == MOST_LINES
+    first, *_, last = found.problems
+    assert first == "plan.csv line 2001: a plan has 2000 lines at most, this one is left out"
+    assert last == f"and {50 - MOST_PROBLEMS} more such lines"
+
+
+def test_a_file_that_is_no_plan_is_refused_with_what_names_it(file: Path) -> None:
+    with pytest.raises(MadrobError, match=r"^plan .*No such file.*; correct file of \[plan\]$"):
+        read_plan(file)
+
+
+def test_a_plan_stays_while_its_file_cannot_be_read(file: Path) -> None:
+    source = PlanSource(file=file)
+    first = source.read()
+    assert (first.lines, len(first.problems)) == ((), 1)
+    file.write_text("3,1,2\n")
+    known = source.read(first)
+    assert known.lines == plan((A, 2)).lines
+    assert known.problems == ()
+    for spoil in (lambda: file.write_text(""), file.unlink):
+        spoil()
+        kept = source.read(known)
+        assert kept.lines == known.lines
+        assert kept.problems[0].endswith("; the plan stays as it was")
+    file.write_text("4,1\n")
+    assert source.read(kept) == Plan(plan((B, 1)).lines, (), str(file))
+
+
+@given(
+    st.binary(max_size=80)
+    | st.text(alphabet='0123,;"# \n\rx門\x00\x1b', max_size=80).map(str.encode)
+)
+def test_no_content_is_too_strange(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    try:
+        found = read(tmp_path_factory.getbasetemp() / "any_plan.csv", data)
+    except MadrobError as error:
+        assert "no text" in str(error)  # noqa: PT017  either is right, a traceback is not
+        return
+    for (subject, condition), attempts in found.lines:
+        assert 1 <= subject <= 999
+        assert 1 <= condition <= 20
+        assert 1 <= attempts <= 99
+    assert all("\n" not in problem and problem.isprintable() for problem in found.problems)

@@ -1,0 +1,64 @@
+"""One word for one thing in what people read; the README's table of words says which."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SAID = ("cli", "export", "preparing", "referee", "report", "standings", "ui")
+"""Rooms whose texts people read, on screens, pages and the command line."""
+
+FOR_PROGRAMS = {"data_files.py"}
+"""Modules whose texts are keys of files."""
+
+WRONG = {
+    r"\bredo\b": "re-issue",
+    r"\bre-?open\w*|\bopen(ed|s)? (it|a final result|the result) again": "re-issue",
+    r"\bprovisional\b": "not final",
+    r"\bunsigned\b|\bsigned off\b": "not final, final",
+    r"\bsub\b": "subject",
+    r"\bundo(ne)?\b|\brevok\w*|\brescind\w*": "take back",
+    r"\bannul\w*|\binvalidat\w*": "void",
+    r"\bamend\w*|\bedit the\b": "correct",
+    r"\bdisqualif\w*|\bpenalt\w*": "void, incident",
+    r"\brecalculat\w*|\bre-?scor\w*|\brecomput\w*|\bcomputed again": "scored again",
+    r"\btraining\b|\bunofficial\w*": "practice",
+    r"\bcrash mark|\bevent mark": "incident",
+    r"\bobserver\w*|\bviewer\w*": "spectator",
+    r"\bappeal\w*": "protest",
+}
+"""What is not said, and what is."""
+
+
+def texts(source: str) -> Iterator[tuple[int, str]]:
+    """The string constants of a module that are no docstrings, with their lines."""
+    tree = ast.parse(source)
+    told = {
+        id(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+    for node in ast.walk(tree):
+        match node:
+            case ast.Constant(value=str(text)) if id(node) not in told:
+                yield node.lineno, text
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_one_word_for_one_thing(wrong: str) -> None:
+    found = []
+    for room in SAID:
+        for path in sorted((ROOT / "madrob_console" / room).rglob("*.py")):
+            if path.name in FOR_PROGRAMS:
+                continue
+            found += [
+                f"{path.relative_to(ROOT)}:{line}: {text!r}; say: {WRONG[wrong]}"
+                for line, text in texts(path.read_text(encoding="utf-8"))
+                if re.search(wrong, text, re.IGNORECASE)
+            ]
+    assert found == []

@@ -1,0 +1,137 @@
+"""Nothing that other screens do takes the abort away, and a silent engine is called so."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from madrob_console.engine.shown.client import UnsureError, awaited
+from madrob_console.engine.shown.requests import NO_ANSWER, NextRunNumber, Perform
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout
+from madrob_console.referee.run import Phase
+from madrob_console.ui.link import EngineLink
+from scoring.protocol import Outcome
+from tests.madrob_console.crowd import crowd
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine_process import EngineProcess
+from tests.madrob_console.fault_table import Row, fault_table
+from tests.watching import until
+
+AT_ONCE = 0.2  # s, within which an abort or a declared timeout takes effect
+SPECTATORS, FLOOD, FOLDERS = 300, 20_000, 3_000
+MORE_MEMORY = 30e6  # bytes, for hundreds of screens
+
+
+def many_runs(results: Path) -> None:
+    """So many folders of runs that a listing of them takes its time."""
+    for number in range(FOLDERS):
+        subject, run = divmod(number, 999)
+        name = f"subject_{100 + subject:03d}_cond_001_run_{run + 1:03d}_20231114_221320"
+        (results / name).mkdir(parents=True)
+
+
+def memory_of(engine: EngineProcess) -> float:
+    """What its process has in memory, bytes."""
+    status = Path(f"/proc/{engine.process.pid}/status").read_text()
+    (line,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
+    return 1024.0 * int(line.split()[1])
+
+
+def took(engine: EngineProcess, act: Act) -> float:
+    """How long it takes until an act has taken effect and is shown, s."""
+    began = time.monotonic()
+    refused = engine.client.ask(Perform.of(act))
+    assert refused is None, refused
+    return time.monotonic() - began
+
+
+@contextmanager
+def held(engine: EngineProcess) -> Iterator[None]:
+    """Its process stands still while inside."""
+    engine.process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        engine.process.send_signal(signal.SIGCONT)
+
+
+@pytest.mark.slow
+def test_spectators_a_flood_and_deaf_screens_take_no_act_away(tmp_path: Path) -> None:
+    results = tmp_path / "runs"
+    many_runs(results)
+    more: list[float] = []
+    row = Row(f"{SPECTATORS} spectators, {FLOOD:,} requests of one, 4 deaf screens")
+    with EngineProcess(results, "no-touch", settings="[results]\nreports = false\n") as engine:
+        for number, last in enumerate((Abort("unsafe"), DeclareTimeout("given up")) * 3):
+            engine.start(make_setup(run_number=number + 1, countdown=1.0, timeout=600.0))
+            before = memory_of(engine)
+            with crowd(engine.socket, SPECTATORS, FLOOD, deaf=4):
+                time.sleep(0.5)
+                notes = [took(engine, AddNote(f"note {note}")) for note in range(10)]
+                end = took(engine, last)
+                more.append(memory_of(engine) - before)
+                shown = engine.wait_for(lambda s: s.run.phase is Phase.STOPPED)
+            expected = Outcome.ABORTED if isinstance(last, Abort) else Outcome.TIMEOUT
+            wrong = [] if shown.run.outcome is expected else [f"{shown.run.outcome}"]
+            wrong += [] if shown.recorder.dropped == 0 else ["messages"]
+            row.add(str(number), {last.name: end, "note": max(notes)}, wrong, ())
+            engine.wait_for(lambda s: s.result is not None)
+    print(fault_table([row]), f"\nmemory: {max(more) / 1e6:+.0f} MB at most")
+    assert row.lost == []
+    assert max(row.delays["abort"], row.delays["declare timeout"]) <= AT_ONCE
+    assert max(more) < MORE_MEMORY
+
+
+@pytest.mark.slow
+def test_what_is_asked_of_an_engine_that_stands_still_never_happens(tmp_path: Path) -> None:
+    with EngineProcess(tmp_path / "runs", "no-touch") as engine:
+        engine.start(make_setup(countdown=1.0, timeout=600.0))
+        with held(engine):
+            sent = engine.client.begin(Perform.of(Abort("held")))
+            until(sent.running)
+            filling = [engine.client.begin(Perform.of(AddNote(50_000 * "x"))) for _ in range(40)]
+            until(lambda: any(answer.running() for answer in filling))
+            waiting = filling[-1]  # the socket is full: it waits in the screen
+            time.sleep(0.5)
+            assert not waiting.running()
+            assert waiting.cancel()
+            with pytest.raises(MadrobError, match=NO_ANSWER):
+                engine.client.ask(Perform.of(Abort("behind those that wait")))
+            with pytest.raises(UnsureError):
+                awaited(sent, 0.0)
+        engine.client.ask(NextRunNumber(3, 1))
+        shown = engine.wait_for(lambda s: s.pulse.words is None)
+        assert shown.run.phase is Phase.RUNNING
+        assert shown.run.notes == ()
+        answers = [answer.exception(30.0) for answer in (sent, *filling[:-1])]
+        assert {str(error) for error in answers} == {NO_ANSWER}
+        assert took(engine, Abort("now")) < 5.0
+
+
+@pytest.mark.slow
+def test_a_screen_says_within_two_seconds_that_its_engine_is_silent(tmp_path: Path) -> None:
+    with EngineProcess(tmp_path / "runs", "no-touch") as engine:
+        link = EngineLink(lambda: engine.client, time.monotonic)
+        link.connect()
+        engine.start(make_setup(countdown=1.0, timeout=600.0))
+
+        def words() -> str:
+            snapshot = link.snapshot()
+            assert snapshot is not None
+            return snapshot.pulse.words or ""
+
+        assert words() == ""
+        with held(engine):
+            began = time.monotonic()
+            until(lambda: words().startswith("the engine is silent for 1 s"))
+            said = time.monotonic() - began
+            until(lambda: words().startswith("the engine is silent for 3 s"))
+        until(lambda: words() == "")
+    print(f"\nthe engine is silent: said after {1000 * said:.0f} ms")
+    assert said < 2.0
