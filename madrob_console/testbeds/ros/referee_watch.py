@@ -95,7 +95,7 @@ def _is_gone(name: str) -> bool:
 
 def _in_words(namespace: str, name: str) -> str:
     if name in _NAMELESS:
-        return "a program without a node"
+        return "a program that has not told its name"  # yet: names come after publishers
     full = terminal_safe(f"{namespace.rstrip('/')}/{name}")[:100]
     found = _OURS.fullmatch(name)
     return full if found is None else f"{full} (pid {found['pid']} on {found['host']})"

@@ -32,7 +32,10 @@ def test_only_others_are_second_referees() -> None:
     [
         (("/", "rosbag2_player"), f"/rosbag2_player publishes {REMEDY}"),
         (("/madrob", "console"), f"/madrob/console publishes {REMEDY}"),
-        (("", "_CREATED_BY_BARE_DDS_APP_"), f"a program without a node publishes {REMEDY}"),
+        (
+            ("", "_CREATED_BY_BARE_DDS_APP_"),
+            f"a program that has not told its name publishes {REMEDY}",
+        ),
         (
             ("/madrob", "console_hall_2_4711_0a1b2c"),
             f"/madrob/console_hall_2_4711_0a1b2c (pid 4711 on hall_2) publishes {REMEDY}",
