@@ -17,6 +17,19 @@ from scoring.rulesets import RulesetName
 
 
 @dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """How far a value can be trusted (protocol section 11), in the indicator's unit.
+
+    Attributes:
+        u: standard uncertainty, two significant digits.
+        expanded: expanded uncertainty (k = 2), two significant digits.
+    """
+
+    u: float
+    expanded: float
+
+
+@dataclass(frozen=True, slots=True)
 class Indicator:
     """One performance indicator: a value, or the reason why there is none (protocol section 6).
 
@@ -24,6 +37,8 @@ class Indicator:
         value: in the unit; null where it cannot be computed.
         unit: of the value.
         reason: why there is no value, in words; null where there is one.
+        uncertainty: of the value (section 11); null where there is no value, or none is known yet.
+        doubts: why the value, or that there is none, may be wrong, in sentences; none changes it.
 
     Raises:
         ScoringError: there are both or neither of value and reason, or the value is not finite.
@@ -32,6 +47,8 @@ class Indicator:
     value: int | float | None
     unit: str
     reason: str | None
+    uncertainty: Uncertainty | None = None
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.value is None) == (self.reason is None):
@@ -129,8 +146,39 @@ class Result:
         return f"{counting} of {len(self.steps)} steps count"
 
 
-def value_text(value: float) -> str:
-    """Counts as they are, numbers with four decimals, very small or large ones in powers."""
+def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
+    """A value with the digits that it has.
+
+    Counts as they are; numbers down to the digit that their expanded uncertainty leaves
+    (`uncertainty_text`), with four decimals where none is known; very small or large ones in
+    powers.
+    """
     if isinstance(value, int):
         return str(value)
-    return f"{value:.4f}" if value == 0 or 1e-2 <= abs(value) < 1e6 else f"{value:.4e}"
+    plain = value == 0 or 1e-2 <= abs(value) < 1e6
+    if uncertainty is None or not uncertainty.expanded:
+        return f"{value:.4f}" if plain else f"{value:.4e}"
+    _, place = _rounded_up(uncertainty.expanded)
+    if plain:
+        return f"{value:.{max(0, -place)}f}"
+    return f"{value:.{max(0, math.floor(math.log10(abs(value) or 1)) - place)}e}"
+
+
+def uncertainty_text(uncertainty: Uncertainty | None) -> str:
+    """An expanded uncertainty as it stands beside its value, `+- 0.02`; empty where none is known.
+
+    Of one digit, rounded up: that never says less than there is.
+    """
+    if uncertainty is None or not uncertainty.expanded:
+        return ""
+    digit, place = _rounded_up(uncertainty.expanded)
+    if -4 <= place < 6:
+        return f"+- {digit * 10.0**place:.{max(0, -place)}f}"
+    return f"+- {digit}e{place:+03d}"
+
+
+def _rounded_up(expanded: float) -> tuple[int, int]:
+    """One significant digit, rounded up, and the power of ten at which it stands."""
+    two_digits, _, power = f"{expanded:.1e}".partition("e")
+    digit = math.ceil(float(two_digits))
+    return (1, int(power) + 1) if digit == 10 else (digit, int(power))
