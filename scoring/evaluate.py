@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from scoring import indicators as pi
+from scoring.doubts import all_doubts, by_indicator, edge_doubts
 from scoring.events import EventDetector
+from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import joint_state
+from scoring.kinematics import JointState, joint_state
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import (
     Condition,
@@ -28,14 +31,18 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
+from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
-from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.rulesets import PROTOCOL, ForceRule, Ruleset
 from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.uncertainty import uncertainties
 
 _MOST_PROBLEMS = 20
 """Different problems that are told one by one; random bytes make a new one each time."""
 _OTHER_PROBLEMS = "other problems with the recording"
+
+_OF_THE_DOOR = frozenset({EventName.DOOR_OPENS, EventName.DOOR_CLOSES})
 
 
 def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
@@ -50,7 +57,8 @@ class LiveAssessment:
     Args:
         condition: of the run.
         start: the (planned) start, s since the epoch.
-        ruleset: whose rules make the result. The steps that stop a run are the protocol's.
+        ruleset: whose rules make the result, and the steps that stop a run; those of
+            `eurobench-2020` are the protocol's.
         thresholds: the testbed's numbers.
         lock_detection: what decides step 6.
         handle_zero: N, as set by the referee.
@@ -72,10 +80,13 @@ class LiveAssessment:
         self._thresholds = thresholds or Thresholds()
         self._lock_detection = lock_detection
         self._zero = handle_zero
-        self._live = EventDetector(condition, start, self._thresholds, PROTOCOL, handle_zero)
+        steps_by = ruleset if ruleset.own_steps else PROTOCOL
+        self._live = EventDetector(condition, start, self._thresholds, steps_by, handle_zero)
+        self._largest_angle = ruleset.largest_angle(self._thresholds)
+        self._largest_force = ruleset.largest_force(self._thresholds)
         self._counters: dict[Signal, QualityCounter] = {}
         self._problems: dict[str, int] = {}
-        self._largest_force = 0.0
+        self._top_force = 0.0
         self._against = 0.0
         self._newest: float | None = None
         self._began: float | None = None
@@ -93,7 +104,7 @@ class LiveAssessment:
     @property
     def largest_force(self) -> float | None:
         """Largest abs(force) since the start, N; None before any."""
-        return self._largest_force or None
+        return self._top_force or None
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample, in the order of the recording."""
@@ -113,11 +124,12 @@ class LiveAssessment:
         """A sample whose stamp is good, or corrected."""
         self._live.feed(sample)
         match sample:
-            case DoorSample() if math.isfinite(sample.angle):
+            case DoorSample() if abs(sample.angle) <= self._largest_angle:
                 against = -sample.angle * self.condition.opening_side.sign
                 self._against = max(self._against, against)
-            case HandleSample() if math.isfinite(sample.force) and sample.time >= self.start:
-                self._largest_force = max(self._largest_force, abs(sample.force))
+            case HandleSample() if abs(sample.force) <= self._largest_force:
+                if sample.time >= self.start:
+                    self._top_force = max(self._top_force, abs(sample.force))
 
     def report_problem(self, text: str) -> None:
         """Count something wrong with the recording that no sample shows, in words."""
@@ -158,6 +170,11 @@ class LiveAssessment:
         }
         return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
 
+    def provisional_doubts(self) -> dict[str, tuple[str, ...]]:
+        """What is doubted already of the time indicators, by file name (section 11)."""
+        found = edge_doubts(self._live.deciding(), self._counters, self._thresholds)
+        return {str(name): doubts for name, doubts in by_indicator(found).items()}
+
     def quality(self, more: Iterable[str] = ()) -> Quality:
         """The data quality of everything fed so far, with more remarks on it."""
         expected = [s for s in Signal if not s.optional or s in self._counters]
@@ -193,7 +210,7 @@ class Assessment(LiveAssessment):
 
     def _prepare(self) -> None:
         self._scoring = self._live
-        if self._ruleset is not PROTOCOL:
+        if not self._ruleset.own_steps:
             self._scoring = EventDetector(
                 self.condition, self.start, self._thresholds, self._ruleset, self._zero
             )
@@ -203,10 +220,10 @@ class Assessment(LiveAssessment):
     def _admit(self, sample: Sample) -> None:
         super()._admit(sample)
         match sample:
-            case DoorSample() if math.isfinite(sample.angle):
+            case DoorSample() if abs(sample.angle) <= self._largest_angle:
                 self._door_time.append(sample.time)
                 self._door_angle.append(sample.angle)
-            case HandleSample() if math.isfinite(sample.force):
+            case HandleSample() if abs(sample.force) <= self._largest_force:
                 self._force_time.append(sample.time)
                 self._force.append(sample.force)
         if self._scoring is not self._live:
@@ -222,6 +239,7 @@ class Assessment(LiveAssessment):
             rulings: the referee's, in the order in which they were made.
             remarks: what else there is to know of the data, in words.
         """
+        ending, later = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
         events = self._scoring.events(end)
         if ending.stop is None:
@@ -231,13 +249,17 @@ class Assessment(LiveAssessment):
             events, end = (), -math.inf
             problem = problem or "the run never started"
         procedure = self.procedure(rulings, end)
-        rows = self._cut(self._rows(), ending, procedure)
+        rest = self._rest()
+        joint, whole = self._rows(rest)
+        rows = self._cut(whole, ending, procedure)
         if problem is not None:
             indicators = {name: Indicator.missing(name, problem) for name in IndicatorName}
         else:
             indicators = pi.compute_indicators(
                 events, procedure.done, rows, self.condition, self._ruleset
             )
+            grounds = self._grounds(events, joint, rows, rest, end)
+            indicators = self._trusted(indicators, procedure, grounds)
         result = Result(
             handle_zero=self._zero,
             ruleset=self._ruleset.name,
@@ -249,16 +271,85 @@ class Assessment(LiveAssessment):
             lock_detection=procedure.lock_detection,
             steps=procedure.steps,
             events=tuple(EventRecord.of(event, self.start) for event in events),
-            quality=self.quality(remarks),
+            quality=self.quality((*remarks, *later)),
+            rest=rest,
         )
         return result, rows
+
+    def _grounds(
+        self, events: Sequence[Event], joint: JointState, rows: Rows, rest: RestForce, end: float
+    ) -> Grounds:
+        return Grounds(
+            start=self.start,
+            end=end,
+            events=events,
+            edges=self._scoring.deciding(end),
+            counters=self._counters,
+            door_time=np.array(self._door_time),
+            door_angle=np.array(self._door_angle),
+            force_time=np.array(self._force_time),
+            force=np.array(self._force),
+            joint=joint,
+            rows=rows,
+            rest=rest,
+            handle_zero=self._zero,
+            ruleset=self._ruleset,
+            thresholds=self._thresholds,
+        )
+
+    def _trusted(
+        self,
+        indicators: Mapping[IndicatorName, Indicator],
+        procedure: Procedure,
+        grounds: Grounds,
+    ) -> dict[IndicatorName, Indicator]:
+        """The indicators with their uncertainties and doubts (section 11)."""
+
+        def times(events: Sequence[Event]) -> dict[IndicatorName, Indicator]:
+            done, rows = procedure.done, grounds.rows
+            return pi.compute_indicators(
+                events, done, rows, self.condition, self._ruleset, pi.TIMES
+            )
+
+        doubts, known = all_doubts(grounds), uncertainties(grounds, times)
+        return {
+            name: replace(
+                indicator,
+                uncertainty=None if indicator.value is None else known[name],
+                doubts=doubts.get(name, ()),
+            )
+            for name, indicator in indicators.items()
+        }
+
+    def _stopped_by_these_rules(
+        self, ending: Ending, rulings: Sequence[Ruling]
+    ) -> tuple[Ending, tuple[str, ...]]:
+        """A run that other rules completed stops when these do, if the recording has it."""
+        stop = ending.stop
+        if ending.outcome is not Outcome.COMPLETED or stop is None:
+            return ending, ()
+        if self.procedure(rulings, stop).completed is not None:
+            return ending, ()
+        completed = self.procedure(rulings).completed
+        if completed is None or completed <= stop:
+            return ending, ()
+        remark = (
+            f"by the rules of {self._ruleset.name} the run stops {completed - stop:.3f} s later"
+        )
+        return replace(ending, stop=completed), (remark,)
 
     def _end(self, ending: Ending) -> float:
         if ending.stop is not None:
             return ending.stop
         return -math.inf if self._newest is None else self._newest
 
-    def _rows(self) -> Rows:
+    def _rest(self) -> RestForce:
+        times, forces, known = self._force_time, self._force, self._thresholds
+        return rest_force(
+            times, forces, self.start, zero=self._zero, end=self._newest, thresholds=known
+        )
+
+    def _rows(self, rest: RestForce) -> tuple[JointState, Rows]:
         joint = joint_state(
             np.array(self._door_time, dtype=np.float64),
             np.array(self._door_angle, dtype=np.float64),
@@ -267,7 +358,13 @@ class Assessment(LiveAssessment):
         )
         force_time = np.array(self._force_time, dtype=np.float64)
         force = np.array(self._force, dtype=np.float64)
-        return process_rows(joint, force_time, force, self._ruleset, self._thresholds)
+        bare = None
+        if self._ruleset.force is ForceRule.ABOUT_REST:
+            end = force_time[-1:].max(initial=self.start)
+            ends = (self._zero, self._zero + (rest.drift or 0.0))
+            bare = np.interp(force_time, (self.start, max(end, self.start + 1e-3)), ends)
+        rows = process_rows(joint, force_time, force, self._ruleset, self._thresholds, bare)
+        return joint, rows
 
     def _cut(self, rows: Rows, ending: Ending, procedure: Procedure) -> Rows:
         if not self._ruleset.cut_rows:

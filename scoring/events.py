@@ -8,10 +8,10 @@ that order.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from scoring.deciding import DecidingEdge, EdgeKind, door_edges, first_rise, passage_edge
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -19,71 +19,14 @@ from scoring.protocol import (
     EventName,
     PassageSensor,
     Side,
+    Signal,
     Strip,
     Thresholds,
 )
 from scoring.quality import all_in_range, is_reading
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-
-
-@dataclass(frozen=True, slots=True)
-class Edge:
-    """A two-valued signal became `value` at `time` (s since the epoch)."""
-
-    time: float
-    value: bool
-
-
-def edges_until(edges: Sequence[Edge], time: float) -> int:
-    """How many of the edges of one signal, which alternate and are in order, are up to `time`."""
-    return bisect_right(edges, time, key=lambda edge: edge.time)
-
-
-class BinarySignal:
-    """A two-valued signal whose edges count from the start of the run.
-
-    Before the start only its state is kept. If it is up at the start it rises at the start.
-
-    Attributes:
-        state: what it is now; None = not known yet.
-        edges: since the start.
-        begun: whether the run has started.
-    """
-
-    __slots__ = ("begun", "edges", "state")
-
-    def __init__(self) -> None:
-        self.state: bool | None = None
-        self.edges: list[Edge] = []
-        self.begun = False
-
-    def update(self, time: float, value: bool, start: float) -> bool:
-        """The signal is `value` at `time`; `start` is the start of the run.
-
-        Returns:
-            Whether that is anything new.
-        """
-        if value is self.state and (self.begun or time < start):
-            return False
-        if time >= start:
-            self.begin(start)
-            if value is not self.state and not (self.state is None and not value):
-                self.edges.append(Edge(time, value))
-        self.state = value
-        return True
-
-    def begin(self, start: float) -> None:
-        """The run has started: a signal that was up rises now. Later calls do nothing."""
-        if not self.begun:
-            self.begun = True
-            if self.state:
-                self.edges.append(Edge(start, value=True))
-
-    def at(self, time: float) -> bool:
-        """Whether it was up at `time`, by its edges."""
-        known = edges_until(self.edges, time)
-        return known > 0 and self.edges[known - 1].value
+from scoring.signals import BinarySignal, Edge, edges_until
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,9 +93,12 @@ class EventDetector:
         self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
         self._angle: float | None = None
         self._door_seen: float | None = None
+        self._largest_angle = ruleset.largest_angle(thresholds)
+        self._largest_force = ruleset.largest_force(thresholds)
+        self._closes_below = ruleset.closes_below(thresholds)
         self._door = BinarySignal()
-        self._touch = BinarySignal()
-        self._sensors = {sensor: BinarySignal() for sensor in PASSAGE_SENSORS}
+        self._touch = BinarySignal(ruleset.touch_hold)
+        self._sensors = {s: BinarySignal(ruleset.passage_hold) for s in PASSAGE_SENSORS}
         self._of_strip = {
             strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
             for strip in Strip
@@ -192,18 +138,19 @@ class EventDetector:
             case DoorSample():
                 self._feed_door(sample)
             case HandleSample():
-                if math.isfinite(sample.force):
+                if abs(sample.force) <= self._largest_force:
                     touched = abs(sample.force - self._zero) > self._thresholds.touch_force
                     self.changes += self._touch.update(sample.time, touched, self._start)
             case LatchSample():
                 self._feed_latch(sample)
 
     def _feed_door(self, sample: DoorSample) -> None:
-        if not math.isfinite(sample.angle):
+        if not abs(sample.angle) <= self._largest_angle:
             return
         self._angle = sample.angle
         self._door_seen = sample.time
-        is_open = abs(sample.angle) >= self._thresholds.closed_angle
+        least = self._closes_below if self._door.state else self._thresholds.closed_angle
+        is_open = abs(sample.angle) >= least
         self.changes += self._door.update(sample.time, is_open, self._start)
 
     def _feed_passage(self, sample: PassageSample) -> None:
@@ -219,8 +166,6 @@ class EventDetector:
                 present = lintel - sample.ranges[sensor.element] > highest
             else:
                 continue
-            if present is level.state and level.begun:
-                continue
             known, before = len(level.edges), level.state
             if level.update(sample.time, present, self._start):
                 self.changes += 1
@@ -234,7 +179,8 @@ class EventDetector:
                 self._falls.append(fall)
                 if self._newest_fall is None or fall[0] >= self._newest_fall[0]:
                     self._newest_fall = fall
-        self._follow_crossing(max(time, self._start))
+        since = edges[-1].time if edges else time
+        self._follow_crossing(max(since, self._start))
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
@@ -320,6 +266,27 @@ class EventDetector:
         if stop is not None:
             kept.append(Event(stop, EventName.BENCHMARK_STOP))
         return tuple(kept)
+
+    def deciding(self, stop: float | None = None) -> tuple[DecidingEdge, ...]:
+        """The edges on which the indicators hang (section 11), live or as of the stop."""
+        end = math.inf if stop is None else stop
+        found: list[DecidingEdge | None] = [
+            first_rise(EdgeKind.TOUCH, Signal.HANDLE, self._touch, end),
+            *door_edges(self._door, self._touch, end),
+        ]
+        rises = [(v.edges[0].time, s) for s, v in self._sensors.items() if v.edges]
+        if rises:
+            time, sensor = min(rises, key=lambda rise: rise[0])
+            found.append(passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time))
+        left = self._leaves(stop)
+        if left is not None:
+            time, side = left
+            for sensor, level in self._sensors.items():
+                known = edges_until(level.edges, time)
+                if sensor.side is side and known and level.edges[known - 1].time == time:
+                    found.append(passage_edge(EdgeKind.DEPARTURE, self._sensors, sensor, time))
+                    break
+        return tuple(edge for edge in found if edge is not None and edge.time <= end)
 
     def _passage_events(self, stop: float | None) -> list[Event]:
         rises = [

@@ -23,6 +23,14 @@ Steps = AbstractSet[Step] | tuple[Step, ...]
 """Steps that are done."""
 
 
+TIMES = (
+    IndicatorName.EXECUTION_TIME,
+    IndicatorName.TIME_TO_HANDLE,
+    IndicatorName.DOOR_OCCUPATION_TIME,
+    IndicatorName.PASSAGE_TIME,
+)
+"""Those that hang on events alone."""
+
 SMOOTHNESS_SCALE = 10.0
 """Factor of the smoothness, "to rescale the values in a more comfortable range"."""
 
@@ -41,6 +49,7 @@ def compute_indicators(
     rows: Rows,
     condition: Condition,
     ruleset: Ruleset,
+    names: Iterable[IndicatorName] = IndicatorName,
 ) -> dict[IndicatorName, Indicator]:
     """All indicators of a run that is not aborted.
 
@@ -50,8 +59,9 @@ def compute_indicators(
         rows: cut to the run, as the ruleset has it.
         condition: of the run.
         ruleset: whose rules.
+        names: which of them.
     """
-    return {name: _computed(name, events, done, rows, condition, ruleset) for name in IndicatorName}
+    return {name: _computed(name, events, done, rows, condition, ruleset) for name in names}
 
 
 def _computed(
@@ -77,7 +87,7 @@ def _computed(
             unknown = rows.joint_state.reason if rows.opened else None
             return smoothness_of_door_actuation(rows.jerk, rows.opened, rows.no_motion or unknown)
         case IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
-            return roughness_of_door_actuation(rows.force)
+            return roughness_of_door_actuation(rows.force - rows.rest)
         case IndicatorName.CAPABILITY_LEVEL:
             return capability_level(events, condition, done, ruleset)
 
@@ -192,8 +202,8 @@ def roughness_of_door_actuation(force: NDArray[np.float64]) -> Indicator:
     """Largest absolute force on the handle, N.
 
     Args:
-        force: force of the run's rows as recorded, N, shape (n,); rows that are not finite are
-            no readings and left out.
+        force: force of the run's rows, as recorded or less its rest, N, shape (n,); rows that are
+            not finite are no readings and left out.
     """
     values = _finite(force)
     if not values.size:

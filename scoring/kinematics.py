@@ -10,6 +10,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from scoring.protocol import Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 
 Array = NDArray[np.float64]
+
+_RESPONSE = 3.0
+"""Periods of the low-pass filter's frequency after which it has forgotten a pulse."""
 
 _NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
 
@@ -76,18 +80,22 @@ def joint_state(
 ) -> JointState:
     """Velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
 
-    A row without a finite position is no reading and left out, like a message that never came.
+    A row without a finite position is no reading and left out, like a message that never came. A
+    ruleset may bring the others onto a grid of the nominal rate: its rows are then those of the
+    grid.
 
     Args:
         time: strictly increasing times of the whole recording, s, shape (n,).
         position: panel angles, rad, shape (n,).
         ruleset: how long the filters are, and whether gaps count.
-        thresholds: what a gap is.
+        thresholds: what a gap is, and the nominal rate.
 
     Raises:
         ScoringError: shapes differ, or times do not increase.
     """
     time, position = _readings(time, position)
+    if ruleset.onto_grid:
+        time, position = _on_grid(time, position, 1 / thresholds.rate, thresholds.largest_gap)
     velocity, acceleration = np.full(time.size, np.nan), np.full(time.size, np.nan)
     gap = _gap(ruleset, thresholds)
     filters = _filters(time, ruleset, gap)
@@ -114,14 +122,20 @@ def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Arr
         return filtered
     from scipy import signal
 
-    b, a = _butterworth(ruleset, interval)
     with np.errstate(over="ignore", invalid="ignore"):
-        if ruleset.low_pass is LowPassRule.ONE_PASS:
-            defined = np.isfinite(joint.acceleration)
-            filtered[defined] = signal.lfilter(b, a, joint.acceleration[defined])
-        else:
-            for stretch in _filtered_stretches(joint, ruleset, thresholds):
-                filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
+        match ruleset.low_pass:
+            case LowPassRule.ONE_PASS:
+                b, a = _butterworth(ruleset, interval)
+                defined = np.isfinite(joint.acceleration)
+                filtered[defined] = signal.lfilter(b, a, joint.acceleration[defined])
+            case LowPassRule.ZERO_PHASE:
+                b, a = _butterworth(ruleset, interval)
+                for stretch in _filtered_stretches(joint, ruleset, thresholds):
+                    filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
+            case LowPassRule.SECTIONS:
+                sections = _sections(ruleset, interval)
+                for stretch in _filtered_stretches(joint, ruleset, thresholds):
+                    filtered[stretch] = signal.sosfiltfilt(sections, joint.acceleration[stretch])
     return _or_nan(filtered)
 
 
@@ -150,15 +164,70 @@ def jerk(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> tuple[A
     Returns:
         Times, s, and jerk, rad/s^3, both of shape (m,), all finite.
     """
+    before, after = jerk_rows(joint, ruleset, thresholds)
+    return joint.time[after], _quotients(joint, before, after)
+
+
+def jerk_rows(
+    joint: JointState, ruleset: Ruleset, thresholds: Thresholds
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The earlier and the later row of each difference quotient of `jerk`, both of shape (m,)."""
     is_open = np.abs(joint.position) > thresholds.closed_angle
-    time, acceleration = joint.time, joint.acceleration
+    if ruleset.least_velocity:  # standing still buys nothing
+        is_open &= np.abs(joint.velocity) > ruleset.least_velocity
+    rows = np.arange(joint.time.size)
     if ruleset.jerk is JerkRule.SELECT_THEN_DERIVE:
-        time, acceleration, is_open = time[is_open], acceleration[is_open], is_open[is_open]
-    intervals = np.diff(time)
+        rows = rows[is_open]
+    before, after = rows[:-1], rows[1:]
+    near = joint.time[after] - joint.time[before] <= _gap(ruleset, thresholds)
+    defined = np.isfinite(_quotients(joint, before, after))
+    kept = is_open[after] & near & defined
+    return before[kept], after[kept]
+
+
+def _quotients(joint: JointState, before: NDArray[np.intp], after: NDArray[np.intp]) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
-        quotients = np.diff(acceleration) / intervals
-    selected = is_open[1:] & np.isfinite(quotients) & (intervals <= _gap(ruleset, thresholds))
-    return time[1:][selected], quotients[selected]
+        changes = joint.acceleration[after] - joint.acceleration[before]
+        quotients: Array = changes / (joint.time[after] - joint.time[before])
+    return quotients
+
+
+def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array | None:
+    """What noise of the door angle becomes in the acceleration: an odd number of weights, 1/s^2.
+
+    Moving average and Savitzky-Golay as one convolution; None where the filters cannot run.
+    """
+    filters = _filters(joint.time, ruleset, _gap(ruleset, thresholds))
+    if isinstance(filters, str):
+        return None
+    from scipy import signal
+
+    average = np.full(filters.average, 1 / filters.average)
+    derive = signal.savgol_coeffs(filters.savgol, filters.order, deriv=2, delta=filters.interval)
+    kernel: Array = np.convolve(average, derive)
+    return kernel
+
+
+def low_pass_response(
+    joint: JointState, ruleset: Ruleset, thresholds: Thresholds, kernel: Array
+) -> Array:
+    """What noise of the door angle becomes in the low-passed acceleration, like `noise_kernel`.
+
+    An odd number of weights; one where there is no low-passed acceleration.
+    """
+    interval = _low_pass_interval(joint, ruleset, thresholds)
+    if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
+        return np.zeros(1)
+    from scipy import signal
+
+    half = kernel.size // 2 + math.ceil(_RESPONSE / ruleset.low_pass_frequency / interval)
+    pulse = np.zeros(2 * half + 1)
+    pulse[half - kernel.size // 2 : half + kernel.size // 2 + 1] = kernel
+    sections = _sections(ruleset, interval)
+    response: Array = signal.sosfilt(sections, pulse)
+    if ruleset.low_pass is not LowPassRule.ONE_PASS:
+        response = signal.sosfilt(sections, response[::-1])[::-1]
+    return response
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +284,16 @@ def _readings(time: Array, position: Array) -> tuple[Array, Array]:
     if (time[1:] <= time[:-1]).any():
         raise ScoringError("door angle: times do not increase: drop duplicate and backward stamps")
     return time, position
+
+
+def _on_grid(time: Array, position: Array, interval: float, gap: float) -> tuple[Array, Array]:
+    """A grid from the first reading on, of the rows between readings that are close enough."""
+    if time.size < 2:
+        return time, position
+    grid = time[0] + interval * np.arange(1 + math.floor((time[-1] - time[0]) / interval))
+    after = np.searchsorted(time, grid, side="left").clip(1, time.size - 1)
+    close = time[after] - time[after - 1] <= gap
+    return grid[close], np.interp(grid[close], time, position)
 
 
 def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:
@@ -290,14 +369,25 @@ def _filtered_stretches(joint: JointState, ruleset: Ruleset, thresholds: Thresho
 def _butterworth(ruleset: Ruleset, interval: float) -> tuple[Array, Array]:
     from scipy import signal
 
-    b, a = signal.iirfilter(
-        ruleset.low_pass_order,
-        ruleset.low_pass_frequency,
-        btype="lowpass",
-        ftype="butter",
-        fs=1 / interval,
-    )
+    b, a = signal.iirfilter(**_low_pass_design(ruleset, interval))
     return b, a
+
+
+def _sections(ruleset: Ruleset, interval: float) -> Array:
+    from scipy import signal
+
+    sections: Array = signal.iirfilter(**_low_pass_design(ruleset, interval), output="sos")
+    return sections
+
+
+def _low_pass_design(ruleset: Ruleset, interval: float) -> dict[str, Any]:
+    return {
+        "N": ruleset.low_pass_order,
+        "Wn": ruleset.low_pass_frequency,
+        "btype": "lowpass",
+        "ftype": "butter",
+        "fs": 1 / interval,
+    }
 
 
 def _or_nan(values: Array) -> Array:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from scoring.events import Edge, Evidence, edges_until
+from scoring.events import Evidence
 from scoring.protocol import LockDetection, Step
+from scoring.signals import Edge, edges_until
 
 _REFEREE_LOCKS = "the referee confirms the lock"
 _LATCH_SILENT = "latch sensor silent: the referee decides"

@@ -292,6 +292,41 @@ PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
 
 
 @dataclass(frozen=True, slots=True)
+class DoubtLimits:
+    """From where on a value is doubted (section 11).
+
+    Attributes:
+        least_readings: an edge that rests on fewer consecutive readings.
+        least_hold: one that rests on one passage sensor alone for less, s.
+        gap_intervals: a gap of more sampling intervals, near an edge or a maximum.
+        gap_reach: what is near, s.
+        missing: more of the door's samples missing while it is open, as a part of them.
+        jitter: of the door's stamps, a larger standard deviation of their intervals, s.
+        spike_velocity: one sample that steps by more and back, rad/s.
+        clipped: so many consecutive samples exactly at the largest force.
+        stuck_time: a force that does not change for so long, s.
+        drift: a rest force after the run that is off the zero by more, as a part of `touch_force`.
+        chatter: more openings and closings within a second.
+        delay_intervals: delays of two topics' stamps that differ by more sampling intervals.
+        rate: a sampling rate that is off by more, as a part of it.
+    """
+
+    least_readings: int = 3
+    least_hold: float = 0.06
+    gap_intervals: float = 1.5
+    gap_reach: float = 0.2
+    missing: float = 0.002
+    jitter: float = 0.0015
+    spike_velocity: float = 20.0
+    clipped: int = 3
+    stuck_time: float = 0.5
+    drift: float = 0.5
+    chatter: int = 3
+    delay_intervals: float = 1.0
+    rate: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
 class Thresholds:
     """A testbed's numbers: what makes an event, and what good data are (sections 4, 5 and 7).
 
@@ -305,6 +340,11 @@ class Thresholds:
         settle_time: how long the door must stay closed to count as locked, s.
         largest_gap: intervals above this between samples are gaps, s.
         largest_skew: stamps that differ by this much from reception are worth a remark, s.
+        largest_force: a force beyond this, in either direction, is no reading, N.
+        largest_angle: a door angle beyond this, to either side, is no reading, rad.
+        encoder_counts: of the door's encoder, a turn.
+        rate: what the testbed's topics should have, Hz.
+        doubt: from where on a value is doubted (section 11).
     """
 
     touch_force: float = 200 * GRAM_FORCE
@@ -329,6 +369,16 @@ class Thresholds:
     settle_time: float = 1.0
     largest_gap: float = 0.1
     largest_skew: float = 0.1
+    largest_force: float = 20_000 * GRAM_FORCE
+    largest_angle: float = 1.75
+    encoder_counts: int = 3600
+    rate: float = 50.0
+    doubt: DoubtLimits = DoubtLimits()
+
+    @property
+    def encoder_count(self) -> float:
+        """One count of the door's encoder, rad."""
+        return math.tau / self.encoder_counts
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
         """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""

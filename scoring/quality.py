@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from statistics import median
 
 from scoring.protocol import PASSAGE_SENSORS, SENSORS_PER_STRIP, Signal, Thresholds
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
@@ -12,6 +14,15 @@ from scoring.stamps import KEPT_STEPS, StampGuard
 
 LARGEST_UNEVENNESS = 1 / 3
 """A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
+
+_HOLE = 1.2
+"""Intervals above this part of the mean so far are remembered."""
+
+_MOST_HOLES = 200_000
+"""Ends of such intervals that are remembered: an hour of every second sample missing, at 50 Hz."""
+
+_DELAYS_AVERAGED = 50
+"""Delays that are averaged before the median is taken: memory stays small."""
 
 AGAINST_OPENING = "against the opening side: check the testbed"
 """How a remark ends that another opening side would not make."""
@@ -30,10 +41,12 @@ class SignalQuality:
         jitter: standard deviation of the other intervals, s; null below two of them.
         dropped: samples with a duplicate, backward or missing stamp.
         shifted: samples whose stamp was shifted back after a step of the publisher's clock.
-        no_reading: readings that were NaN, missing or out of range.
+        no_reading: readings that were NaN, missing, out of range or impossible.
         skew: largest difference between stamp and log time, outside of the clock's steps, s; null
             without samples.
         clock_steps: how often the publisher's clock was stepped.
+        impossible: those among them that are beyond what the sensor can say; `eurobench-2020` takes
+            them for readings.
         begins_late, ends_early: how long nothing of it could be used at that end of the
             recording, s; 0 = no longer than an interval may be.
     """
@@ -51,6 +64,7 @@ class SignalQuality:
     clock_steps: int = 0
     begins_late: float = 0.0
     ends_early: float = 0.0
+    impossible: int = 0
 
     def cells(self) -> tuple[str, ...]:
         """Samples, rate, largest gap, gaps, jitter, skew, dropped, shifted, without a reading.
@@ -82,7 +96,8 @@ class SignalQuality:
         if not self.signal.optional:
             remarks += [f"{name}: {words}" for words in self._interruptions()]
         if self.no_reading:
-            remarks.append(f"{name}: {self.no_reading} values without a reading")
+            impossible = f", {self.impossible} of them impossible" if self.impossible else ""
+            remarks.append(f"{name}: {self.no_reading} values without a reading{impossible}")
         if self.skew is not None and self.skew >= largest_skew:
             remarks.append(f"{name}: stamps differ from reception by up to {self.skew:.3f} s")
         return remarks
@@ -119,13 +134,22 @@ class QualityCounter:
 
     Args:
         signal: which.
-        thresholds: what a gap is.
+        thresholds: what a gap is, and what is impossible.
+
+    Attributes:
+        guard: of its stamps.
+        no_reading, impossible: so many readings.
+        holes: ends of the intervals that may be longer than they should be, s since the epoch, two
+            each.
     """
 
     def __init__(self, signal: Signal, thresholds: Thresholds) -> None:
         self.guard = StampGuard()
         self.no_reading = 0
-        self._signal = signal
+        self.signal = signal
+        self.impossible = 0
+        self.holes = array("d")
+        self._thresholds = thresholds
         self._limit = thresholds.largest_gap
         self._used = tuple(s.element for s in PASSAGE_SENSORS if Signal.of_strip(s.strip) is signal)
         self._samples = 0
@@ -138,6 +162,8 @@ class QualityCounter:
         self._sum = 0.0
         self._squares = 0.0
         self._skew = 0.0
+        self._delays = 0.0
+        self._mean_delays = array("d")
 
     def admit(self, sample: Sample) -> Sample | None:
         """Count `sample`; it comes back with its stamp corrected, or None if dropped."""
@@ -152,11 +178,43 @@ class QualityCounter:
         self._last_log = admitted.log_time
         self._samples += 1
         self._skew = max(self._skew, abs(admitted.time - admitted.log_time))
-        self.no_reading += missing_readings(admitted, self._used)
+        self._delay(admitted.log_time - admitted.time)
+        if missing := missing_readings(admitted, self._thresholds, self._used):
+            self.no_reading += missing
+            self.impossible += is_impossible(admitted, self._thresholds)
         return admitted
+
+    def _delay(self, delay: float) -> None:
+        self._delays += delay
+        if self._samples % _DELAYS_AVERAGED == 0:
+            self._mean_delays.append(self._delays / _DELAYS_AVERAGED)
+            self._delays = 0.0
+
+    @property
+    def interval(self) -> float | None:
+        """The mean of the intervals that are no gaps, s; None without any."""
+        return self._sum / self._regular if self._regular else None
+
+    @property
+    def delay(self) -> float | None:
+        """By how much reception lies behind the stamps, s: the median of means of a few each."""
+        return median(self._mean_delays) if self._mean_delays else None
+
+    def longer_than(self, intervals: float) -> list[tuple[float, float]]:
+        """The intervals between samples that are longer than so many of the mean one.
+
+        From and to, s since the epoch, by time.
+        """
+        mean = self.interval
+        if mean is None:
+            return []
+        ends = ((self.holes[i], self.holes[i + 1]) for i in range(0, len(self.holes), 2))
+        return [(since, until) for since, until in ends if until - since > intervals * mean]
 
     def _interval(self, interval: float) -> None:
         self._longest = max(self._longest, interval)
+        if interval * self._regular > _HOLE * self._sum and len(self.holes) < _MOST_HOLES:
+            self.holes.extend((self._newest, self._newest + interval))
         if interval > self._limit:
             self._gaps += 1
             return
@@ -177,7 +235,7 @@ class QualityCounter:
         if self._regular >= 2:
             jitter = math.sqrt(max(0.0, self._squares / self._regular - mean * mean))
         return SignalQuality(
-            signal=self._signal,
+            signal=self.signal,
             samples=self._samples,
             rate=1 / mean if mean > 0 else None,
             largest_gap=self._longest if self._samples >= 2 else None,
@@ -190,6 +248,7 @@ class QualityCounter:
             clock_steps=self.guard.step_count,
             begins_late=self._silence(begin, self._first_log),
             ends_early=self._silence(self._last_log, end),
+            impossible=self.impossible,
         )
 
     def _silence(self, begin: float | None, end: float | None) -> float:
@@ -199,11 +258,12 @@ class QualityCounter:
         return end - begin if end - begin > self._limit else 0.0
 
 
-def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
-    """How many readings of a sample are no reading (REP-117).
+def missing_readings(sample: Sample, thresholds: Thresholds, used: tuple[int, ...]) -> int:
+    """How many readings of a sample are no reading (REP-117, and impossible ones: section 11).
 
     Args:
         sample: any sample.
+        thresholds: what is impossible.
         used: the elements of `ranges` that count, for a passage sample.
     """
     match sample:
@@ -212,11 +272,22 @@ def missing_readings(sample: Sample, used: tuple[int, ...]) -> int:
                 return 0
             return sum([not is_reading(sample, element) for element in used])
         case DoorSample():
-            return not math.isfinite(sample.angle)
+            return not abs(sample.angle) <= thresholds.largest_angle
         case HandleSample():
-            return not math.isfinite(sample.force)
+            return not abs(sample.force) <= thresholds.largest_force
         case _:
             return 0
+
+
+def is_impossible(sample: Sample, thresholds: Thresholds) -> bool:
+    """Whether a sample says a number that its sensor cannot say (section 11)."""
+    match sample:
+        case DoorSample():
+            return math.isfinite(sample.angle) and abs(sample.angle) > thresholds.largest_angle
+        case HandleSample():
+            return math.isfinite(sample.force) and abs(sample.force) > thresholds.largest_force
+        case _:
+            return False
 
 
 def all_in_range(sample: PassageSample) -> bool:

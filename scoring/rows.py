@@ -21,6 +21,8 @@ class Rows:
         low_passed: low-passed acceleration of its rows, rad/s^2, shape (n,), NaN = undefined.
         jerk_time, jerk: jerk of the open door, s and rad/s^3, shape (m,).
         force_time, force: handle force as recorded, s and N, shape (k,).
+        rest: the force of a free handle at these times, from which the roughness is measured, N,
+            shape (k,); 0 where the ruleset takes the force as it was recorded.
         problem: why no low-passed acceleration could be computed; None if it could.
         thresholds: the testbed's numbers by which all this was made.
     """
@@ -31,6 +33,7 @@ class Rows:
     jerk: Array
     force_time: Array
     force: Array
+    rest: Array
     problem: str | None
     thresholds: Thresholds
 
@@ -54,13 +57,27 @@ class Rows:
             case Quantity.JERK:
                 return self.jerk_time, self.jerk
             case Quantity.FORCE:
-                return self.force_time, self.force
+                return self.force_time, self.force - self.rest
 
 
 def process_rows(
-    joint: JointState, force_time: Array, force: Array, ruleset: Ruleset, thresholds: Thresholds
+    joint: JointState,
+    force_time: Array,
+    force: Array,
+    ruleset: Ruleset,
+    thresholds: Thresholds,
+    rest: Array | None = None,
 ) -> Rows:
-    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
+    """Filter a whole recording; cut with `cut_rows` afterwards (section 5).
+
+    Args:
+        joint: the panel's motion.
+        force_time: of the handle's force, s, shape (k,).
+        force: of the handle, N, shape (k,).
+        ruleset: whose rules.
+        thresholds: the testbed's numbers.
+        rest: the free handle's force at these times, N, shape (k,), if the ruleset looks at it.
+    """
     jerk_time, jerks = jerk(joint, ruleset, thresholds)
     return Rows(
         joint_state=joint,
@@ -69,6 +86,7 @@ def process_rows(
         jerk=jerks,
         force_time=force_time,
         force=force,
+        rest=np.zeros(force.size) if rest is None else rest,
         problem=low_pass_problem(joint, ruleset, thresholds),
         thresholds=thresholds,
     )
@@ -85,6 +103,7 @@ def cut_rows(rows: Rows, start: float, end: float) -> Rows:
         jerk=rows.jerk[jerk_kept],
         force_time=rows.force_time[force_kept],
         force=rows.force[force_kept],
+        rest=rows.rest[force_kept],
         problem=rows.problem,
         thresholds=rows.thresholds,
     )

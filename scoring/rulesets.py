@@ -1,4 +1,4 @@
-"""The rules by which signals become results: the protocol's, and EUROBENCH's of 2020 (section 9).
+"""The rules by which signals become results: the protocol's, and others beside it (section 9).
 
 A ruleset holds choices, not code: the modules that compute look their choice up here.
 """
@@ -6,11 +6,13 @@ A ruleset holds choices, not code: the modules that compute look their choice up
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, StrEnum, auto
+from sys import float_info
 
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
+from scoring.protocol import Thresholds
 
 
 class RulesetName(StrEnum):
@@ -18,6 +20,7 @@ class RulesetName(StrEnum):
 
     PROTOCOL = "protocol"
     EUROBENCH_2020 = "eurobench-2020"
+    ROBUST_2026 = "robust-2026"
 
 
 class WindowRule(Enum):
@@ -32,10 +35,15 @@ class WindowRule(Enum):
 
 
 class LowPassRule(Enum):
-    """How the low-pass filter runs: forth and back (no delay), or forth only."""
+    """How the low-pass filter runs.
+
+    `ZERO_PHASE`: forth and back (no delay). `ONE_PASS`: forth only. `SECTIONS`: forth and back, in
+    sections of second order, which keep their digits at high rates.
+    """
 
     ZERO_PHASE = auto()
     ONE_PASS = auto()
+    SECTIONS = auto()
 
 
 class JerkRule(Enum):
@@ -43,6 +51,17 @@ class JerkRule(Enum):
 
     DERIVE_THEN_SELECT = auto()
     SELECT_THEN_DERIVE = auto()
+
+
+class ForceRule(Enum):
+    """What force the roughness looks at.
+
+    `RECORDED`: as it was recorded. `ABOUT_REST`: less the zero, which runs from the referee's at
+    the start to the handle's rest force at the end of the recording, where it is free there.
+    """
+
+    RECORDED = auto()
+    ABOUT_REST = auto()
 
 
 class ExecutionEnd(Enum):
@@ -85,6 +104,15 @@ class Ruleset:
         present_height: an obstacle higher than this is a robot, m; None = as in `Thresholds`.
         masked_is_absent: whether a masked passage sensor counts as absent (and so makes
             edges) instead of keeping its state.
+        believes_impossible: whether readings beyond what the sensors can say count.
+        own_steps: whether its own rules find the steps; else the protocol's do.
+        passage_hold: a passage sensor's state counts when it has been held for so long, s.
+        touch_hold: the same of the touch.
+        hysteresis: the door closes below the closed zone's angle less so many encoder counts.
+        onto_grid: whether the door angle is brought onto a grid of the nominal rate, by linear
+            interpolation.
+        least_velocity: jerk counts while the panel turns faster than this, rad/s; 0 = always.
+        force: what the roughness looks at.
         explanations: what indicators mean, where it is not what `IndicatorSpec` says.
     """
 
@@ -107,11 +135,31 @@ class Ruleset:
     passage_events_to_end: bool
     present_height: float | None
     masked_is_absent: bool
+    believes_impossible: bool = False
+    own_steps: bool = True
+    passage_hold: float = 0.0
+    touch_hold: float = 0.0
+    hysteresis: float = 0.0
+    onto_grid: bool = False
+    least_velocity: float = 0.0
+    force: ForceRule = ForceRule.RECORDED
     explanations: Mapping[IndicatorName, str] = field(default_factory=dict, hash=False)
 
     def explanation(self, name: IndicatorName) -> str:
         """What an indicator means under these rules, for those who do not know the protocol."""
         return self.explanations.get(name, name.spec.explanation)
+
+    def largest_angle(self, thresholds: Thresholds) -> float:
+        """Door angles beyond this, to either side, are no readings, rad."""
+        return float_info.max if self.believes_impossible else thresholds.largest_angle
+
+    def largest_force(self, thresholds: Thresholds) -> float:
+        """Forces beyond this, in either direction, are no readings, N."""
+        return float_info.max if self.believes_impossible else thresholds.largest_force
+
+    def closes_below(self, thresholds: Thresholds) -> float:
+        """An open door closes when its angle falls below this, rad."""
+        return thresholds.closed_angle - self.hysteresis * thresholds.encoder_count
 
 
 PROTOCOL = Ruleset(
@@ -148,6 +196,8 @@ EUROBENCH_2020 = Ruleset(
     passage_events_to_end=True,
     present_height=1.00,
     masked_is_absent=True,
+    believes_impossible=True,
+    own_steps=False,
     explanations={
         IndicatorName.EXECUTION_TIME: (
             "From the start of the run until the door was closed and the robot through, whichever "
@@ -159,6 +209,29 @@ EUROBENCH_2020 = Ruleset(
     },
 )
 """As the published EUROBENCH scripts compute, so that new results can be put beside old ones."""
+
+ROBUST_2026 = replace(
+    PROTOCOL,
+    name=RulesetName.ROBUST_2026,
+    low_pass=LowPassRule.SECTIONS,
+    passage_hold=0.06,
+    touch_hold=0.04,
+    hysteresis=2,
+    onto_grid=True,
+    least_velocity=0.02,
+    force=ForceRule.ABOUT_REST,
+    explanations={
+        IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION: (
+            "How free of jolts the open door moved, while it moved: 10 divided by the mean jerk. "
+            "Higher is smoother."
+        ),
+        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: (
+            "The largest force on the handle, in either direction, measured from its rest force. "
+            "Lower is gentler."
+        ),
+    },
+)
+"""`PROTOCOL` with decisions that one bad sample cannot turn; an organiser chooses it."""
 
 
 def ruleset(name: str) -> Ruleset:
@@ -177,3 +250,5 @@ def ruleset(name: str) -> Ruleset:
             return PROTOCOL
         case RulesetName.EUROBENCH_2020:
             return EUROBENCH_2020
+        case RulesetName.ROBUST_2026:
+            return ROBUST_2026

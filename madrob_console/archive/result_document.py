@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
-_ADDED = {"doubts", "out_of_plan", "practice", "team_reason", "uncertainty"}
+_ADDED = {"doubts", "impossible", "out_of_plan", "practice", "team_reason", "uncertainty"}
 """Keys of its parts that results of earlier versions lack."""
 
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"

@@ -18,6 +18,7 @@ from madrob_console.config.tables import (
     Checks,
     Competition,
     ConsoleSettings,
+    DoubtSettings,
     EngineSettings,
     FreshnessSettings,
     PlanSettings,
@@ -33,7 +34,7 @@ from madrob_console.config.tables import (
 )
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
-from scoring.protocol import Side, StartPose, Thresholds
+from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
@@ -55,6 +56,7 @@ class Settings(SettingsTable, frozen=True):
     testbed: SourceSetting = SourceSetting()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
+    doubt: DoubtSettings = DoubtSettings()
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
@@ -77,7 +79,12 @@ class Settings(SettingsTable, frozen=True):
 
     def scoring_thresholds(self) -> Thresholds:
         """The thresholds as `scoring` takes them."""
-        return Thresholds(**asdict(self.thresholds), largest_skew=self.checks.largest_skew)
+        return Thresholds(
+            **asdict(self.thresholds),
+            largest_skew=self.checks.largest_skew,
+            rate=self.checks.rate,
+            doubt=DoubtLimits(**asdict(self.doubt)),
+        )
 
     def door_geometry(self) -> DoorGeometry:
         """The simulated doorway, with the masks that belong to it."""

@@ -25,6 +25,7 @@ from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
 _T = Thresholds()
+_D = _T.doubt
 _L = SensorLimits()
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
@@ -207,10 +208,51 @@ class ThresholdSettings(SettingsTable, frozen=True):
     mask_to_ccw: Annotated[_Angles, Meta(description="rad; to, CCW side")] = _T.mask_to_ccw
     settle_time: Annotated[float, within(0, 60, "s closed to count as locked")] = _T.settle_time
     largest_gap: Annotated[float, within(0.001, 10, "s between samples")] = _T.largest_gap
+    largest_force: Annotated[float, within(0.1, 1e6, "N; more is no reading")] = _T.largest_force
+    largest_angle: Annotated[float, within(0.1, 100, "rad; more is no reading")] = _T.largest_angle
+    encoder_counts: Annotated[int, Meta(ge=4, le=10**9, description="of the door, a turn")] = (
+        _T.encoder_counts
+    )
 
     def __post_init__(self) -> None:
         if self.present_height >= self.lintel_height:
             raise ValueError("present_height: must be below lintel_height")
+
+
+class DoubtSettings(SettingsTable, frozen=True):
+    """[doubt]: from where on a value is doubted; no value changes (protocol section 11)."""
+
+    least_readings: Annotated[
+        int, Meta(ge=1, le=1000, description="consecutive samples that an edge rests on")
+    ] = _D.least_readings
+    least_hold: Annotated[float, within(0, 10, "s; seen by one passage sensor alone")] = (
+        _D.least_hold
+    )
+    gap_intervals: Annotated[float, within(1, 1000, "sampling intervals; longer is a gap")] = (
+        _D.gap_intervals
+    )
+    gap_reach: Annotated[float, within(0, 60, "s from an edge or a maximum")] = _D.gap_reach
+    missing: Annotated[float, within(0, 1, "part of the open door's samples missing")] = _D.missing
+    jitter: Annotated[float, within(0, 10, "s, of the door's stamps")] = _D.jitter
+    spike_velocity: Annotated[float, within(0.1, 1e6, "rad/s, by one sample and back")] = (
+        _D.spike_velocity
+    )
+    clipped: Annotated[
+        int, Meta(ge=2, le=10000, description="samples exactly at the largest force")
+    ] = _D.clipped
+    stuck_time: Annotated[float, within(0.01, 600, "s without any change of the force")] = (
+        _D.stuck_time
+    )
+    drift: Annotated[float, within(0, 100, "of touch_force; rest after the run off the zero")] = (
+        _D.drift
+    )
+    chatter: Annotated[
+        int, Meta(ge=1, le=1000, description="openings and closings within a second")
+    ] = _D.chatter
+    delay_intervals: Annotated[
+        float, within(0, 1000, "sampling intervals between the delays of two topics")
+    ] = _D.delay_intervals
+    rate: Annotated[float, within(0, 1, "part by which the sampling rate is off")] = _D.rate
 
 
 class FreshnessSettings(SettingsTable, frozen=True):

@@ -12,7 +12,7 @@ import numpy as np
 
 from scoring.eurobench.run_files import EurobenchRun, door_stays_closed, recorded_until
 from scoring.evaluate import completed_by_settling
-from scoring.events import Edge, Evidence
+from scoring.events import Evidence
 from scoring.indicators import compute_indicators
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
@@ -20,6 +20,7 @@ from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.signals import Edge
 
 _AS_PUBLISHED = "scored from published files: events as they stand there"
 

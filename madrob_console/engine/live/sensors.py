@@ -75,7 +75,7 @@ class Sensors:
             return
         self._states.feed(sample)
         self._newest[watch.signal] = sample
-        if isinstance(sample, HandleSample) and math.isfinite(sample.force):
+        if isinstance(sample, HandleSample) and abs(sample.force) <= self._thresholds.largest_force:
             self._keep_force(now, sample.force)
 
     def _keep_force(self, now: float, force: float) -> None:
@@ -121,8 +121,7 @@ class Sensors:
         recent = [force for time, force in self._forces if time >= now - self.limits.averaging]
         if not recent or not self._fresh(Signal.HANDLE, now):
             return None
-        mean = sum(recent) / len(recent)
-        return mean if math.isfinite(mean) else None  # forces no handle bears
+        return sum(recent) / len(recent)
 
     def skew(self, now: float) -> float | None:
         """Largest abs(stamp - log time) of the last second, s; None without samples."""

@@ -116,9 +116,9 @@ class TopicWatch:
             case PassageSample():
                 return self._missing_range(now, sample, angle)
             case DoorSample():
-                return _not_a_number("angle", sample.angle)
+                return _no_reading("angle", sample.angle, self._thresholds.largest_angle, "rad")
             case HandleSample():
-                return _not_a_number("force", sample.force)
+                return _no_reading("force", sample.force, self._thresholds.largest_force, "N")
             case _:
                 return None
 
@@ -195,9 +195,11 @@ class TopicWatch:
             found[Trouble.SKEW] = f"stamps {abs(skew):.3f} s {where} their reception"
 
 
-def _not_a_number(name: str, value: float) -> str | None:
-    if math.isfinite(value):
+def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
+    if abs(value) <= largest:
         return None
+    if math.isfinite(value):
+        return f"{name} {value:+.6g} {unit} is impossible, beyond +-{largest:g} {unit}"
     return f"{name} is {'NaN or empty' if math.isnan(value) else f'{value:+}'}"
 
 

@@ -135,7 +135,7 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     assert settings.testbed.kind is SourceKind.ROS
     assert settings.testbed.domain == 7
     assert settings.scoring_thresholds() == Thresholds(
-        touch_force=3.0, mask_from=(0, 0, 0, 0, 0), largest_skew=0.2
+        touch_force=3.0, mask_from=(0, 0, 0, 0, 0), largest_skew=0.2, rate=100.0
     )
     assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0)
     assert settings.results.root == Path("/data/runs")

@@ -1,0 +1,234 @@
+"""What makes a value doubtful: few samples behind an edge, gaps, spikes, drift (section 11).
+
+A doubt is a sentence beside a value. It never changes one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring.deciding import DecidingEdge, EdgeKind
+from scoring.grounds import Grounds
+from scoring.indicator_table import IndicatorName as Name
+from scoring.kinematics import Array
+from scoring.protocol import Signal, Thresholds
+from scoring.quality import QualityCounter
+
+Doubt = tuple[tuple[Name, ...], str]
+"""The indicators that are doubted, and why, in a sentence."""
+
+_MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
+_FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
+_CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
+_NOISE_LOOKED_AT = 25
+"""Samples before a force that stands still, in which it had noise or not."""
+
+
+def all_doubts(grounds: Grounds) -> dict[Name, tuple[str, ...]]:
+    """Every doubt on a run, by indicator; those without any are missing."""
+    found = (
+        *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
+        *_gaps_near_edges(grounds),
+        *_gaps_near_maxima(grounds),
+        *_missing_samples(grounds),
+        *_spikes(grounds),
+        *_clipped(grounds),
+        *_stuck(grounds),
+        *_drift(grounds),
+        *_chatter(grounds),
+        *_delays(grounds),
+        *_rate(grounds),
+    )
+    return by_indicator(found)
+
+
+def by_indicator(found: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
+    """Doubts by indicator, in the protocol's order, each sentence once."""
+    told: dict[Name, dict[str, None]] = {name: {} for name in Name}
+    for names, words in found:
+        for name in names:
+            told[name][words] = None
+    return {name: tuple(words) for name, words in told.items() if words}
+
+
+def edge_doubts(
+    edges: Iterable[DecidingEdge],
+    counters: Mapping[Signal, QualityCounter],
+    thresholds: Thresholds,
+) -> Iterator[Doubt]:
+    """Edges that rest on little; known while the run goes on."""
+    limits = thresholds.doubt
+    for edge in edges:
+        if edge.readings < limits.least_readings:
+            samples = f"{edge.readings} sample{'s' if edge.readings != 1 else ''}"
+            yield edge.kind.indicators, f"{edge.kind.words} rests on {samples}"
+            continue
+        counter = counters.get(edge.signal)
+        tolerance = (counter.interval or 0.0) / 2 if counter is not None else 0.0
+        if edge.alone is not None and edge.alone + tolerance < limits.least_hold:
+            alone = f"one passage sensor for {1000 * edge.alone:.0f} ms"
+            yield edge.kind.indicators, f"{edge.kind.words} rests on {alone}"
+
+
+def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
+    for edge in g.edges:
+        gap = _gap_near(_holes(g, edge.signal), edge.time, g.thresholds.doubt.gap_reach)
+        if gap is not None:
+            near = f"near {edge.kind.words}"
+            yield edge.kind.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"
+
+
+def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
+    rows, reach = g.rows, g.thresholds.doubt.gap_reach
+    motion = rows.joint_state.time, rows.low_passed
+    maxima = (
+        (Name.UNSAFETY_OF_DOOR_OPERATION, Signal.DOOR, *motion, "largest acceleration"),
+        (
+            Name.ROUGHNESS_OF_DOOR_ACTUATION,
+            Signal.HANDLE,
+            rows.force_time,
+            rows.force - rows.rest,
+            "largest force",
+        ),
+    )
+    for name, signal, times, values, words in maxima:
+        if not np.isfinite(values).any():
+            continue
+        at = float(times[int(np.nanargmax(np.abs(values)))])
+        gap = _gap_near(_holes(g, signal), at, reach)
+        if gap is not None:
+            yield (name,), f"{signal.value}: no sample for {gap:.3f} s near the {words}"
+
+
+def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
+    """The intervals of a signal without a reading, longer than they should be."""
+    counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
+    if counter is None:
+        return []
+    times = {Signal.DOOR: g.door_time, Signal.HANDLE: g.force_time}.get(signal)
+    if times is None:
+        return counter.longer_than(intervals)
+    steps, usual = np.diff(times), counter.interval
+    longer = np.flatnonzero(steps > intervals * usual) if usual else np.empty(0, np.intp)
+    return [(float(times[i]), float(times[i + 1])) for i in longer]
+
+
+def _gap_near(holes: Iterable[tuple[float, float]], time: float, reach: float) -> float | None:
+    """The longest of some gaps that come near a time, s; None = none does."""
+    near = (until - since for since, until in holes if since - reach < time < until + reach)
+    return max(near, default=None)
+
+
+def _open_intervals(g: Grounds) -> Array:
+    """The intervals between the door's readings while it is open, in the run, s, shape (m,)."""
+    is_open = np.abs(g.door_angle) > g.thresholds.closed_angle
+    within = (g.door_time >= g.start) & (g.door_time <= g.end)
+    counted = is_open & within
+    return np.diff(g.door_time)[counted[1:] & counted[:-1]]
+
+
+def _missing_samples(g: Grounds) -> Iterator[Doubt]:
+    intervals, limits = _open_intervals(g), g.thresholds.doubt
+    if not intervals.size:
+        return
+    usual = float(np.median(intervals))
+    steps = np.round(intervals / usual)
+    missing, expected = int((steps - 1).clip(0).sum()), int(steps.clip(1).sum())
+    if missing > limits.missing * expected:
+        yield _MOTION, f"{missing} of {expected} samples of the open door are missing"
+    regular = intervals[intervals < limits.gap_intervals * usual]
+    jitter = float(regular.std())
+    if jitter > limits.jitter:
+        yield _MOTION, f"the door's stamps jitter by {1000 * jitter:.1f} ms"
+
+
+def _spikes(g: Grounds) -> Iterator[Doubt]:
+    steps = np.diff(g.door_angle)
+    with np.errstate(over="ignore"):
+        speeds = steps / np.diff(g.door_time)
+    fast = np.abs(speeds) > g.thresholds.doubt.spike_velocity
+    back = fast[1:] & fast[:-1] & (np.sign(speeds[1:]) != np.sign(speeds[:-1]))
+    for index in np.flatnonzero(back):
+        time = float(g.door_time[index + 1])
+        if not g.start <= time <= g.end:
+            continue
+        words = (
+            f"the door angle steps by {abs(steps[index]):.2g} rad and back, "
+            f"{time - g.start:.2f} s after the start"
+        )
+        made = float(g.door_time[index + 1]), float(g.door_time[index + 2])
+        edges = (e.kind.indicators for e in g.edges if e.signal is Signal.DOOR and e.time in made)
+        yield (*_MOTION, *(name for names in edges for name in names)), words
+
+
+def _clipped(g: Grounds) -> Iterator[Doubt]:
+    force = g.rows.force
+    if not force.size:
+        return
+    top = force[int(np.argmax(np.abs(force - g.rows.rest)))]
+    longest = max((r.stop - r.start for r in _runs(force == top)), default=0)
+    pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
+    if pressed and longest >= g.thresholds.doubt.clipped:
+        words = f"the largest force stands still for {longest} samples: clipped"
+        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), words
+
+
+def _stuck(g: Grounds) -> Iterator[Doubt]:
+    still = np.diff(g.force) == 0
+    longest = 0.0
+    for run in _runs(still):
+        since, until = g.force_time[run.start], g.force_time[run.stop]
+        before = still[max(0, run.start - _NOISE_LOOKED_AT) : run.start]
+        noisy = before.size > 0 and before.mean() < 0.5
+        if noisy and since < g.end and until > g.start:
+            longest = max(longest, float(until - since))
+    if longest >= g.thresholds.doubt.stuck_time:
+        yield _FORCE, f"the handle force does not change for {longest:.1f} s"
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[slice]:
+    """Where flags are set one after the other."""
+    borders = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(borders[::2], borders[1::2], strict=True)]
+
+
+def _drift(g: Grounds) -> Iterator[Doubt]:
+    drift = g.rest.drift
+    if drift is not None and abs(drift) > g.thresholds.doubt.drift * g.thresholds.touch_force:
+        yield _FORCE, f"the handle at rest after the run is {drift:+.2f} N off its zero"
+
+
+def _chatter(g: Grounds) -> Iterator[Doubt]:
+    times, allowed = g.door_edges, g.thresholds.doubt.chatter
+    within = zip(times, times[allowed:], strict=False)
+    if any(last - first <= 1.0 for first, last in within):
+        yield _CLOSING_TIMES, f"the door opens and closes more than {allowed} times within a second"
+
+
+def _delays(g: Grounds) -> Iterator[Doubt]:
+    signals = {edge.kind: edge.signal for edge in g.edges}
+    for name in Name:
+        joined = {s for kind, s in signals.items() if name in kind.indicators}
+        known = [c for s in sorted(joined, key=lambda s: s.value) if (c := g.counters.get(s))]
+        for one, other in combinations(known, 2):
+            if one.delay is None or other.delay is None or not one.interval or not other.interval:
+                continue
+            allowed = g.thresholds.doubt.delay_intervals * max(one.interval, other.interval)
+            if (difference := abs(one.delay - other.delay)) > allowed:
+                two = f"{one.signal.value} and {other.signal.value}"
+                yield (name,), f"stamps of {two} differ in delay by {1000 * difference:.0f} ms"
+
+
+def _rate(g: Grounds) -> Iterator[Doubt]:
+    counter = g.counters.get(Signal.DOOR)
+    if counter is None or not counter.interval:
+        return
+    rate, nominal = 1 / counter.interval, g.thresholds.rate
+    if not math.isclose(rate, nominal, rel_tol=0, abs_tol=g.thresholds.doubt.rate * nominal):
+        words = f"the door is sampled at {rate:.1f} Hz, the testbed's rate is {nominal:g} Hz"
+        yield (Name.SMOOTHNESS_OF_DOOR_ACTUATION,), words

@@ -1,0 +1,221 @@
+"""How far the values can be trusted: their uncertainty, by Monte Carlo (section 11, JCGM 101).
+
+What is drawn: when an edge happened between two samples, the door angle within an encoder count
+and the jitter of its stamps, the force's noise, and where the samples lie about a force peak. The
+draws are the same each time: their seed is a digest of the recorded samples.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring.grounds import Grounds
+from scoring.indicator_table import IndicatorName as Name
+from scoring.indicators import SMOOTHNESS_SCALE
+from scoring.kinematics import Array, JointState, jerk_rows, low_pass_response, noise_kernel
+from scoring.protocol import Event, EventName
+from scoring.result import Indicator, Uncertainty
+
+DRAWS = 100
+"""Draws of each value."""
+
+_BLOCK = 1_500_000
+"""Numbers that are drawn at once: memory stays small in a run of hours."""
+
+_NEAR_TOP = 0.9
+"""Forces from this part of the largest on can be the largest in a draw."""
+
+_MOST_TOPS = 64
+"""So many of the largest values are drawn."""
+
+_SAME_STEP = 1e-9
+"""Smaller steps of the door angle are none, rad."""
+
+
+def uncertainties(
+    grounds: Grounds, times: Callable[[Sequence[Event]], Mapping[Name, Indicator]]
+) -> dict[Name, Uncertainty]:
+    """The uncertainty of every indicator; 0 where nothing that is drawn moves it.
+
+    Args:
+        grounds: what the values rest on.
+        times: the time indicators of other events.
+    """
+    random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
+    draws = {
+        **_times(grounds, times, random),
+        **_motion(grounds, random),
+        Name.ROUGHNESS_OF_DOOR_ACTUATION: _roughness(grounds, random),
+    }
+    return {name: _spread(draws.get(name)) for name in Name}
+
+
+def _seed(grounds: Grounds) -> list[int]:
+    """From all samples: the same for the same recording, whatever reads it."""
+    digest = hashlib.blake2b(digest_size=16)
+    for series in (grounds.door_time, grounds.door_angle, grounds.rows.force):
+        digest.update(np.ascontiguousarray(series).tobytes())
+    return [int(word) for word in np.frombuffer(digest.digest(), dtype=np.uint32)]
+
+
+def _spread(draws: Array | None) -> Uncertainty:
+    finite = np.empty(0) if draws is None else draws[np.isfinite(draws)]
+    u = float(finite.std(ddof=1)) if finite.size > 1 else 0.0
+    return Uncertainty(_two_digits(u), _two_digits(2 * u))
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.1e}")
+
+
+# ---------------------------------------------------------------------------------- times
+
+
+def _times(
+    grounds: Grounds,
+    times: Callable[[Sequence[Event]], Mapping[Name, Indicator]],
+    random: np.random.RandomState,
+) -> dict[Name, Array]:
+    """Each edge happened somewhere between its sample and the one before."""
+    timed = [edge for edge in grounds.edges if edge.since is not None]
+    events = list(_looked_at(grounds.events))
+    draws: dict[Name, list[float]] = {}
+    for part in random.random_sample((DRAWS, len(timed))):
+        shifts = {
+            edge.time: float(share) * (edge.time - (edge.since or edge.time))
+            for edge, share in zip(timed, part, strict=True)
+        }
+        moved = [replace(e, time=e.time - shifts.get(e.time, 0.0)) for e in events]
+        for name, indicator in times(moved).items():
+            if indicator.value is not None:
+                draws.setdefault(name, []).append(float(indicator.value))
+    return {name: np.array(values) for name, values in draws.items()}
+
+
+def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
+    """The events that indicators look at: of a flickering door there are thousands."""
+    last = {event.name: event for event in events}
+    for name, event in last.items():
+        if name is not EventName.DOOR_OPENS:
+            yield event
+
+
+# ---------------------------------------------------------------------------------- motion
+
+
+def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array]:
+    """The door angle lies within its encoder count, at a time within its stamp's jitter."""
+    joint, ruleset, thresholds = grounds.joint, grounds.ruleset, grounds.thresholds
+    kernel = noise_kernel(joint, ruleset, thresholds)
+    window = grounds.rows.joint_state.time
+    if kernel is None or not window.size:
+        return {}
+    first, last = np.searchsorted(joint.time, (window[0], window[-1]))
+    before, after = jerk_rows(joint, ruleset, thresholds)
+    inside = (after >= first) & (after <= last)
+    before, after = before[inside], after[inside]
+    low_passed = grounds.rows.low_passed
+    tops = _tops(low_passed)
+    response = low_pass_response(joint, ruleset, thresholds, kernel)
+    reach = max(kernel.size, response.size) // 2 + 1
+    low, high = max(0, int(first) - reach), min(joint.time.size, int(last) + reach + 1)
+    scale = _angle_noise(grounds)[low:high]
+    jerks, accelerations = [], []
+    size = max(1, _BLOCK // max(1, high - low))
+    for begin in range(0, DRAWS, size):
+        count = min(size, DRAWS - begin)
+        noise = (random.random_sample((count, high - low)) - 0.5) * scale
+        jerks.append(_mean_jerks(joint, noise, kernel, (before, after), low))
+        peaks = [
+            np.abs(_filtered_at(noise, response, int(top + first) - low) + low_passed[top])
+            for top in tops
+        ]
+        accelerations.append(np.max(peaks, axis=0) if peaks else np.full(count, np.nan))
+    with np.errstate(divide="ignore"):
+        smoothness = SMOOTHNESS_SCALE / np.concatenate(jerks)
+    return {
+        Name.SMOOTHNESS_OF_DOOR_ACTUATION: smoothness,
+        Name.UNSAFETY_OF_DOOR_OPERATION: np.concatenate(accelerations),
+    }
+
+
+def _angle_noise(grounds: Grounds) -> Array:
+    """The width of a uniform distribution for each row of the motion, rad, shape (n,)."""
+    thresholds = grounds.thresholds
+    steps = np.abs(np.diff(grounds.door_angle))
+    steps = steps[steps > _SAME_STEP]
+    count = float(steps.min()) if steps.size else thresholds.encoder_count
+    intervals = np.diff(grounds.door_time)
+    regular = intervals[intervals <= thresholds.largest_gap]
+    jitter = float(regular.std()) / math.sqrt(2) if regular.size > 1 else 0.0
+    speed = np.nan_to_num(grounds.joint.velocity)
+    # of the same variance as both together
+    width: Array = np.sqrt(min(count, thresholds.encoder_count) ** 2 + 12 * (speed * jitter) ** 2)
+    return width
+
+
+def _mean_jerks(
+    joint: JointState,
+    noise: Array,
+    kernel: Array,
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]],
+    low: int,
+) -> Array:
+    """The mean absolute jerk of each draw, rad/s^3, shape (draws,)."""
+    before, after = rows
+    if not after.size:
+        return np.full(noise.shape[0], np.nan)
+    from scipy import ndimage
+
+    margin = kernel.size
+    open_part = slice(max(0, int(before[0]) - low - margin), int(after[-1]) - low + margin)
+    off = ndimage.convolve1d(noise[:, open_part], kernel, axis=1, mode="nearest")
+    shift = low + open_part.start
+    change = off[:, after - shift] - off[:, before - shift]
+    change += joint.acceleration[after] - joint.acceleration[before]
+    change /= joint.time[after] - joint.time[before]
+    jerks: Array = np.abs(change).mean(axis=1)
+    return jerks
+
+
+def _tops(values: Array) -> NDArray[np.intp]:
+    """Where the largest values stand."""
+    size = np.nan_to_num(np.abs(values))
+    known = np.flatnonzero(size > 0)
+    if known.size > _MOST_TOPS:
+        known = known[np.argpartition(size[known], -_MOST_TOPS)[-_MOST_TOPS:]]
+    return known
+
+
+def _filtered_at(noise: Array, response: Array, column: int) -> Array:
+    """Filtered noise at one column, of each draw, shape (draws,)."""
+    half = response.size // 2
+    low, high = max(0, column - half), min(noise.shape[1], column + half + 1)
+    # symmetric or not: a sample before the column meets the response after its middle
+    weights = response[::-1][low - column + half : high - column + half]
+    return noise[:, low:high] @ weights
+
+
+# ---------------------------------------------------------------------------------- force
+
+
+def _roughness(grounds: Grounds, random: np.random.RandomState) -> Array:
+    """The force's noise, and samples that lie elsewhere about the peak."""
+    force = grounds.rows.force - grounds.rows.rest
+    if not force.size:
+        return np.full(DRAWS, np.nan)
+    size = np.abs(force)
+    tops = _tops(np.where(size >= _NEAR_TOP * size.max(), size, 0.0))
+    here = force[tops]
+    left, right = force[(tops - 1).clip(0)], force[(tops + 1).clip(None, force.size - 1)]
+    shift = random.random_sample((DRAWS, 1)) - 0.5
+    curved = here + shift * (right - left) / 2 + shift**2 * (right - 2 * here + left) / 2
+    noise = grounds.force_noise * random.standard_normal((DRAWS, tops.size))
+    drawn: Array = np.abs(curved + noise).max(axis=1, initial=0.0)
+    return drawn

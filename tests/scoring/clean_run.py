@@ -1,0 +1,219 @@
+"""A run whose motion is known exactly, sampled with a phase and noise of its own, and its faults.
+
+Minimum jerk from closed to 1.05 rad in 3 s, and back; a half sine of force; a robot that crosses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from msgspec.structs import replace as changed
+from numpy.typing import NDArray
+
+from scoring.evaluate import Assessment
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    Condition,
+    LockDetection,
+    Outcome,
+    Side,
+    Strip,
+    Thresholds,
+)
+from scoring.result import Ending, Result
+from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from tests.scoring.runs import CONDITION, START
+
+RATE = 50.0
+COUNT = math.tau / 3600
+TIMEOUT = 14.5
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What really happens, in s since the start, rad and N.
+
+    Attributes:
+        touch: the hand presses from then on.
+        pull: how hard, N, for `pull_time`.
+        opens: the panel begins to open.
+        swing: how far, within `swing_time` each way.
+        closes: it begins to close.
+        arrives, through: on the starting side; on the destination side, until `left`.
+    """
+
+    touch: float = 2.0
+    pull: float = 40.0
+    pull_time: float = 0.4
+    opens: float = 2.5
+    swing: float = 1.05
+    swing_time: float = 3.0
+    closes: float = 8.5
+    arrives: float = 5.6
+    through: float = 5.9
+    left: float = 6.315
+
+    def angle(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the panel, rad."""
+
+        def risen(since: float) -> NDArray[np.float64]:
+            part = ((time - since) / self.swing_time).clip(0, 1)
+            return 10 * part**3 - 15 * part**4 + 6 * part**5
+
+        return self.swing * (risen(self.opens) - risen(self.closes))
+
+    def force(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """On the handle, N."""
+        part = ((time - self.touch) / self.pull_time).clip(0, 1)
+        return self.pull * np.sin(np.pi * part)
+
+
+NOMINAL = Motion()
+
+
+def clean(
+    motion: Motion = NOMINAL, seed: int = 0, *, rate: float = RATE, noise: float = 0.05
+) -> list[Sample]:
+    """All samples of a run, each topic with a phase of its own, in the order in which they come."""
+    random = np.random.RandomState(seed)
+    samples: list[Sample] = []
+
+    def times() -> NDArray[np.float64]:
+        return np.arange(-1.5 + random.random_sample() / rate, TIMEOUT + 1.2, 1 / rate)
+
+    time = times()
+    angles = COUNT * np.round(motion.angle(time) / COUNT)
+    samples += [
+        DoorSample(START + t, START + t, float(a)) for t, a in zip(time, angles, strict=True)
+    ]
+    time = times()
+    forces = motion.force(time) + noise * random.standard_normal(time.size)
+    samples += [
+        HandleSample(START + t, START + t, float(f)) for t, f in zip(time, forces, strict=True)
+    ]
+    for strip in Strip:
+        used = {s.element for s in PASSAGE_SENSORS if s.strip is strip}
+        here = (
+            (motion.arrives, motion.through + 0.2)
+            if strip.side is CONDITION.starting_side
+            else (motion.through, motion.left)
+        )
+        for t in times():
+            there = here[0] <= t < here[1]
+            ranges = tuple(0.8 if there and e in used else 2.0 for e in range(4))
+            samples.append(PassageSample(START + t, START + t, strip, ranges, 0.0, 2.5))
+    return sorted(samples, key=lambda sample: sample.time)
+
+
+def scored(
+    samples: Sequence[Sample],
+    ruleset: Ruleset = PROTOCOL,
+    thresholds: Thresholds | None = None,
+    condition: Condition = CONDITION,
+) -> Result:
+    """The result of a run that stops by itself, or at its timeout."""
+    run = Assessment(
+        condition,
+        START,
+        ruleset=ruleset,
+        thresholds=thresholds,
+        lock_detection=LockDetection.SETTLE,
+    )
+    for sample in samples:
+        run.feed(sample)
+    done = run.procedure().completed
+    ending = Ending(Outcome.COMPLETED, "all six steps done", done)
+    if done is None or done > START + TIMEOUT:
+        ending = Ending(Outcome.TIMEOUT, "time over", START + TIMEOUT)
+    return run.result(ending)[0]
+
+
+Fault = Callable[[list[Sample]], list[Sample]]
+
+
+def door_fault(change: Callable[[float, float], float | None]) -> Fault:
+    """Another door angle, by time since the start and angle; None = the sample is lost."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if isinstance(sample, DoorSample):
+                angle = change(sample.time - START, sample.angle)
+                if angle is not None:
+                    spoilt.append(changed(sample, angle=angle))
+                continue
+            spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def force_fault(change: Callable[[float, float], float | None]) -> Fault:
+    """Another force, likewise."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if isinstance(sample, HandleSample):
+                force = change(sample.time - START, sample.force)
+                if force is not None:
+                    spoilt.append(changed(sample, force=force))
+                continue
+            spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def passage_fault(
+    side: Side, since: float, until: float, *, there: bool, element: int = 3
+) -> Fault:
+    """One sensor of a side sees something, or nothing, in [since, until) s after the start."""
+    strip = Strip.CW_RIGHT if side is Side.CW else Strip.CCW_LEFT
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if (
+                isinstance(sample, PassageSample)
+                and sample.strip is strip
+                and since <= sample.time - START < until
+            ):
+                ranges = list(sample.ranges)
+                ranges[element] = 0.8 if there else 2.0
+                spoilt.append(changed(sample, ranges=tuple(ranges)))
+            else:
+                spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def lost(since: float, until: float, kind: type[Sample] = DoorSample) -> Fault:
+    """Samples of a kind that never came, in [since, until) s after the start."""
+    return lambda samples: [
+        s for s in samples if not (isinstance(s, kind) and since <= s.time - START < until)
+    ]
+
+
+def late(kind: type[Sample], seconds: float) -> Fault:
+    """Stamps of a kind that lie so long before they are received."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        return [changed(s, time=s.time - seconds) if isinstance(s, kind) else s for s in samples]
+
+    return spoil
+
+
+def one_sample(index: int) -> tuple[float, float]:
+    """An interval that holds one sample of each topic, s since the start."""
+    return index / RATE, (index + 1) / RATE
+
+
+def mirrored(motion: Motion, **changes: float) -> Motion:
+    """Another motion."""
+    return replace(motion, **changes)

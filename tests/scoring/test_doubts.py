@@ -1,0 +1,223 @@
+"""What one bad sample does to a result, under each ruleset, and what is said of it (section 11)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scoring.indicator_table import IndicatorName as Name
+from scoring.protocol import EventName, Side, Thresholds
+from scoring.result import Result
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, ruleset
+from scoring.samples import DoorSample, HandleSample, Sample
+from tests.scoring.clean_run import (
+    RATE,
+    Fault,
+    Motion,
+    clean,
+    door_fault,
+    force_fault,
+    late,
+    lost,
+    one_sample,
+    passage_fault,
+    scored,
+)
+
+LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
+OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
+UNSAFETY, SMOOTHNESS = Name.UNSAFETY_OF_DOOR_OPERATION, Name.SMOOTHNESS_OF_DOOR_ACTUATION
+ROUGHNESS = Name.ROUGHNESS_OF_DOOR_ACTUATION
+
+
+def spike(at: float, value: float) -> Fault:
+    since, until = one_sample(round(at * RATE))
+    return door_fault(lambda t, angle: value if since <= t < until else angle)
+
+
+def force_spike(at: float, value: float) -> Fault:
+    since, until = one_sample(round(at * RATE))
+    return force_fault(lambda t, force: value if since <= t < until else force)
+
+
+def some_lost(part: float) -> Fault:
+    random = np.random.RandomState(3)
+    return door_fault(lambda _, angle: None if random.random_sample() < part else angle)
+
+
+def jittered(deviation: float) -> Fault:
+    random = np.random.RandomState(4)
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if isinstance(sample, DoorSample):
+                time = sample.time + float(deviation * random.standard_normal())
+                spoilt.append(DoorSample(time, sample.log_time, sample.angle))
+            else:
+                spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def quivering(t: float, angle: float) -> float:
+    """Closed, but one count about 0.03 rad for 1 s."""
+    return (0.0305 if int(t * RATE) % 2 else 0.0288) if 12.0 < t < 13.0 else angle
+
+
+CASES: dict[str, tuple[Fault, set[Name]]] = {
+    "one sample on the starting side after the crossing": (
+        passage_fault(Side.CCW, *one_sample(375), there=True),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "one sample on the destination side before": (
+        passage_fault(Side.CW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one sample on the starting side at 1 s": (
+        passage_fault(Side.CCW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one force sample of 5 N": (force_spike(0.5, 5.0), {TOUCH, PASSAGE, LEVEL}),
+    "one angle spike of 0.5 rad": (spike(7.0, 0.5), {SMOOTHNESS, UNSAFETY}),
+    "one angle spike after the closing": (
+        spike(11.7, 0.5),
+        {SMOOTHNESS, UNSAFETY, EXECUTION, PASSAGE, LEVEL},
+    ),
+    "5 % of door samples lost": (some_lost(0.05), {SMOOTHNESS, UNSAFETY}),
+    "1 % of door samples lost": (some_lost(0.01), {SMOOTHNESS, UNSAFETY}),
+    "stamps jitter by 2 ms": (jittered(0.002), {SMOOTHNESS, UNSAFETY}),
+    "force clipped at 20 N": (force_fault(lambda _, f: min(f, 20.0)), {ROUGHNESS}),
+    "force stuck after the touch": (
+        force_fault(lambda t, f: f if t < 2.1 else 11.0),
+        {ROUGHNESS, TOUCH},
+    ),
+    "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
+    "zero drifts by 1.5 N": (
+        force_fault(lambda t, f: f + (1.5 if t > 3 else 0.0)),
+        {ROUGHNESS, TOUCH},
+    ),
+    "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),
+    "door lost over its closing": (lost(11.0, 11.3), {EXECUTION, PASSAGE, LEVEL}),
+    "handle's stamps 50 ms behind": (late(HandleSample, 0.05), {PASSAGE}),
+}
+
+
+def doubted(result: Result) -> set[Name]:
+    return {name for name, indicator in result.indicators.items() if indicator.doubts}
+
+
+def test_a_clean_run_has_no_doubts() -> None:
+    for seed in range(20):
+        for rules in (PROTOCOL, EUROBENCH_2020, ROBUST_2026):
+            result = scored(clean(seed=seed), rules)
+            assert not doubted(result), result.indicators
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_a_fault_spoils_is_doubted(case: str) -> None:
+    fault, expected = CASES[case]
+    result = scored(fault(clean()))
+    assert expected <= doubted(result)
+    for indicator in result.indicators.values():
+        assert all(words and words.isprintable() for words in indicator.doubts)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "one sample on the starting side after the crossing",
+        "one sample on the destination side before",
+        "one sample on the starting side at 1 s",
+        "one force sample of 5 N",
+    ],
+)
+def test_one_bad_sample_turns_no_decision_of_the_robust_rules(case: str) -> None:
+    samples = clean()
+    plain, spoilt = scored(samples, ROBUST_2026), scored(CASES[case][0](samples), ROBUST_2026)
+    for name in (LEVEL, EXECUTION, TOUCH, OCCUPATION, PASSAGE):
+        assert spoilt.indicators[name].value == pytest.approx(
+            plain.indicators[name].value, abs=0.05
+        )
+    assert spoilt.indicators[LEVEL].value == 6
+
+
+def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
+    spoilt = CASES["door quivers about 0.03 rad"][0](clean())
+    openings = [
+        sum(event.event is EventName.DOOR_OPENS for event in scored(spoilt, rules).events)
+        for rules in (PROTOCOL, ROBUST_2026)
+    ]
+    assert openings[0] > 20
+    assert openings[1] == 2
+
+
+def test_doubts_change_no_value() -> None:
+    limits = Thresholds().doubt
+    never = type(limits)(
+        least_readings=0, least_hold=0, gap_intervals=1e9, missing=2, jitter=1e9,
+        spike_velocity=1e9, clipped=10**6, stuck_time=1e9, drift=1e9, chatter=10**6,
+        delay_intervals=1e9, rate=1e9,
+    )  # fmt: skip
+    for fault, _ in CASES.values():
+        samples = fault(clean())
+        with_doubts, without = scored(samples), scored(samples, thresholds=Thresholds(doubt=never))
+        assert not doubted(without)
+        for name in Name:
+            assert with_doubts.indicators[name].value == without.indicators[name].value
+
+
+@pytest.mark.parametrize("value", [1e6, -197.0, math.inf, math.nan])
+def test_an_impossible_force_is_no_reading_but_for_eurobench(value: float) -> None:
+    samples = clean()
+    spoilt = force_spike(1.0, value)(samples)
+    for rules in (PROTOCOL, ROBUST_2026):
+        plain, result = scored(samples, rules), scored(spoilt, rules)
+        for name in (ROUGHNESS, TOUCH):
+            assert result.indicators[name].value == plain.indicators[name].value
+        handle = result.quality.signals[1]
+        assert (handle.no_reading, handle.impossible) == (1, int(math.isfinite(value)))
+    if math.isfinite(value):
+        assert scored(spoilt, EUROBENCH_2020).indicators[ROUGHNESS].value == abs(value)
+
+
+def test_an_impossible_angle_opens_no_door() -> None:
+    result = scored(spike(1.0, 1e5)(clean()))
+    assert result.indicators[LEVEL].value == 6
+    assert float(result.indicators[UNSAFETY].value or 0) < 1
+    assert "1 of them impossible" in " ".join(result.quality.remarks)
+
+
+def test_the_limits_are_settings() -> None:
+    spoilt = force_spike(1.0, 300.0)(clean())
+    result = scored(spoilt, thresholds=Thresholds(largest_force=500.0))
+    assert result.indicators[ROUGHNESS].value == 300.0
+
+
+def test_every_ruleset_has_its_name() -> None:
+    for rules in (PROTOCOL, EUROBENCH_2020, ROBUST_2026):
+        assert ruleset(rules.name) is rules
+
+
+def test_standing_still_buys_no_smoothness_under_the_robust_rules() -> None:
+    short, held = clean(), clean(Motion(closes=9.5))
+    values = [
+        float(scored(s, ROBUST_2026).indicators[SMOOTHNESS].value or 0) for s in (short, held)
+    ]
+    assert values[1] == pytest.approx(values[0], rel=0.05)
+    bought = [float(scored(s).indicators[SMOOTHNESS].value or 0) for s in (short, held)]
+    assert bought[1] > 1.05 * bought[0]
+
+
+def test_roughness_is_measured_from_the_rest_force_under_the_robust_rules() -> None:
+    samples = force_fault(lambda _, f: f + 5.9)(clean())
+    result = scored(samples, ROBUST_2026)
+    assert result.rest is not None
+    assert result.rest.drift == pytest.approx(5.9, abs=0.05)
+    raw = float(scored(samples).indicators[ROUGHNESS].value or 0)
+    about_rest = float(result.indicators[ROUGHNESS].value or 0)
+    assert raw == pytest.approx(45.9, abs=0.3)
+    assert 39 < about_rest < raw
