@@ -28,6 +28,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
+from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
@@ -250,6 +251,7 @@ class Assessment(LiveAssessment):
             steps=procedure.steps,
             events=tuple(EventRecord.of(event, self.start) for event in events),
             quality=self.quality(remarks),
+            rest=self._rest(),
         )
         return result, rows
 
@@ -257,6 +259,12 @@ class Assessment(LiveAssessment):
         if ending.stop is not None:
             return ending.stop
         return -math.inf if self._newest is None else self._newest
+
+    def _rest(self) -> RestForce:
+        times, forces, known = self._force_time, self._force, self._thresholds
+        return rest_force(
+            times, forces, self.start, zero=self._zero, end=self._newest, thresholds=known
+        )
 
     def _rows(self) -> Rows:
         joint = joint_state(

@@ -13,6 +13,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome
 from scoring.quality import Quality
+from scoring.rest import RestForce
 from scoring.rulesets import RulesetName
 
 
@@ -123,6 +124,8 @@ class Result:
         steps: the six, in order, with what sensors and referee say.
         events: by time.
         quality: of the data.
+        rest: the handle's force at rest before the run and after it; null in results of earlier
+            versions.
     """
 
     handle_zero: float
@@ -136,6 +139,7 @@ class Result:
     steps: tuple[StepRecord, ...]
     events: tuple[EventRecord, ...]
     quality: Quality
+    rest: RestForce | None = None
 
     @property
     def ended(self) -> str:
