@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from madrob_console.referee.run import CheckName, Phase, Run, Waiver
+from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 
 class CheckState(StrEnum):
@@ -48,6 +49,9 @@ class Readings:
         closed_angle: abs(angle) below this is closed, rad.
         force: handle force minus handle zero, N.
         rest_force: abs(force) above this is not at rest, N.
+        zero: the samples behind the handle zero; None = it was never set.
+        drift: how far from this zero the handle was at rest after the last run, where that is too
+            far, N; None = it is not.
         occupied: names of the used passage sensors that see something; None = no data.
         skew: largest abs(stamp - log time) of the last second, s.
         largest_skew: the limit for it, s.
@@ -62,6 +66,8 @@ class Readings:
     closed_angle: float
     force: float | None
     rest_force: float
+    zero: HandleRest | None
+    drift: float | None
     occupied: tuple[str, ...] | None
     skew: float | None
     largest_skew: float
@@ -79,6 +85,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _topics(readings),
         _door(readings),
         _handle(readings),
+        _zero(readings),
         _doorway(readings),
         _clock(readings),
         _disk(readings),
@@ -135,6 +142,22 @@ def _handle(r: Readings) -> Check:
     at_rest = abs(r.force) <= r.rest_force
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
     return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: zero the handle")
+
+
+def _zero(r: Readings) -> Check:
+    """Whether the handle zero can be believed (protocol section 11)."""
+    again, zero = "zero it again, F7", r.zero
+    if r.drift is not None:
+        text = f"at rest after the last run the force was {r.drift:+.2f} N off: {again}"
+        return Check(CheckName.HANDLE_ZERO, CheckState.FAILED, text)
+    if zero is None:
+        return Check(CheckName.HANDLE_ZERO, CheckState.OK, "never set: 0 N")
+    if zero.number < FEWEST_SAMPLES:
+        text = f"{zero.number} samples, {FEWEST_SAMPLES} needed: {again}"
+        return Check(CheckName.HANDLE_ZERO, CheckState.FAILED, text)
+    text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
+    steady = zero.span <= r.rest_force
+    return _verdict(CheckName.HANDLE_ZERO, steady, text if steady else f"{text}: {again}")
 
 
 def _doorway(r: Readings) -> Check:
