@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any
 
@@ -190,6 +190,27 @@ def _quotients(joint: JointState, before: NDArray[np.intp], after: NDArray[np.in
         changes = joint.acceleration[after] - joint.acceleration[before]
         quotients: Array = changes / (joint.time[after] - joint.time[before])
     return quotients
+
+
+def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> JointState:
+    """The motion of a panel without the steps of its encoder: of its moving average.
+
+    Args:
+        joint: of the whole recording.
+        ruleset: how long the average is.
+        thresholds: what a gap is.
+    """
+    filters = _filters(joint.time, ruleset, _gap(ruleset, thresholds))
+    if isinstance(filters, str):
+        return joint
+    position = joint.position.copy()
+    half = filters.average // 2
+    every = np.ones(joint.time.size, dtype=np.bool_)
+    for stretch in _stretches(joint.time, every, _gap(ruleset, thresholds)):
+        if stretch.stop - stretch.start > 2 * half:
+            inner = slice(stretch.start + half, stretch.stop - half)
+            position[inner] = filters.moving_average(joint.position[stretch])
+    return joint_state(joint.time, position, replace(ruleset, onto_grid=False), thresholds)
 
 
 def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array | None:

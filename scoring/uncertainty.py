@@ -15,11 +15,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.deciding import DecidingEdge
 from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import SMOOTHNESS_SCALE
-from scoring.kinematics import Array, JointState, jerk_rows, low_pass_response, noise_kernel
-from scoring.protocol import Event, EventName
+from scoring.kinematics import (
+    Array,
+    JointState,
+    jerk_rows,
+    low_pass,
+    low_pass_response,
+    noise_kernel,
+    smoothed,
+)
+from scoring.protocol import Event, EventName, Signal
 from scoring.result import Indicator, Uncertainty
 
 DRAWS = 100
@@ -36,6 +45,12 @@ _MOST_TOPS = 64
 
 _SAME_STEP = 1e-9
 """Smaller steps of the door angle are none, rad."""
+
+_LONGEST_COUNT = 0.5
+"""A panel that takes longer for one count stands still, s."""
+
+_LEAST_JITTER = 1e-5
+"""Less jitter of the stamps moves nothing, s: they are known to 238 ns."""
 
 
 def uncertainties(
@@ -82,20 +97,41 @@ def _times(
     times: Callable[[Sequence[Event]], Mapping[Name, Indicator]],
     random: np.random.RandomState,
 ) -> dict[Name, Array]:
-    """Each edge happened somewhere between its sample and the one before."""
+    """Each edge happened somewhere between its sample and the one before.
+
+    One of the door did so at an angle that is off by up to half an encoder count, too.
+    """
     timed = [edge for edge in grounds.edges if edge.since is not None]
+    widths = np.array([edge.time - (edge.since or edge.time) for edge in timed])
+    counted = np.array([_time_of_a_count(grounds, edge) for edge in timed])
     events = list(_looked_at(grounds.events))
     draws: dict[Name, list[float]] = {}
-    for part in random.random_sample((DRAWS, len(timed))):
-        shifts = {
-            edge.time: float(share) * (edge.time - (edge.since or edge.time))
-            for edge, share in zip(timed, part, strict=True)
-        }
-        moved = [replace(e, time=e.time - shifts.get(e.time, 0.0)) for e in events]
+    shares = random.random_sample((2, DRAWS, len(timed)))
+    for shifts in shares[0] * widths + (shares[1] - 0.5) * counted:
+        of_time = {edge.time: float(by) for edge, by in zip(timed, shifts, strict=True)}
+        moved = [replace(e, time=e.time - of_time.get(e.time, 0.0)) for e in events]
         for name, indicator in times(moved).items():
             if indicator.value is not None:
                 draws.setdefault(name, []).append(float(indicator.value))
     return {name: np.array(values) for name, values in draws.items()}
+
+
+def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
+    """How long the panel takes for one encoder count at an edge of the door, s."""
+    if edge.signal is not Signal.DOOR:
+        return 0.0
+    row = int(np.searchsorted(grounds.joint.time, edge.time).clip(0, grounds.joint.time.size - 1))
+    speed = abs(float(grounds.joint.velocity[row]))
+    count = _encoder_count(grounds)
+    return min(count / speed, _LONGEST_COUNT) if speed > 0 else 0.0
+
+
+def _encoder_count(grounds: Grounds) -> float:
+    """The smallest step of the door angle, rad; at most what the settings say."""
+    steps = np.abs(np.diff(grounds.door_angle))
+    return min(
+        float(steps[steps > _SAME_STEP].min(initial=np.inf)), grounds.thresholds.encoder_count
+    )
 
 
 def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
@@ -110,33 +146,32 @@ def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
 
 
 def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array]:
-    """The door angle lies within its encoder count, at a time within its stamp's jitter."""
+    """The same motion, sampled at other instants by an encoder that stands elsewhere."""
     joint, ruleset, thresholds = grounds.joint, grounds.ruleset, grounds.thresholds
     kernel = noise_kernel(joint, ruleset, thresholds)
     window = grounds.rows.joint_state.time
     if kernel is None or not window.size:
         return {}
-    first, last = np.searchsorted(joint.time, (window[0], window[-1]))
+    smooth = smoothed(joint, ruleset, thresholds)
+    low_passed = low_pass(smooth, ruleset, thresholds)
+    first, last = (int(row) for row in np.searchsorted(joint.time, (window[0], window[-1])))
     before, after = jerk_rows(joint, ruleset, thresholds)
-    inside = (after >= first) & (after <= last)
-    before, after = before[inside], after[inside]
-    low_passed = grounds.rows.low_passed
-    tops = _tops(low_passed)
+    inside = (after >= first) & (after <= last) & np.isfinite(smooth.acceleration[before])
+    inside &= np.isfinite(smooth.acceleration[after])
+    rows = before[inside], after[inside]
+    tops = _tops(low_passed[first : last + 1]) + first
     response = low_pass_response(joint, ruleset, thresholds, kernel)
     reach = max(kernel.size, response.size) // 2 + 1
-    low, high = max(0, int(first) - reach), min(joint.time.size, int(last) + reach + 1)
-    scale = _angle_noise(grounds)[low:high]
+    part = slice(max(0, first - reach), min(joint.time.size, last + reach + 1))
+    errors = _angle_errors(grounds, smooth, part, random)
     jerks, accelerations = [], []
-    size = max(1, _BLOCK // max(1, high - low))
-    for begin in range(0, DRAWS, size):
-        count = min(size, DRAWS - begin)
-        noise = (random.random_sample((count, high - low)) - 0.5) * scale
-        jerks.append(_mean_jerks(joint, noise, kernel, (before, after), low))
+    for error in errors:
+        jerks.append(_mean_jerks(smooth, error, kernel, rows, part.start))
         peaks = [
-            np.abs(_filtered_at(noise, response, int(top + first) - low) + low_passed[top])
+            np.abs(_filtered_at(error, response, int(top) - part.start) + low_passed[top])
             for top in tops
         ]
-        accelerations.append(np.max(peaks, axis=0) if peaks else np.full(count, np.nan))
+        accelerations.append(np.max(peaks, axis=0) if peaks else np.full(len(error), np.nan))
     with np.errstate(divide="ignore"):
         smoothness = SMOOTHNESS_SCALE / np.concatenate(jerks)
     return {
@@ -145,24 +180,38 @@ def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array
     }
 
 
-def _angle_noise(grounds: Grounds) -> Array:
-    """The width of a uniform distribution for each row of the motion, rad, shape (n,)."""
-    thresholds = grounds.thresholds
-    steps = np.abs(np.diff(grounds.door_angle))
-    steps = steps[steps > _SAME_STEP]
-    count = float(steps.min()) if steps.size else thresholds.encoder_count
+def _angle_errors(
+    grounds: Grounds, smooth: JointState, part: slice, random: np.random.RandomState
+) -> Iterator[Array]:
+    """What the encoder makes of a smooth motion, less the motion, rad: blocks of (draws, rows).
+
+    Its steps are not noise: a slow panel stays on one for several samples. So each draw has the
+    motion sampled a part of an interval later, by an encoder that stands a part of a count
+    further on. What the stamps' jitter makes of it is noise, of uniform distribution.
+    """
+    count = _encoder_count(grounds)
     intervals = np.diff(grounds.door_time)
-    regular = intervals[intervals <= thresholds.largest_gap]
-    jitter = float(regular.std()) / math.sqrt(2) if regular.size > 1 else 0.0
-    speed = np.nan_to_num(grounds.joint.velocity)
-    # of the same variance as both together
-    width: Array = np.sqrt(min(count, thresholds.encoder_count) ** 2 + 12 * (speed * jitter) ** 2)
-    return width
+    regular = intervals[intervals <= grounds.thresholds.largest_gap]
+    interval = float(regular.mean()) if regular.size else 0.0
+    jitter = float(regular.std()) / math.sqrt(2) if regular.size else 0.0
+    angle, speed = smooth.position[part], np.nan_to_num(grounds.joint.velocity[part])
+    size = max(1, _BLOCK // max(1, angle.size))
+    for begin in range(0, DRAWS, size):
+        draws = min(size, DRAWS - begin)
+        moved = angle + interval * (random.random_sample((draws, 1)) - 0.5) * speed
+        moved += count * random.random_sample((draws, 1))
+        errors: Array = np.rint(moved / count)
+        errors *= count
+        errors -= moved
+        if jitter > _LEAST_JITTER:
+            noise = random.random_sample(errors.shape) - 0.5
+            errors += math.sqrt(12) * jitter * speed * noise
+        yield errors
 
 
 def _mean_jerks(
-    joint: JointState,
-    noise: Array,
+    smooth: JointState,
+    errors: Array,
     kernel: Array,
     rows: tuple[NDArray[np.intp], NDArray[np.intp]],
     low: int,
@@ -170,16 +219,16 @@ def _mean_jerks(
     """The mean absolute jerk of each draw, rad/s^3, shape (draws,)."""
     before, after = rows
     if not after.size:
-        return np.full(noise.shape[0], np.nan)
+        return np.full(errors.shape[0], np.nan)
     from scipy import ndimage
 
     margin = kernel.size
-    open_part = slice(max(0, int(before[0]) - low - margin), int(after[-1]) - low + margin)
-    off = ndimage.convolve1d(noise[:, open_part], kernel, axis=1, mode="nearest")
-    shift = low + open_part.start
+    part = slice(max(0, int(before[0]) - low - margin), int(after[-1]) - low + margin)
+    off = ndimage.convolve1d(errors[:, part], kernel, axis=1, mode="nearest")
+    shift = low + part.start
     change = off[:, after - shift] - off[:, before - shift]
-    change += joint.acceleration[after] - joint.acceleration[before]
-    change /= joint.time[after] - joint.time[before]
+    change += smooth.acceleration[after] - smooth.acceleration[before]
+    change /= smooth.time[after] - smooth.time[before]
     jerks: Array = np.abs(change).mean(axis=1)
     return jerks
 

@@ -86,7 +86,8 @@ def clean(
         return np.arange(-1.5 + random.random_sample() / rate, TIMEOUT + 1.2, 1 / rate)
 
     time = times()
-    angles = COUNT * np.round(motion.angle(time) / COUNT)
+    begins = random.random_sample()  # where the encoder's first count begins
+    angles = COUNT * (np.round(motion.angle(time) / COUNT + begins) - begins)
     samples += [
         DoorSample(START + t, START + t, float(a)) for t, a in zip(time, angles, strict=True)
     ]
