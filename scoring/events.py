@@ -316,10 +316,9 @@ class EventDetector:
         passage_end = math.inf if self._ruleset.passage_events_to_end else end
         passage = self._passage_events(stop)
         kept = [e for e in events if e.time <= end] + [e for e in passage if e.time <= passage_end]
-        kept.sort(key=lambda e: e.time)
         if stop is not None:
-            kept.append(Event(stop, EventName.BENCHMARK_STOP))
-        return tuple(kept)
+            kept.append(Event(stop, EventName.BENCHMARK_STOP))  # after what happens at its instant
+        return tuple(sorted(kept, key=lambda e: e.time))
 
     def _passage_events(self, stop: float | None) -> list[Event]:
         rises = [
