@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from scoring.protocol import (
@@ -183,6 +183,10 @@ class EventDetector:
     def occupied(self) -> dict[PassageSensor, bool | None]:
         """For each used sensor, whether something is under it; None = not known yet."""
         return {sensor: level.state for sensor, level in self._sensors.items()}
+
+    def under(self, strip: Strip) -> Iterator[tuple[PassageSensor, bool | None]]:
+        """The used sensors of a strip, each with what `occupied` says of it."""
+        return ((sensor, level.state) for sensor, level in self._of_strip[strip])
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample. Values that are no reading change nothing."""
