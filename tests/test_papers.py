@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -22,6 +23,7 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.tidy.sample_tables import SAMPLE_TABLES
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, Outcome, Step, Thresholds
+from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import recorded
@@ -285,21 +287,40 @@ def test_the_readme_s_program_computes_the_indicators_from_the_tables_alone(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     drive = Drive(tmp_path / "results", scenario)
+    result = run_as_in_the_readme(drive, condition, timeout)
+    assert result.outcome == outcome
+    assert result.indicators[IndicatorName.CAPABILITY_LEVEL].value == level
+
+
+@pytest.mark.slow
+def test_the_readme_s_program_computes_the_indicators_of_any_run(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = Random(11)
+    for seed in range(request.config.getoption("--runs")):
+        folder = tmp_path_factory.mktemp(f"seed_{seed}")
+        monkeypatch.chdir(folder)
+        drive = Drive(folder / "results", Scenario.RANDOM, seed)
+        run_as_in_the_readme(drive, random.randint(1, 20), random.uniform(5.0, 30.0))
+
+
+def run_as_in_the_readme(drive: Drive, condition: int, timeout: float) -> Result:
+    """Make a run in the working folder and hold the README's program to what it scores."""
     drive.whole_run(make_setup(Condition.from_number(condition), timeout=timeout))
     drive.engine.close()
-    monkeypatch.chdir(tmp_path)
     drive.folder.rename("my_run")
     assert main(["table", "samples", "my_run", "--output", "tables"]) == 0
     (example,) = (one for one in readme_examples() if "tables/" in one)
     Path("example.py").write_text(example, encoding="utf-8")
     computed = runpy.run_path("example.py")["indicators"]
     (run,) = score("my_run", RulesetName.PROTOCOL)
-    assert run.result.outcome == outcome
-    assert run.result.indicators[IndicatorName.CAPABILITY_LEVEL].value == level
-    told = {name: one.value for name, one in run.result.indicators.items()}
     finite = {name: one if abs(one) < math.inf else None for name, one in computed.items()}
     assert finite == {
-        name: one if one is None else pytest.approx(one, rel=1e-9, abs=0)
-        for name, one in told.items()
+        name: one.value if one.value is None else pytest.approx(one.value, rel=1e-9, abs=0)
+        for name, one in run.result.indicators.items()
     }
+    return run.result
