@@ -8,7 +8,7 @@ that order.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from scoring.deciding import DecidingEdge, EdgeKind, door_edges, first_rise, passage_edge
@@ -129,6 +129,10 @@ class EventDetector:
     def occupied(self) -> dict[PassageSensor, bool | None]:
         """For each used sensor, whether something is under it; None = not known yet."""
         return {sensor: level.state for sensor, level in self._sensors.items()}
+
+    def under(self, strip: Strip) -> Iterator[tuple[PassageSensor, bool | None]]:
+        """The used sensors of a strip, each with what `occupied` says of it."""
+        return ((sensor, level.state) for sensor, level in self._of_strip[strip])
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample. Values that are no reading change nothing."""
@@ -262,10 +266,9 @@ class EventDetector:
         passage_end = math.inf if self._ruleset.passage_events_to_end else end
         passage = self._passage_events(stop)
         kept = [e for e in events if e.time <= end] + [e for e in passage if e.time <= passage_end]
-        kept.sort(key=lambda e: e.time)
         if stop is not None:
-            kept.append(Event(stop, EventName.BENCHMARK_STOP))
-        return tuple(kept)
+            kept.append(Event(stop, EventName.BENCHMARK_STOP))  # after what happens at its instant
+        return tuple(sorted(kept, key=lambda e: e.time))
 
     def deciding(self, stop: float | None = None) -> tuple[DecidingEdge, ...]:
         """The edges on which the indicators hang (section 11), live or as of the stop."""

@@ -44,6 +44,7 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/test_words.py": Ring.PURE,
     "madrob_console/testbeds": Ring.PURE,
     "madrob_console/testbeds/ros": Ring.MACHINE,
+    "madrob_console/tidy": Ring.PURE,
     "madrob_console/ui": Ring.SCREENS,
     "madrob_console/whole": Ring.MACHINE,
     "recorder": Ring.PURE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 import runpy
 import shlex
@@ -11,15 +12,20 @@ import shutil
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from random import Random
 
 import pytest
 
-from madrob_console.cli.main import build_parser
+from madrob_console.archive import score
+from madrob_console.cli.main import build_parser, main
 from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.tidy.sample_tables import SAMPLE_TABLES
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import EventName, Outcome, Step, Thresholds
+from scoring.protocol import Condition, EventName, Outcome, Step, Thresholds
+from scoring.result import Result
 from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import recorded
 
 ROOT = Path(__file__).parents[1]
@@ -183,6 +189,11 @@ def fenced(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
+def readme_examples() -> list[str]:
+    """The README's programs."""
+    return fenced((ROOT / "README.md").read_text(encoding="utf-8"), "python")
+
+
 def readme_commands() -> list[list[str]]:
     """What the README's sh blocks and its table of commands give `madrob`, word by word."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -211,7 +222,7 @@ def test_the_readme_s_options_are_those_of_the_commands(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    command = r"madrob ((?:calibrate |engine )?[a-z]+)"
+    command = r"madrob ((?:calibrate |engine |table )?[a-z]+)"
     lines = re.findall(rf"^\| `{command}[^`]*` \| (.*) \|$", text, re.MULTILINE)
     lines += re.findall(rf"`(?:\w+=)?{command}([^`]*)`", text)
     seen = 0
@@ -228,7 +239,7 @@ def test_the_readme_s_options_are_those_of_the_commands(
 def test_the_readme_s_example_scores_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (example,) = fenced((ROOT / "README.md").read_text(encoding="utf-8"), "python")
+    (example,) = (one for one in readme_examples() if "import score" in one)
     assert len(example.splitlines()) <= 12
     shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / "my_run")
     (tmp_path / "example.py").write_text(example, encoding="utf-8")
@@ -241,3 +252,75 @@ def test_the_readme_s_example_scores_a_run(
         f"{name} {one['value']} {one['unit']} " for name, one in stored["indicators"].items()
     ]
     assert re.fullmatch(r"\d+ samples of the door, 1\.\d\d rad at most", told[8])
+
+
+def test_the_readme_names_the_columns_of_the_tables_of_samples() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.partition("## Tables to compute with")[2].partition("\n## ")[0]
+    assert [tuple(row) for row in rows(section)] == [
+        (table.name, column.name, column.unit, column.meaning)
+        for table in SAMPLE_TABLES
+        for column in table.columns
+    ]
+    for table in SAMPLE_TABLES:
+        assert f"- `{table.name}`: {table.row}\n" in section
+
+
+@pytest.mark.parametrize(
+    ("scenario", "condition", "timeout", "outcome", "level"),
+    [
+        (Scenario.NOMINAL, 1, 60.0, Outcome.COMPLETED, 6),  # pull
+        (Scenario.NOMINAL, 11, 60.0, Outcome.COMPLETED, 6),  # push
+        (Scenario.BOUNCES, 16, 60.0, Outcome.COMPLETED, 6),
+        (Scenario.CLOSES_UNDER_SENSORS, 7, 60.0, Outcome.COMPLETED, 6),
+        (Scenario.CLOSES_UNDER_SENSORS, 1, 8.2, Outcome.TIMEOUT, 4),  # under the sensors then
+        (Scenario.TURNS_BACK, 1, 20.0, Outcome.TIMEOUT, 3),
+        (Scenario.NO_TOUCH, 17, 20.0, Outcome.TIMEOUT, 0),
+    ],
+)
+def test_the_readme_s_program_computes_the_indicators_from_the_tables_alone(
+    scenario: Scenario,
+    condition: int,
+    timeout: float,
+    outcome: Outcome,
+    level: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    drive = Drive(tmp_path / "results", scenario)
+    result = run_as_in_the_readme(drive, condition, timeout)
+    assert result.outcome == outcome
+    assert result.indicators[IndicatorName.CAPABILITY_LEVEL].value == level
+
+
+@pytest.mark.slow
+def test_the_readme_s_program_computes_the_indicators_of_any_run(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = Random(11)
+    for seed in range(request.config.getoption("--runs")):
+        folder = tmp_path_factory.mktemp(f"seed_{seed}")
+        monkeypatch.chdir(folder)
+        drive = Drive(folder / "results", Scenario.RANDOM, seed)
+        run_as_in_the_readme(drive, random.randint(1, 20), random.uniform(5.0, 30.0))
+
+
+def run_as_in_the_readme(drive: Drive, condition: int, timeout: float) -> Result:
+    """Make a run in the working folder and hold the README's program to what it scores."""
+    drive.whole_run(make_setup(Condition.from_number(condition), timeout=timeout))
+    drive.engine.close()
+    drive.folder.rename("my_run")
+    assert main(["table", "samples", "my_run", "--output", "tables"]) == 0
+    (example,) = (one for one in readme_examples() if "tables/" in one)
+    Path("example.py").write_text(example, encoding="utf-8")
+    computed = runpy.run_path("example.py")["indicators"]
+    (run,) = score("my_run", RulesetName.PROTOCOL)
+    finite = {name: one if abs(one) < math.inf else None for name, one in computed.items()}
+    assert finite == {
+        name: one.value if one.value is None else pytest.approx(one.value, rel=1e-9, abs=0)
+        for name, one in run.result.indicators.items()
+    }
+    return run.result

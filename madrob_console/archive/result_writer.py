@@ -34,6 +34,21 @@ def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
     Raises:
         MadrobError: something that was set for the run cannot be written down.
     """
+    data = eurobench_files(folder.name, scored)
+    document = msgspec.json.encode(ResultDocument.of(scored, folder, data))
+    return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
+
+
+def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
+    """EUROBENCH's files of a run: set-up, pre-processed data and indicators (section 10).
+
+    Args:
+        name: of the run's folder.
+        scored: the run.
+
+    Raises:
+        MadrobError: something that was set for the run cannot be written down.
+    """
     record, result, rows = scored.record, scored.result, scored.rows
     setup, first = record.setup, scored.run.set_up_as
     info = RunInfo(
@@ -45,7 +60,7 @@ def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
         start_pose=setup.start_pose,
         timeout=setup.timeout,
         ruleset=result.ruleset,
-        rosbag_path=f"{folder.name}_0.mcap",
+        rosbag_path=f"{name}_0.mcap",
         settings={
             "referee": setup.referee,
             "countdown": setup.countdown,
@@ -62,7 +77,7 @@ def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
         ),
     )
     try:
-        data = run_files(
+        return run_files(
             info,
             [Event(event.time, event.event) for event in result.events],
             rows.joint_state,
@@ -71,8 +86,6 @@ def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
         )
     except ScoringError as error:
         raise MadrobError(str(error)) from None
-    document = msgspec.json.encode(ResultDocument.of(scored, folder, data))
-    return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
 
 
 def write_result(folder: Path, files: ResultFiles, issue: int) -> None:

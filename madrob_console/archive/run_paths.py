@@ -29,6 +29,12 @@ class RunPath:
         """What it is called, its folder included; the runs of one folder differ in it."""
         return str(self.path / self.prefix)
 
+    @property
+    def own_name(self) -> str:
+        """How files made of it are called: like its folder, or its bag where that is a file."""
+        whole = Path(os.path.abspath(self.path))  # noqa: PTH100  `..` has a name, too
+        return self.prefix or (whole.name if whole.is_dir() else whole.stem)
+
 
 def runs_at(path: Path) -> list[RunPath]:
     """The runs at a path, in order.

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
+from typing import TypeVar
 
 from madrob_console.archive.agreement import disagreements
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
@@ -45,6 +46,9 @@ from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
+from scoring.series import SeriesAssessment, WholeSeries
+
+A = TypeVar("A", bound=Assessment)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,8 +180,22 @@ def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -
         recorded = read_recorded_run(path)
         return [
             Scored.of(recorded.record, recorded.run, assessment)
-            for assessment in _assess(recorded, rules)
+            for assessment in _assess(recorded, rules, Assessment)
         ]
+
+
+def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, WholeSeries]:
+    """Score a bag or a run folder, with all that its sensors said.
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    with _naming(path):
+        recorded = read_recorded_run(path)
+        run = recorded.run
+        (assessment,) = _assess(recorded, (rules,), SeriesAssessment)
+        scored = Scored.of(recorded.record, run, assessment)
+        return scored, assessment.series(run.ending, run.rulings)
 
 
 def score_opened(path: Path) -> Scored:
@@ -286,13 +304,13 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
     """
     with _naming(folder):
         recorded = RecordedRun(read_bag(folder), record, record, (), run, ())
-        (assessment,) = _assess(recorded, (None,))
+        (assessment,) = _assess(recorded, (None,), Assessment)
     if stored:
         keep_stored_remarks(assessment, run, folder)
     return assessment
 
 
-def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[Assessment]:
+def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: type[A]) -> list[A]:
     """Follow a recorded run once more, to the end of its bag, by each of some rulesets.
 
     Raises:
@@ -301,7 +319,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[
     load_filters()
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
-    assessments = [record.assessment(run.start, name) for name in rules]
+    assessments = [record.assessed_by(kind, run.start, name) for name in rules]
     decoder = Decoder(record.mappings, types_of(bag.topics()))
     for message in bag.messages():
         try:
@@ -357,7 +375,7 @@ def open_run(folder: Path) -> OpenedRun:
     with _naming(folder):
         _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
-        (assessment,) = _assess(recorded, (None,))
+        (assessment,) = _assess(recorded, (None,), Assessment)
     keep_stored_remarks(assessment, recorded.run, folder)
     return OpenedRun(folder, recorded, assessment, _out_of_date(folder, recorded.run))
 

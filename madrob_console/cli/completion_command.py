@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
+from typing import TypeAlias
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
+from madrob_console.kinds import SourceKind
+from scoring.rulesets import RulesetName
 
 
 class Shell(StrEnum):
@@ -19,24 +22,39 @@ class Shell(StrEnum):
     FISH = "fish"
 
 
-_TESTBED = {
-    "bash": "_madrob_testbed",
-    "zsh": "_madrob_testbed::bag:_files",
-    "fish": "ros simulated replay",
-    "preamble": {
-        "bash": """\
-_madrob_testbed() {
-  compgen -W "ros simulated replay" -- "$1"
+Completer: TypeAlias = "dict[str, str | dict[str, str]]"
+"""What shtab takes for an option, by shell."""
+
+
+def _first_word(name: str, words: Iterable[str], then: str, *, folders: bool = False) -> Completer:
+    """What comes after an option whose first word is one of some.
+
+    Args:
+        name: of the shells' function for it.
+        words: the first word's.
+        then: what zsh is to complete after it.
+        folders: bash knows of one kind of word only: names folders there, too.
+    """
+    listed = " ".join(words)
+    lines = [f'  compgen -W "{listed}" -- "$1"']
+    if folders:
+        lines.append('  compgen -d -- "$1"')
+    return {
+        "bash": f"_madrob_{name}",
+        "zsh": f"_madrob_{name}:{then}",
+        "fish": listed,
+        "preamble": {
+            "bash": "\n".join([f"_madrob_{name}() {{", *lines, "}\n"]),
+            "zsh": f"_madrob_{name}() {{\n  compadd {listed}\n}}\n",
+        },
+    }
+
+
+_SEVERAL_WORDS: dict[str, tuple[str, Completer]] = {
+    "testbed": ("TESTBED", _first_word("testbed", SourceKind, ":bag:_files")),
+    "write": ("RULESET", _first_word("write", RulesetName, "folder:_files -/", folders=True)),
 }
-""",
-        "zsh": """\
-_madrob_testbed() {
-  compadd ros simulated replay
-}
-""",
-    },
-}
-"""What comes after `--testbed`."""
+"""By its name among the arguments, what is said of an option and what comes after it."""
 
 _REPLAY = {
     Shell.BASH: "complete -o bashdefault -o default -F _shtab_madrob madrob",
@@ -74,9 +92,8 @@ def main(arguments: argparse.Namespace) -> int:
 
     parser = build_parser()
     for action in _actions(parser):
-        if action.dest == "testbed":
-            action.complete = _TESTBED  # type: ignore[attr-defined]
-            action.metavar = "TESTBED"
+        if action.dest in _SEVERAL_WORDS:
+            action.metavar, action.complete = _SEVERAL_WORDS[action.dest]  # type: ignore[attr-defined]
         elif action.type is Path:
             kind = shtab.DIRECTORY if action.metavar == "FOLDER" else shtab.FILE
             action.complete = kind  # type: ignore[attr-defined]

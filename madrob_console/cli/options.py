@@ -226,6 +226,29 @@ def add_idle_time(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
+    """How work on many runs is shared; `done` is what is done with them."""
+    parser.add_argument(
+        "--jobs",
+        type=_job_count,
+        default=None,
+        metavar="N",
+        help=f"runs {done} at once; as many as there are cores if not given",
+    )
+    parser.add_argument(
+        "--backend",
+        default=None,
+        metavar="NAME",
+        help="joblib's backend for the jobs: loky (processes here) if not given",
+    )
+
+
+def _job_count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give 1 or more")
+    return int(text)
+
+
 def add_subject(parser: argparse.ArgumentParser, default: int | None = None) -> None:
     """The team, by its subject number (protocol section 1); `--team` means the same."""
     either = parser.add_mutually_exclusive_group(required=default is None)

@@ -14,6 +14,7 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import one_of
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
@@ -46,6 +47,18 @@ class RunText(NamedTuple):
     differs: bool = False
 
 
+class Destination(NamedTuple):
+    """Where files of a ruleset are to be written.
+
+    Attributes:
+        rules: the ruleset.
+        folder: holds a folder for each run.
+    """
+
+    rules: RulesetName
+    folder: Path
+
+
 def add(commands: options.Commands) -> None:
     """Its command line."""
     parser = options.command(
@@ -60,6 +73,7 @@ def add(commands: options.Commands) -> None:
             "madrob score ~/madrob_runs                  # all runs",
             "madrob score --ruleset both my_run          # both rulesets side by side",
             "madrob score --check ~/madrob_runs          # do the stored results hold?",
+            "madrob score --write eurobench-2020 published ~/madrob_runs",
         ),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
@@ -75,26 +89,35 @@ def add(commands: options.Commands) -> None:
         action="store_true",
         help="compare each run's result.json with what its recording gives, to the last digit",
     )
+    either.add_argument(
+        "--write",
+        action=_Write,
+        nargs=2,
+        metavar=("RULESET", "FOLDER"),
+        default=None,
+        help="write EUROBENCH's files of each run by these rules (csv, condition, run_info, the "
+        "indicators' YAML) into a new folder in FOLDER, called like the run; the run's own folder "
+        "stays as it is",
+    )
     parser.add_argument("--json", action="store_true", help="JSON for programs")
-    parser.add_argument(
-        "--jobs",
-        type=_job_count,
-        default=None,
-        metavar="N",
-        help="runs scored at once; as many as there are cores if not given",
-    )
-    parser.add_argument(
-        "--backend",
-        default=None,
-        metavar="NAME",
-        help="joblib's backend for the jobs: loky (processes here) if not given",
-    )
+    options.add_jobs(parser, "scored")
 
 
-def _job_count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: give 1 or more")
-    return int(text)
+class _Write(argparse.Action):
+    """A ruleset, and the folder for what it makes of the runs."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        name, folder = list(values or ())
+        try:
+            setattr(namespace, self.dest, Destination(one_of(RulesetName)(name), Path(folder)))
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -104,7 +127,13 @@ def main(arguments: argparse.Namespace) -> int:
 
     runs = [run for path in arguments.paths for run in runs_at(path)]
     rules = _rules(arguments.ruleset)
-    describe = partial(describe_run, rules=rules, check=arguments.check, as_json=arguments.json)
+    describe = partial(
+        describe_run,
+        rules=rules,
+        check=arguments.check,
+        write=arguments.write,
+        as_json=arguments.json,
+    )
     scored = in_order(describe, runs, arguments.jobs, arguments.backend)
     with closing(scored) as texts, progress("runs") as tell:
         bad, differing = _print(runs, texts, tell, as_json=arguments.json)
@@ -154,17 +183,23 @@ def describe_run(
     rules: tuple[RulesetName | None, ...] = (None,),
     *,
     check: bool = False,
+    write: Destination | None = None,
     as_json: bool = False,
 ) -> RunText:
-    """Score or check a run. Never raises: one bad run must not stop the others.
+    """Score or check a run, or write its files by some rules.
+
+    Never raises: one bad run must not stop the others.
 
     Args:
         run: which one.
         rules: the rulesets, each once; None = that of the run.
         check: compare with the stored result instead.
+        write: write its files by other rules there instead; None = nothing is written.
         as_json: for programs instead of people.
     """
     try:
+        if write is not None:
+            return _written(run, write, as_json=as_json)
         return _checked(run, as_json=as_json) if check else _scored(run, rules, as_json=as_json)
     except MadrobError as error:
         return RunText("", str(error))
@@ -226,6 +261,24 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
     verdict = f"differs in {len(found)}" if found else "agrees"
     lines = [f"{run.name}: {verdict}", *(f"  {difference.words}" for difference in found)]
     return RunText("\n".join(map(terminal_safe, lines)), differs=bool(found))
+
+
+def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:
+    from madrob_console.archive.result_writer import eurobench_files
+    from madrob_console.archive.scored import score_recording
+    from madrob_console.files.whole import write_new_folder
+
+    if run.prefix:
+        raise MadrobError(
+            f"{run.name}: files without a recording can be scored, not made by other rules: give "
+            "the run's bag"
+        )
+    (scored,) = score_recording(run.path, (target.rules,))
+    folder = target.folder / run.own_name
+    write_new_folder(folder, eurobench_files(run.own_name, scored))
+    if as_json:
+        return RunText(_json(run, {"written": str(folder), "ruleset": target.rules}))
+    return RunText(terminal_safe(f"{run.name}: written by {target.rules} to {folder}"))
 
 
 def _json(run: RunPath, content: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -39,6 +40,33 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
         _sync_folder(folder)
     except OSError as error:
         raise _refused(path, error) from None
+
+
+def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Make a folder with these files; it is there with all of them or not at all.
+
+    Args:
+        path: of the folder; the one that it lies in is made, too. There must be nothing yet.
+        files: by name.
+
+    Raises:
+        MadrobError: something is there already, or the disk refuses.
+    """
+    taken = MadrobError(f"{path}: is there already; move it away or choose another folder")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        if path.exists() or path.is_symlink():
+            raise taken
+        part.mkdir(parents=True)
+        atomic_writes(part, files)
+        part.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        if error.errno in (errno.EEXIST, errno.ENOTEMPTY):  # somebody was faster
+            raise taken from None
+        raise _refused(path, error) from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

@@ -13,13 +13,15 @@ import numpy as np
 from scoring.eurobench.run_files import EurobenchRun, door_stays_closed, recorded_until
 from scoring.evaluate import completed_by_settling
 from scoring.events import Evidence
+from scoring.indicator_table import IndicatorName
 from scoring.indicators import compute_indicators
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Result
 from scoring.rows import Rows, cut_rows, process_rows
-from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName
+from scoring.rulesets import ruleset as ruleset_called
 from scoring.signals import Edge
 
 _AS_PUBLISHED = "scored from published files: events as they stand there"
@@ -31,7 +33,8 @@ def evaluate_published(
     """Score a published run.
 
     Published event files have no `benchmark_stop`: the stop is then the time of step 6 where the
-    steps are complete (judged from the door angle); else there is none.
+    steps are complete (judged from the door angle); else there is none. Where the recording may
+    give another outcome or another unsafety, a remark says so.
 
     Args:
         run: as read from its files.
@@ -50,14 +53,20 @@ def evaluate_published(
     if stop is None and ending.stop is not None:
         kept = tuple(e for e in events if e.time <= ending.stop)
         events = (*kept, Event(ending.stop, EventName.BENCHMARK_STOP))
+    elif stop is not None and not ruleset.passage_events_to_end:
+        events = tuple(_until_stop(events, stop))
     wrench = run.wrench
     rows = process_rows(run.joint_state, wrench.time, wrench.force, ruleset, thresholds)
+    end = math.inf if ending.stop is None else ending.stop
+    if completed_by_settling(ending, procedure):
+        end += thresholds.settle_time
     if ruleset.cut_rows:
-        end = math.inf if ending.stop is None else ending.stop
-        if completed_by_settling(ending, procedure):
-            end += thresholds.settle_time
         rows = cut_rows(rows, run.start_time, end)
     indicators = compute_indicators(events, procedure.done, rows, run.condition, ruleset)
+    remarks = [_AS_PUBLISHED, *_missing_rows(run, ending.stop, thresholds)]
+    remarks += _made_otherwise(run, ruleset)
+    if indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value is not None:
+        remarks += _filter_edges(run, ruleset, end)
     result = Result(
         handle_zero=0.0,
         ruleset=ruleset.name,
@@ -69,7 +78,7 @@ def evaluate_published(
         lock_detection=procedure.lock_detection,
         steps=procedure.steps,
         events=tuple(EventRecord.of(event, run.start_time) for event in events),
-        quality=Quality(remarks=(_AS_PUBLISHED, *_missing_rows(run, ending.stop, thresholds))),
+        quality=Quality(remarks=tuple(remarks)),
     )
     return result, rows
 
@@ -90,6 +99,85 @@ def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds)
             yield f"{name}: {gaps.size} gaps, the longest {gaps.max():.3f} s"
         if (early := end - float(times[-1])) > limit:
             yield f"{name}: no rows in the last {early:.1f} s of the run"
+
+
+def _made_otherwise(run: EurobenchRun, ruleset: Ruleset) -> Iterator[str]:
+    """Where the files were made by other rules than those that judge them, in words."""
+    made = _rules_of(run)
+    if _passage_rules(made) != _passage_rules(PROTOCOL):  # the steps are always the protocol's
+        yield (
+            f"steps and outcome: judged by the passage events of {made.name}, which stand in the "
+            "files; the recording may give another outcome"
+        )
+    if _filter_rules(made) != _filter_rules(ruleset):
+        yield (
+            f"unsafety and smoothness: from acceleration as {made.name} filters it, which stands "
+            "in the files; the recording gives other values"
+        )
+
+
+def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[str]:
+    """That the low-pass filter begins or ends within the run, where its files are cut, in words.
+
+    Rows that are a whole recording by all the rules at hand have no others that could be missed.
+    """
+    joint = run.joint_state
+    times = joint.time[np.isfinite(joint.acceleration)]
+    if not (ruleset.cut_rows or _rules_of(run).cut_rows):
+        return
+    sides = []
+    if times[0] >= run.start_time:
+        sides.append("before")
+    if times[-1] <= end:
+        sides.append("after")
+    if sides:
+        yield (
+            f"unsafety: the files have no acceleration from {' and '.join(sides)} the run, so the "
+            "low-pass filter has an edge within it; the recording may give another value, by up to "
+            "a quarter where the door slams there"
+        )
+
+
+def _rules_of(run: EurobenchRun) -> Ruleset:
+    """By which rules the files were made; those of the published scripts if they do not say."""
+    name = run.run_info.get("ruleset")
+    known = isinstance(name, str) and name in set(RulesetName)
+    return ruleset_called(str(name)) if known else EUROBENCH_2020
+
+
+def _passage_rules(rules: Ruleset) -> tuple[object, ...]:
+    return (
+        rules.present_height,
+        rules.masked_is_absent,
+        rules.passage_events_to_end,
+        rules.passage_hold,
+        rules.touch_hold,
+        rules.hysteresis,
+    )
+
+
+def _filter_rules(rules: Ruleset) -> tuple[object, ...]:
+    return (
+        rules.windows,
+        rules.window_time,
+        rules.savgol_window,
+        rules.savgol_order,
+        rules.onto_grid,
+    )
+
+
+def _until_stop(events: Sequence[Event], stop: float) -> Iterator[Event]:
+    """The events as the protocol has them: none is later than the stop.
+
+    A robot that leaves the doorway after the stop has left it at the stop (section 7, "at the
+    stop").
+    """
+    left = {EventName.MOVES_TO_CW, EventName.MOVES_TO_CCW}
+    for event in events:
+        if event.name is EventName.BENCHMARK_STOP:
+            yield from (Event(stop, e.name) for e in events if e.time > stop and e.name in left)
+        if event.time <= stop:
+            yield event
 
 
 def _ending(procedure: Procedure, stop: float | None) -> Ending:
@@ -115,7 +203,7 @@ def _evidence(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> 
         door_seen=seen,
         latch=_edges(run.events, EventName.DOOR_IS_LOCKED, EventName.DOOR_IS_UNLOCKED),
         latch_before_start=any(e.name is EventName.DOOR_IS_UNLOCKED for e in run.events),
-        crossed=crossed,
+        crossed=crossed if crossed is None or stop is None else min(crossed, stop),
     )
 
 

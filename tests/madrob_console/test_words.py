@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SAID = ("cli", "export", "preparing", "referee", "report", "standings", "ui")
+SAID = ("cli", "export", "preparing", "referee", "report", "standings", "tidy", "ui")
 """Rooms whose texts people read, on screens, pages and the command line."""
 
 FOR_PROGRAMS = {"data_files.py"}

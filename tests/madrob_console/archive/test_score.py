@@ -14,9 +14,10 @@ from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Step
+from scoring.protocol import EventName, Step
+from scoring.result import Result
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Drive
+from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import completed, copy_run, publish, recorded
 
 
@@ -45,6 +46,57 @@ def test_published_files_are_scored_as_they_stand(tmp_path: Path) -> None:
     (run,) = score(tmp_path)
     assert run.result.quality.remarks[0].startswith("scored from published files")
     assert run.condition.number == 1
+
+
+def remarks_on(result: Result, indicator: str) -> list[str]:
+    return [one for one in result.quality.remarks if one.startswith(indicator)]
+
+
+def test_published_files_that_are_cut_to_the_run_say_that_unsafety_may_be_another(
+    tmp_path: Path,
+) -> None:
+    folder = recorded(Scenario.TOUCH_ONLY)
+    publish(folder, tmp_path)
+    (cut,), (whole,) = score(tmp_path), score(folder)
+    (remark,) = remarks_on(cut.result, "unsafety")
+    assert "no acceleration from before and after the run" in remark
+    assert remarks_on(whole.result, "unsafety") == []
+    assert remarks_on(cut.result, "steps and outcome") == []  # the events are the protocol's
+
+
+@pytest.fixture(scope="module")
+def left_after_the_stop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run by the published rules whose robot is under the sensors when its time is over."""
+    root = tmp_path_factory.mktemp("results")
+    drive = Drive(root, Scenario.CLOSES_UNDER_SENSORS)
+    drive.whole_run(make_setup(timeout=7.9, ruleset=RulesetName.EUROBENCH_2020))
+    drive.engine.close()
+    return drive.folder
+
+
+def test_files_with_an_event_after_the_stop_are_in_order_and_score_as_the_recording_does(
+    left_after_the_stop: Path, tmp_path: Path
+) -> None:
+    publish(left_after_the_stop, tmp_path)
+    (files,), (bag,) = score(tmp_path, RulesetName.EUROBENCH_2020), score(left_after_the_stop)
+    names = [event.event for event in files.result.events]
+    assert names[-2:] == [EventName.BENCHMARK_STOP, EventName.MOVES_TO_CCW]
+    assert files.result.indicators == bag.result.indicators
+    assert (files.result.outcome, files.result.events) == (bag.result.outcome, bag.result.events)
+    assert remarks_on(files.result, "unsafety") == []  # its rows are the whole recording
+
+
+def test_files_by_other_rules_say_that_outcome_and_filters_are_theirs(
+    left_after_the_stop: Path, tmp_path: Path
+) -> None:
+    publish(left_after_the_stop, tmp_path)
+    (files,) = score(tmp_path, RulesetName.PROTOCOL)
+    for about in ("steps and outcome", "unsafety and smoothness"):
+        (remark,) = remarks_on(files.result, about)
+        assert "eurobench-2020" in remark
+    last, stop = files.result.events[-2:]  # who leaves after the stop has left at the stop
+    assert (last.event, stop.event) == (EventName.MOVES_TO_CCW, EventName.BENCHMARK_STOP)
+    assert last.time == stop.time == files.result.stop
 
 
 def test_what_is_no_run_is_named(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from madrob_console.cli.main import COMMANDS, build_parser, main
 
-ALL = (*COMMANDS, "calibrate masks", "calibrate handle")
+ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
 
 
 def said(capsys: pytest.CaptureFixture[str], line: str) -> tuple[int, str, str]:

@@ -380,3 +380,55 @@ def test_run_folders_that_somebody_renamed_are_scored_under_their_names(
         "Delft, second try",
         "subject_003_cond_001_run_001_20260321_100000_old",
     ]
+
+
+def test_files_by_another_ruleset_score_as_the_recordings_do_by_it(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
+    written = tmp_path / "far" / "written"
+    assert score("--write", "eurobench-2020", written, results) == 0
+    lines = capsys.readouterr().out.splitlines()
+    folders = sorted(written.iterdir())
+    assert [folder.name for folder in folders] == sorted(run.name for run in results.iterdir())
+    assert [line.rpartition(" to ")[2] for line in lines] == [str(folder) for folder in folders]
+    from_files = scored(capsys, "--ruleset", "eurobench-2020", written)
+    from_bags = scored(capsys, "--ruleset", "eurobench-2020", results)
+    for files, bag in zip(from_files, from_bags, strict=True):
+        assert (files["indicators"], files["events"]) == (bag["indicators"], bag["events"])
+    for folder in folders:
+        assert len(list(folder.glob("*.yaml"))) == 10
+        assert "ruleset: eurobench-2020" in next(folder.glob("run_info_*")).read_text()
+    assert {path: path.read_bytes() for path in results.rglob("*") if path.is_file()} == before
+
+
+def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, *others = sorted(run.name for run in results.iterdir())
+    mine = tmp_path / "written" / first / "mine.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    assert score("--json", "--write", "protocol", tmp_path / "written", results) == 2
+    said = capsys.readouterr()
+    assert said.err.endswith(f"{first}: is there already; move it away or choose another folder\n")
+    assert said.err.count("\n") == 1
+    assert [Path(run["written"]).name for run in json.loads(said.out)["runs"]] == others
+    assert [path.name for path in mine.parent.iterdir()] == ["mine.txt"]
+    assert {path.name for path in (tmp_path / "written").iterdir()} == {first, *others}
+
+
+def test_files_are_written_by_one_ruleset_of_recordings_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written = tmp_path / "written"
+    publish(recorded(Scenario.TOUCH_ONLY), tmp_path / "published")
+    assert "without a recording" in refusal(
+        capsys, "--write", "protocol", written, tmp_path / "published"
+    )
+    assert "there is no 'both'" in refusal(capsys, "--write", "both", written, tmp_path)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    run = recorded(Scenario.TOUCH_ONLY)
+    assert f"{blocked}" in refusal(capsys, "--write", "protocol", blocked, run)
+    assert not written.exists()
