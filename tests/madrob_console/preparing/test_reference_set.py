@@ -77,6 +77,7 @@ def test_this_installation_scores_right_and_needs_no_ros(
         ({"savgol_window": 7}, "minimum_jerk smoothness_of_door_actuation by protocol"),
         ({"present_height": 0.8}, "pull_arm_first door_occupation_time by protocol"),
         ({"masked_is_absent": True, "passage_events_to_end": True}, "under_sensors_at_stop door_"),
+        ({"masked_is_absent": True}, "push_to_cw door_occupation_time by protocol"),
         ({"cut_rows": False}, "both_sides_at_stop smoothness_of_door_actuation by protocol"),
     ],
     ids=str,
@@ -98,6 +99,8 @@ def test_a_wrong_rule_is_named_with_its_value(
         ({"closed_angle": 0.045}, "minimum_jerk passage_time by eurobench-2020"),
         ({"lintel_height": 2.6}, "minimum_jerk capability_level by protocol: 3, expected 6"),
         ({"settle_time": 3.0}, "push_to_cw step 6"),
+        ({"mask_from": (0.06,) * 5}, "push_to_cw step 4"),
+        ({"mask_to_cw": (0.2,) * 5}, "push_to_cw door_occupation_time by eurobench-2020"),
     ],
     ids=str,
 )

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from madrob_console.preparing.reference_set import Expected
-from scoring.protocol import Thresholds
+from scoring.protocol import Side, Thresholds
 from scoring.rulesets import RulesetName
 from tests.madrob_console.references.filters import Array, acceleration_kernel
 from tests.madrob_console.references.runs import CLOSED, COUNT, INTERVAL, ReferenceRun
@@ -112,18 +112,10 @@ def _door(run: ReferenceRun) -> tuple[Span | None, Span | None]:
         return None, None
     half = COUNT / 2 if run.encoder else 0.0
 
-    def passes(angle: float, near: float) -> float:
-        low, high = near - 2 * INTERVAL, near + 2 * INTERVAL
-        rising = abs(run.angle(high)) > abs(run.angle(low))
-        for _ in range(60):
-            middle = (low + high) / 2
-            low, high = (
-                (middle, high) if (abs(run.angle(middle)) < angle) is rising else (low, middle)
-            )
-        return low
-
     def passed(near: float, what: str) -> Span:
-        early, truth, late = sorted(passes(CLOSED + step, near) for step in (-half, 0.0, half))
+        early, truth, late = sorted(
+            _passes(run, CLOSED + step, near) for step in (-half, 0.0, half)
+        )
         rounding = ", half a count earlier or later" if half else ""
         why = f"{what} at {truth:.4f} s, seen up to {INTERVAL:g} s later{rounding}"
         return Span(truth, early, late + INTERVAL, why)
@@ -132,6 +124,16 @@ def _door(run: ReferenceRun) -> tuple[Span | None, Span | None]:
     last = times[-1]
     still_open = last == run.times()[-1]
     return opened, None if still_open else passed(last, "the door closes")
+
+
+def _passes(run: ReferenceRun, angle: float, near: float) -> float:
+    """When the panel passes an angle, near a time."""
+    low, high = near - 2 * INTERVAL, near + 2 * INTERVAL
+    rising = abs(run.angle(high)) > abs(run.angle(low))
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if (abs(run.angle(middle)) < angle) is rising else (low, middle)
+    return low
 
 
 def _approach(run: ReferenceRun, rules: Rules) -> Span | None:
@@ -146,6 +148,24 @@ def _leaving(run: ReferenceRun, rules: Rules, stop: Span) -> Span | None:
     if not falls:
         return None
     assert max(falls) == max(s.until for s in run.stays if s.side is run.condition.destination_side)
+    if run.panel_seen:
+        return _masked_leaving(run, rules)
     if rules.to_end or max(falls) < stop.truth:
         return seen(max(falls), "the last sensor is free")
     return Span(stop.truth, stop.lowest, stop.highest, f"under a sensor until the stop: {stop.why}")
+
+
+def _masked_leaving(run: ReferenceRun, rules: Rules) -> Span:
+    """The robot leaves while all sensors are masked, and the panel closes above them.
+
+    A masked sensor keeps its state until its mask ends, the last one at the smallest angle; or it
+    counts as absent, the last one from where its mask begins.
+    """
+    thresholds = Thresholds()
+    cw = run.condition.destination_side is Side.CW
+    upper = thresholds.mask_to_cw if cw else thresholds.mask_to_ccw
+    angle = min(upper) if rules.to_end else min(thresholds.mask_from)
+    near = max(time for time in run.times() if abs(run.angle(time)) >= angle)
+    what = "begins" if rules.to_end else "ends"
+    words = f"the mask of the last sensor {what} with the panel at {angle:g} rad"
+    return seen(_passes(run, angle, near), words)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from scoring.protocol import BenchmarkType, Condition, Side, Thresholds
+from scoring.protocol import PASSAGE_SENSORS, BenchmarkType, Condition, Side, Thresholds
 
 INTERVAL = 0.02
 """s between two samples of each topic."""
@@ -19,6 +19,9 @@ COUNT = math.tau / 3600
 
 PRE_ROLL = 2.0
 """The recording begins so long before the start, s."""
+
+PANEL_HEIGHT = 1.6
+"""Of a panel that is seen, m."""
 
 CLOSED = Thresholds().closed_angle
 SETTLE = Thresholds().settle_time
@@ -62,6 +65,7 @@ class ReferenceRun:
         pulses: on the handle.
         stays: under the passage sensors.
         handle_zero: what the load cell reads at rest, and the referee has zeroed.
+        panel_seen: the sensors under which the panel passes see it where all of a side are masked.
         encoder: the angle is read by an encoder of 3600 counts a turn; else it is exact.
     """
 
@@ -74,6 +78,7 @@ class ReferenceRun:
     pulses: tuple[Pulse, ...] = ()
     stays: tuple[Stay, ...] = ()
     handle_zero: float = 0.0
+    panel_seen: bool = False
     encoder: bool = False
 
     def times(self) -> list[float]:
@@ -93,6 +98,8 @@ class ReferenceRun:
     def height(self, side: Side, time: float) -> float:
         """Of what stands under the sensors of a side, m."""
         there = [s.height for s in self.stays if s.side is side and s.since <= time < s.until]
+        if self.panel_seen and _all_masked(side, self.angle(time)):
+            there.append(PANEL_HEIGHT)
         return max(there, default=0.0)
 
     def closed_at(self) -> float | None:
@@ -106,6 +113,10 @@ class ReferenceRun:
         stop = self.closed_at() if self.timeout is None else self.timeout
         assert stop is not None
         return stop
+
+
+def _all_masked(side: Side, angle: float) -> bool:
+    return all(Thresholds().masked(side, sensor.index, angle) for sensor in PASSAGE_SENSORS)
 
 
 def minimum_jerk(part: float) -> float:
@@ -249,12 +260,14 @@ RUNS: tuple[ReferenceRun, ...] = (
     ),
     ReferenceRun(
         "push_to_cw",
-        "pushed from the CCW side: angle and force are negative",
+        "pushed from the CCW side: angle and force are negative; the robot leaves while the panel "
+        "passes under the sensors, which see it",
         PUSH_TO_CW,
         8.0,
         Swing(1.6, 2.0, 4.2, 2.0, -0.9),
         pulses=(Pulse(1.307, 0.5, -20.0),),
-        stays=(Stay(Side.CCW, 0.913, 3.813), Stay(Side.CW, 3.607, 4.109)),
+        stays=(Stay(Side.CCW, 0.913, 3.813), Stay(Side.CW, 3.607, 5.523)),
+        panel_seen=True,
     ),
     ReferenceRun(
         "nothing_happens",
