@@ -6,6 +6,10 @@ import argparse
 
 from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.cli.progress import progress
+
+OFF = 1
+"""Exit code of `--reference` where a value is not as it must be."""
 
 
 def add(commands: options.Commands) -> None:
@@ -15,7 +19,18 @@ def add(commands: options.Commands) -> None:
         "doctor",
         main,
         "what is installed, found and missing",
-        examples=("madrob doctor", "madrob doctor --domain 41"),
+        "With --reference, recordings with known answers are scored instead, and exit code 1 says "
+        "that a value is off. It needs neither ROS nor a testbed.",
+        examples=(
+            "madrob doctor",
+            "madrob doctor --domain 41",
+            "madrob doctor --reference    # does this installation score right?",
+        ),
+    )
+    parser.add_argument(
+        "--reference",
+        action="store_true",
+        help="score the recordings with known answers that came with the program",
     )
     options.add_teams(parser)
     options.add_settings(parser)
@@ -23,7 +38,9 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the findings as they come; exit code 0 if the console runs here."""
+    """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
+    if arguments.reference:
+        return _score_references()
     from madrob_console.config import load_settings
     from madrob_console.preparing.doctor import doctor, line, usable, verdict
     from madrob_console.preparing.doctor_lists import look_at_lists
@@ -42,3 +59,28 @@ def main(arguments: argparse.Namespace) -> int:
         print(line(finding), flush=True)
     print(verdict(findings))
     return 0 if usable(findings) else BAD_INPUT
+
+
+def _score_references() -> int:
+    from madrob_console.preparing.doctor import line
+    from madrob_console.preparing.reference_set import (
+        FOLDER,
+        read_references,
+        reference_findings,
+        reference_verdict,
+        score_references,
+        versions,
+    )
+
+    print(line(versions()), flush=True)
+    references = read_references(FOLDER)
+    scores = []
+    with progress("references") as tell:
+        tell(0, len(references))
+        for score in score_references(references, FOLDER):
+            scores.append(score)
+            tell(len(scores), len(references))
+            for finding in reference_findings(score):
+                print(line(finding), flush=True)
+    print(reference_verdict(scores))
+    return OFF if any(score.off for score in scores) else 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.referee.flags import FlagWeight, worst
-from madrob_console.referee.run import Phase, relative_text
+from madrob_console.referee.run import Phase
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.cells.large_text import rows_of, width_of_large
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
@@ -19,7 +19,9 @@ from madrob_console.ui.panes.banner import banner
 from madrob_console.ui.panes.run_clock import clock_span
 from madrob_console.ui.panes.run_columns import number_text
 from madrob_console.ui.panes.run_status import in_large, phase_span, team_text
+from madrob_console.ui.panes.step_table import step_time
 from scoring.indicator_table import IndicatorName
+from scoring.procedure import UNSETTLED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -111,7 +113,7 @@ class Wall(View):
     def _run_page(self, snapshot: Snapshot, width: int, height: int) -> list[Line]:
         run = snapshot.run
         text, tone = banner(snapshot)
-        steps = _steps(snapshot, width)
+        steps = wall_steps(snapshot, width)
         foot = [line(Span(fitted(text, width), tone))] if text and tone is not Tone.PLAIN else []
         stands = _NO_ENGINE if snapshot.pulse.gone else phase_span(run)
         state = self._band(stands, width, height)
@@ -188,8 +190,11 @@ def _condition(snapshot: Snapshot) -> str:
     return f"run {setup.run_number}, {what}"
 
 
-def _steps(snapshot: Snapshot, width: int) -> list[Line]:
-    """The six steps in as few rows as they need, each with its time."""
+def wall_steps(snapshot: Snapshot, width: int) -> list[Line]:
+    """The six steps in as few rows as they need, each with its time.
+
+    Before the result, times that may still change are rough and marked.
+    """
     steps, start = snapshot.steps, snapshot.run.start
     pending = next((record.step for record in steps if not record.done), None)
     cells = []
@@ -197,7 +202,8 @@ def _steps(snapshot: Snapshot, width: int) -> list[Line]:
         mark = "✓" if record.done else "x" if record.denied else " "
         if record.step is pending and snapshot.run.phase is Phase.RUNNING:
             mark = ">"
-        at = f" {relative_text(record.final, start)}" if record.done else ""
+        rough = snapshot.result is None and record.step in UNSETTLED
+        at = f" {step_time(record.final, start, rough=rough)}" if record.done else ""
         tone = Tone.GOOD if record.done else Tone.STRONG if mark == ">" else Tone.DIM
         cells.append(Span(f"{mark} {record.step} {record.step.text}{at}", tone))
     each = 30

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 _LONGEST_REASON = 60
 
+ROUGH = "~"
+"""Marks a time that may still change."""
+
 OUTCOMES = {
     Outcome.COMPLETED: "COMPLETED",
     Outcome.TIMEOUT: "TIMEOUT",
@@ -49,7 +52,7 @@ def minutes_text(seconds: float) -> str:
 
 def rough_text(duration: float) -> str:
     """A time that may still change: one decimal of a second, marked."""
-    return f"~{duration:.1f}"
+    return f"{ROUGH}{duration:.1f}"
 
 
 def time_of_day(epoch: float) -> str:

@@ -104,7 +104,7 @@ def _row(
     return line(
         Span(f"{mark} ", Tone.GOOD if record.done else Tone.BAD if mark == "x" else Tone.STRONG),
         Span(f"{record.step} {record.step.text:<19} ", tone),
-        Span(f"{_time(record.sensors, start, rough=rough):>7}  ", tone),
+        Span(f"{step_time(record.sensors, start, rough=rough):>7}  ", tone),
         Span(f"{said:<9} ", Tone.WARN if ruling is not None else Tone.DIM),
         _counts(record, start, rough=rough),
     )
@@ -128,12 +128,13 @@ def _compact(
 
 def _counts(record: StepRecord, start: float | None, *, rough: bool) -> Span:
     if record.done:
-        text = _time(record.final, start, rough=rough)
+        text = step_time(record.final, start, rough=rough)
         return Span(f"{text:>7}", Tone.PLAIN if rough else Tone.GOOD)
     return Span(f"{'no':>7}", Tone.DIM)
 
 
-def _time(at: float | None, start: float | None, *, rough: bool) -> str:
+def step_time(at: float | None, start: float | None, *, rough: bool) -> str:
+    """A time of a step, s since the start; one that may still change is rough and marked."""
     if rough and at is not None and start is not None:
         return rough_text(at - start)
     return relative_text(at, start)

@@ -1,0 +1,258 @@
+"""`madrob doctor --reference`: whether this installation scores right."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from madrob_console.archive import run_record
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.preparing import reference_set
+from madrob_console.preparing.reference_set import EXPECTED_FILE, FOLDER, Expected, read_references
+from recorder.reader import read_bag
+from scoring.evaluate import Assessment
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Thresholds
+from scoring.rulesets import LowPassRule, RulesetName, ruleset
+from tests.madrob_console.references.bags import messages, record_of
+from tests.madrob_console.references.filters import butterworth, kernel_gain
+from tests.madrob_console.references.runs import INTERVAL, RUNS, ReferenceRun, Tremor
+from tests.madrob_console.references.truth import expected_text, reference
+
+ROOT = Path(__file__).parents[3]
+MOST_BYTES = 400_000
+NAMES = [run.name for run in RUNS]
+
+
+def doctor(capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str], str]:
+    """Exit code, lines of the output, error output."""
+    code = main(["doctor", "--reference"])
+    out, err = capsys.readouterr()
+    return code, out.splitlines(), err
+
+
+@pytest.fixture
+def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the shipped files, which the doctor takes for them."""
+    folder = tmp_path / "references"
+    shutil.copytree(FOLDER, folder)
+    monkeypatch.setattr(reference_set, "FOLDER", folder)
+    return folder
+
+
+def test_this_installation_scores_right_and_needs_no_ros(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    code, lines, err = doctor(capsys)
+    assert (code, err) == (0, "")
+    number = r"\d+(\.\d+)+\S*"
+    libraries = rf"NumPy {number}, SciPy {number}, pandas {number}"
+    assert re.fullmatch(rf"ok       versions +Python {number}, {libraries}", lines[0])
+    assert [line.split()[:2] for line in lines[1:-1]] == [["ok", name] for name in NAMES]
+    values = 12 * (1 + 6 + 2 * 8)
+    assert lines[-1] == f"this installation scores right (12 references, {values} values)"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "off"),
+    [
+        ({"low_pass_order": 4}, "sine unsafety_of_door_operation by protocol"),
+        ({"low_pass_frequency": 2.02}, "sine_encoder unsafety_of_door_operation by eurobench-2020"),
+        ({"low_pass": LowPassRule.ONE_PASS}, "minimum_jerk unsafety_of_door_operation by protocol"),
+        ({"window_time": 0.24}, "sine unsafety_of_door_operation by protocol"),
+        ({"savgol_window": 7}, "minimum_jerk smoothness_of_door_actuation by protocol"),
+        ({"present_height": 0.8}, "pull_arm_first door_occupation_time by protocol"),
+        ({"masked_is_absent": True, "passage_events_to_end": True}, "under_sensors_at_stop door_"),
+        ({"masked_is_absent": True}, "push_to_cw door_occupation_time by protocol"),
+        ({"cut_rows": False}, "both_sides_at_stop smoothness_of_door_actuation by protocol"),
+    ],
+    ids=str,
+)
+def test_a_wrong_rule_is_named_with_its_value(
+    wrong: dict[str, Any],
+    off: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(run_record, "ruleset", lambda name: replace(ruleset(name), **wrong))
+    told_off(capsys, off)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "off"),
+    [
+        ({"touch_force": 5.0}, "force_pulses time_to_handle by protocol"),
+        ({"closed_angle": 0.045}, "minimum_jerk passage_time by eurobench-2020"),
+        ({"lintel_height": 2.6}, "minimum_jerk capability_level by protocol: 3, expected 6"),
+        ({"settle_time": 3.0}, "push_to_cw step 6"),
+        ({"mask_from": (0.06,) * 5}, "push_to_cw step 4"),
+        ({"mask_to_cw": (0.2,) * 5}, "push_to_cw door_occupation_time by eurobench-2020"),
+    ],
+    ids=str,
+)
+def test_a_wrong_threshold_is_named_with_its_value(
+    wrong: dict[str, Any],
+    off: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    right = RunRecord.assessment
+
+    def spoilt(record: RunRecord, start: float, rules: RulesetName | None = None) -> Assessment:
+        return right(replace(record, thresholds=replace(Thresholds(), **wrong)), start, rules)
+
+    monkeypatch.setattr(RunRecord, "assessment", spoilt)
+    told_off(capsys, off)
+
+
+def told_off(capsys: pytest.CaptureFixture[str], off: str) -> None:
+    code, lines, err = doctor(capsys)
+    assert (code, err) == (1, "")
+    errors = [" ".join(line.split()[1:]) for line in lines if line.startswith("error ")]
+    assert any(line.startswith(off) for line in errors), errors
+    assert all(re.search(r": .+, expected \S+", line) for line in errors)
+    assert re.match(rf"{len(errors)} values? (is|are) off: do not use this instal", lines[-1])
+
+
+def test_a_recording_that_cannot_be_scored_has_all_its_values_off(
+    copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Assessment, "result", broken)
+    code, lines, err = doctor(capsys)
+    assert (code, err) == (1, "")
+    assert len(lines) == 1 + len(RUNS) + 1
+    assert lines[-1].startswith("276 values are off: ")
+
+
+@pytest.mark.parametrize("name", [EXPECTED_FILE, "sine.mcap"])
+@pytest.mark.parametrize("how", ["missing", "torn", "changed", "a folder", "empty"])
+def test_a_file_that_is_not_as_it_was_shipped_is_one_clear_line(
+    name: str, how: str, copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = copy / name
+    content = path.read_bytes()
+    path.unlink()
+    match how:
+        case "torn":
+            path.write_bytes(content[: len(content) // 2])
+        case "changed":
+            middle = len(content) // 2
+            path.write_bytes(content[:middle] + b"\0" + content[middle + 1 :])
+        case "a folder":
+            path.mkdir()
+        case "empty":
+            path.write_bytes(b"")
+    code, lines, err = doctor(capsys)
+    assert code == BAD_INPUT
+    assert len(lines) == 1  # the versions
+    assert err.count("\n") == 1
+    assert err.startswith(f"madrob: {path}: ")
+    assert err.endswith(": install madrob-console again\n")
+
+
+@pytest.mark.parametrize("run", RUNS, ids=NAMES)
+def test_the_shipped_recordings_are_made_again_bit_for_bit(run: ReferenceRun) -> None:
+    bag = read_bag(FOLDER / f"{run.name}.mcap")
+    assert list(bag.messages()) == list(messages(run))
+    assert bag.complete
+    assert RunRecord.from_metadata(bag.records[run_record.RECORD_NAME]) == record_of(run)
+
+
+def test_the_shipped_answers_are_those_of_the_formulas() -> None:
+    shipped = read_references(FOLDER)
+    made = [replace(reference(r), sha256=s.sha256) for r, s in zip(RUNS, shipped, strict=True)]
+    told = msgspec.json.decode((FOLDER / EXPECTED_FILE).read_bytes())
+    assert_close(told, msgspec.json.decode(expected_text(made)))
+
+
+def assert_close(told: object, made: object) -> None:
+    """Numbers agree as far as other processors and libraries leave them, all else to the letter."""
+    match told, made:
+        case dict(), dict():
+            assert told.keys() == made.keys()
+            for key in told:
+                assert_close(told[key], made[key])
+        case list(), list():
+            assert len(told) == len(made)
+            for one, other in zip(told, made, strict=True):
+                assert_close(one, other)
+        case float(), float():
+            assert told == pytest.approx(made, rel=1e-9, abs=1e-9)
+        case _:
+            assert told == made
+
+
+def test_the_answer_for_a_sine_is_its_acceleration_times_the_gains_of_the_filters() -> None:
+    (sine,) = (run.angle for run in RUNS if run.name == "sine")
+    assert isinstance(sine, Tremor)
+    (shipped,) = (one for one in read_references(FOLDER) if one.name == "sine")
+    for name, window, passes in ((RulesetName.PROTOCOL, 9, 2), (RulesetName.EUROBENCH_2020, 11, 1)):
+        expected = shipped.indicators[name][IndicatorName.UNSAFETY_OF_DOOR_OPERATION]
+        largest = sine.amplitude * (math.tau * sine.frequency) ** 2
+        gain = kernel_gain(window, window, INTERVAL, sine.frequency)
+        gain *= abs(butterworth(sine.frequency, 5, 2.0, INTERVAL)) ** passes
+        assert expected.truth == pytest.approx(largest)
+        assert expected.lowest == pytest.approx(largest * gain, rel=1e-3)
+
+
+def test_the_protocol_page_says_of_each_reference_what_must_come_out() -> None:
+    text = (ROOT / "scoring/PROTOCOL.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
+    shipped = {one.name: one for one in read_references(FOLDER)}
+    assert {name for name, *_ in rows} == shipped.keys()
+    for name, indicator, *cells in rows:
+        found = [one[IndicatorName(indicator)] for one in shipped[name].indicators.values()]
+        assert cells == list(map(told_as, found))
+
+
+def told_as(expected: Expected) -> str:
+    """As the page has it."""
+    if expected.missing is not None:
+        return expected.missing
+    ends = " .. ".join(dict.fromkeys(f"{end:.6g}" for end in (expected.lowest, expected.highest)))
+    exact = expected.truth is None or expected.lowest == expected.highest
+    return ends if exact else f"{expected.truth:.6g}: {ends}"
+
+
+def test_the_shipped_files_are_small() -> None:
+    files = sorted(path.name for path in FOLDER.iterdir())
+    assert files == sorted([EXPECTED_FILE, *(f"{name}.mcap" for name in NAMES)])
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < MOST_BYTES
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_a_wheel_carries_the_references_and_what_it_unpacks_to_scores_right(tmp_path: Path) -> None:
+    dist = tmp_path / "dist"
+    pip = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(dist), str(ROOT)]
+    subprocess.check_call(pip)
+    (wheel,) = dist.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "unpacked")
+    command = "from madrob_console.preparing.reference_set import FOLDER; print(FOLDER);"
+    command += "from madrob_console.cli.main import main; print(main(['doctor', '--reference']))"
+    told = subprocess.check_output(
+        [sys.executable, "-P", "-c", command],
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")},
+        text=True,
+        cwd=tmp_path,
+    ).splitlines()
+    assert Path(told[0]).is_relative_to(tmp_path / "unpacked")
+    assert told[-1] == "0"

@@ -1,0 +1,169 @@
+"""Reference runs as recordings: samples, by the simulated testbed's encoding, into bags."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mcap.reader import make_reader
+from mcap.well_known import Profile
+from mcap.writer import IndexType, Writer
+
+from madrob_console.archive.run_record import RECORD_NAME, RunRecord
+from madrob_console.clock import NS
+from madrob_console.kinds import SourceKind
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_EVENT_TOPIC,
+    MessageTypes,
+    describe_topic,
+    encode_text,
+    referee_topics,
+)
+from madrob_console.referee.acts import SetUp, Start, act_details
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import RunSetup
+from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.testbeds.simulated.sensor_model import Reading
+from recorder.message import RawMessage
+from recorder.writer import BagWriter
+from scoring.protocol import (
+    SENSORS_PER_STRIP,
+    LockDetection,
+    Outcome,
+    Signal,
+    StartPose,
+    Strip,
+    Thresholds,
+)
+from scoring.rulesets import RulesetName
+from tests.madrob_console.references.runs import PRE_ROLL, ReferenceRun
+
+BEGIN_NS = 1_700_000_000 * NS
+"""When every recording begins: a whole second, so that the mean interval is 0.02 s exactly."""
+
+_UNDER_WAY_NS = 1_000_000
+_MAPPINGS = tuple(m for m in DEFAULT_MAPPINGS if not m.signal.optional)
+_STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
+_TYPES = MessageTypes()
+
+
+def instant_ns(time: float) -> int:
+    """Of a time since the start of the run, ns since the epoch."""
+    return BEGIN_NS + round((PRE_ROLL + time) * NS)
+
+
+def record_of(run: ReferenceRun) -> RunRecord:
+    """What was set for a run."""
+    side = run.condition.starting_side
+    setup = RunSetup(
+        subject=1,
+        team="Reference",
+        run_number=1,
+        condition=run.condition,
+        start_pose=StartPose(1.5 * side.sign, 0.0, 0.0),
+        referee="Reference",
+        timeout=run.timeout or 60.0,
+        countdown=PRE_ROLL,
+        ruleset=RulesetName.PROTOCOL,
+        lock_detection=LockDetection.SETTLE,
+        practice=True,
+    )
+    return RunRecord(
+        setup=setup,
+        handle_zero=run.handle_zero,
+        thresholds=Thresholds(),
+        mappings=_MAPPINGS,
+        source=SourceKind.SIMULATED,
+        competition="",
+        version="reference",
+    )
+
+
+def entries(run: ReferenceRun) -> tuple[Entry, ...]:
+    """The lines of its journal."""
+    begin, start, stop = (instant_ns(t) / NS for t in (-PRE_ROLL, 0.0, run.stop))
+    outcome = Outcome.COMPLETED if run.timeout is None else Outcome.TIMEOUT
+    why = "all six steps done" if run.timeout is None else "the time is over"
+    set_up = SetUp(record_of(run).setup)
+    return (
+        Entry(begin, Origin.REFEREE, set_up.name, details=act_details(set_up)),
+        Entry(begin, Origin.REFEREE, Start.name),
+        Entry(start, Origin.CLOCK, Change.RUN_STARTS, details={"time": start}),
+        Entry(
+            stop,
+            Origin.CLOCK,
+            Change.RUN_STOPS,
+            reason=why,
+            details={"outcome": outcome, "time": stop},
+        ),
+    )
+
+
+def messages(run: ReferenceRun) -> Iterator[RawMessage]:
+    """All messages of a run in the order of its recording."""
+    encoders = {mapping: Encoder(mapping, _TYPES) for mapping in _MAPPINGS}
+    lines = list(entries(run))
+    for time in run.times():
+        stamp = instant_ns(time)
+        while lines and round(lines[0].time * NS) <= stamp:
+            line = lines.pop(0)
+            at = round(line.time * NS)
+            data = encode_text(_TYPES, line.to_json())
+            yield RawMessage(REFEREE_EVENT_TOPIC, "std_msgs/msg/String", data, at, at)
+        for mapping, encoder in encoders.items():
+            data = encoder.encode(stamp, _reading(run, mapping.signal, time))
+            yield RawMessage(mapping.topic, mapping.type, data, stamp, stamp + _UNDER_WAY_NS)
+
+
+def _reading(run: ReferenceRun, signal: Signal, time: float) -> Reading:
+    match signal:
+        case Signal.DOOR:
+            return run.read_angle(time)
+        case Signal.HANDLE:
+            return run.read_force(time)
+        case _:
+            height = run.height(_STRIPS[signal].side, time)
+            return (Thresholds().lintel_height - height,) * SENSORS_PER_STRIP
+
+
+def write_bag(run: ReferenceRun, target: Path) -> None:
+    """Record a run into an `.mcap` file."""
+    topics = [describe_topic(_TYPES, m.topic, m.type) for m in _MAPPINGS]
+    topics += [topic for topic in referee_topics(_TYPES) if topic.name == REFEREE_EVENT_TOPIC]
+    with TemporaryDirectory() as folder:
+        bag = Path(folder) / run.name
+        metadata = {RECORD_NAME: record_of(run).to_metadata()}
+        with BagWriter(bag, topics, metadata, block_when_full=True, flush_period=60.0) as writer:
+            for message in messages(run):
+                writer.put(message)
+        (recorded,) = bag.glob("*.mcap")
+        _without_index(recorded, target)
+
+
+def _without_index(recorded: Path, target: Path) -> None:
+    """The same recording without the index of each message, which takes two thirds of its room."""
+    with recorded.open("rb") as source, target.open("wb") as file:
+        reader, writer = make_reader(source), Writer(file, index_types=IndexType.CHUNK)
+        writer.start(Profile.ROS2, "madrob reference recordings")
+        for metadata in reader.iter_metadata():
+            if metadata.name == RECORD_NAME:
+                writer.add_metadata(metadata.name, metadata.metadata)
+        channels: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.topic],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()  # type: ignore[no-untyped-call]
