@@ -33,6 +33,7 @@ from madrob_console.referee.run import (
     Waiver,
 )
 from scoring.indicator_table import WITH_THE_START, IndicatorName
+from scoring.libraries import Libraries, libraries_here
 from scoring.procedure import Ruling
 from scoring.result import Result
 
@@ -95,6 +96,7 @@ class ResultDocument(Result, Heading):
         journal: of what journal it was made; a result that another journal lies beside is out of
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
+        libraries: what computed it; the last digits hang on them (section 11).
     """
 
     waivers: tuple[Waiver, ...]
@@ -111,6 +113,7 @@ class ResultDocument(Result, Heading):
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
     flags: tuple[Flag, ...] | UnsetType = UNSET
+    libraries: Libraries | UnsetType = UNSET
 
     @classmethod
     def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
@@ -149,6 +152,7 @@ class ResultDocument(Result, Heading):
             files_left_out=left_out,
             journal=run.journal or UNSET,
             flags=scored.flags,
+            libraries=libraries_here(),
         )
 
 
