@@ -101,13 +101,14 @@ def mark(items: Iterable[pytest.Item], runs: int) -> None:
 
 
 _STARTS = ("os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "subprocess.Popen")
+_WHILE_IMPORTED = "lscpu"  # NumPy before 2.0 asks it, as soon as SciPy's filters are imported
 _watched = False
 _sleep = time.sleep
 _start_process = BaseProcess.start
 
 
-def _heard(event: str, _arguments: object) -> None:
-    if _watched and event in _STARTS:
+def _heard(event: str, arguments: tuple[object, ...]) -> None:
+    if _watched and event in _STARTS and arguments[:1] != (_WHILE_IMPORTED,):
         raise NeedsMachineError(event)
 
 

@@ -1,4 +1,4 @@
-"""A stored result against what its recording gives today, to the last digit."""
+"""A stored result against what its recording gives today (protocol section 11)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,22 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.grades import CLOSEST, Grade, libraries_told
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_recording
 from madrob_console.errors import MadrobError
+from scoring.libraries import Libraries, libraries_here
 
-_OF_THE_PROGRAM = {"format", "software", "remark", "files_left_out", "flags"}
+_OF_THE_PROGRAM = {"format", "software", "libraries", "remark", "files_left_out", "flags"}
 """Keys that tell of the program that wrote the result, or in its words what others tell."""
+
+_COMPUTED = ("indicators.", "quality.")
+"""Where libraries decide the last digits. Times are stamps: of the epoch 1e-9 is over a second."""
+
+_ROUNDED, _TWO_DIGITS = ".uncertainty.", 0.1
+"""Numbers of two digits: where the unrounded ones differ in the last, these may by one step."""
 
 _LONGEST = 80
 
@@ -31,11 +39,13 @@ class Difference:
         what: where it stands in `result.json`, as in `events[3].time`.
         stored: what the file says.
         recomputed: what the recording gives, or what there is today.
+        grade: how far apart they are.
     """
 
     what: str
     stored: object
     recomputed: object
+    grade: Grade = Grade.DIFFERS
 
     @property
     def words(self) -> str:
@@ -43,7 +53,58 @@ class Difference:
         return f"{self.what}: stored {_short(self.stored)}, now {_short(self.recomputed)}"
 
 
-def check_run(run: RunPath) -> tuple[Difference, ...]:
+@dataclass(frozen=True, slots=True)
+class CheckedRun:
+    """What the check of a run found.
+
+    Attributes:
+        found: every value that is not what was stored to the last digit.
+        stored_by: what computed the stored result; None = it does not say.
+        libraries: what computes now.
+    """
+
+    found: tuple[Difference, ...]
+    stored_by: Libraries | None
+    libraries: Libraries
+
+    @property
+    def grade(self) -> Grade:
+        """The worst of what was found."""
+        return Grade.worst(difference.grade for difference in self.found)
+
+    def of(self, grade: Grade) -> tuple[Difference, ...]:
+        """What was found of one grade."""
+        return tuple(difference for difference in self.found if difference.grade is grade)
+
+    @property
+    def words(self) -> str:
+        """The verdict, on one line."""
+        match grade := self.grade:
+            case Grade.SAME:
+                return str(grade)
+            case Grade.CLOSE:
+                return f"{grade} ({libraries_told(self.stored_by, self.libraries)})"
+            case Grade.DIFFERS:
+                return f"{grade} in {len(self.of(grade))}"
+
+    def content(self) -> dict[str, Any]:
+        """What was found, for programs."""
+
+        def values(grade: Grade) -> list[dict[str, object]]:
+            return [
+                {"what": each.what, "stored": each.stored, "recomputed": each.recomputed}
+                for each in self.of(grade)
+            ]
+
+        return {
+            "grade": self.grade,
+            "differences": values(Grade.DIFFERS),
+            "last_digits": values(Grade.CLOSE),
+            "libraries": {"stored": self.stored_by, "now": self.libraries},
+        }
+
+
+def check_run(run: RunPath) -> CheckedRun:
     """Score a run again by its own ruleset and decisions, and compare with its `result.json`.
 
     What an older version of the program did not store is not compared. Remarks on the data
@@ -74,7 +135,11 @@ def check_run(run: RunPath) -> tuple[Difference, ...]:
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
     recomputed = msgspec.json.encode(ResultDocument.of(scored, folder, {}))
-    return tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
+    return CheckedRun(
+        found=tuple(_compare(stored, msgspec.json.decode(recomputed), folder)),
+        stored_by=msgspec.convert(stored.get("libraries"), Libraries | None),
+        libraries=libraries_here(),
+    )
 
 
 def _compare(
@@ -100,7 +165,10 @@ def _differences(where: str, stored: object, recomputed: object) -> Iterator[Dif
         case list(), list():
             yield Difference(where, f"{len(stored)} entries", f"{len(recomputed)} entries")
         case _ if stored != recomputed:
-            yield Difference(where, stored, recomputed)
+            computed = where.startswith(_COMPUTED)
+            tolerance = _TWO_DIGITS if _ROUNDED in where else CLOSEST
+            grade = Grade.of(stored, recomputed, tolerance) if computed else Grade.DIFFERS
+            yield Difference(where, stored, recomputed, grade)
 
 
 def _remarks(stored: Mapping[str, Any]) -> list[Any]:

@@ -3,17 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+from madrob_console.archive.grades import Grade, libraries_told
 from madrob_console.archive.result_reader import ListedResult, UnusableResultError, read_result
 from madrob_console.names import terminal_safe
 from scoring.indicator_table import IndicatorName
+from scoring.libraries import libraries_here
 from scoring.result import Result
 
 EQUAL = "equals the stored result to the last digit"
 """What is said of the result of a replay that differs in nothing."""
 
 _DIGITS = (2, 3, 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What a result is beside the stored one (protocol section 11).
+
+    Attributes:
+        words: all of it, on one line.
+        grade: how far the two agree; None = there is none to compare with.
+    """
+
+    words: str
+    grade: Grade | None = None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing but the last digits differs."""
+        return self.grade in {Grade.SAME, Grade.CLOSE}
 
 
 def stored_result(path: Path) -> ListedResult | str:
@@ -26,30 +47,40 @@ def stored_result(path: Path) -> ListedResult | str:
         return terminal_safe(str(error))
 
 
-def compared(stored: ListedResult | str, result: Result) -> str:
-    """What a result is beside the stored one, in words; why there is none, where there is none.
+def compared(stored: ListedResult | str, result: Result) -> Comparison:
+    """What a result is beside the stored one; why there is none, where there is none.
 
     Digits are given until they tell two values apart.
     """
     if isinstance(stored, str):
-        return stored
+        return Comparison(stored)
     found = tuple(_differences(stored, result))
-    return f"differs from the stored result: {'; '.join(found)}" if found else EQUAL
+    grade = Grade.worst(each for each, _ in found)
+    values = "; ".join(words for each, words in found if each is grade)
+    match grade:
+        case Grade.SAME:
+            return Comparison(EQUAL, grade)
+        case Grade.CLOSE:
+            told = terminal_safe(libraries_told(stored.libraries, libraries_here()))
+            return Comparison(f"equals the stored result to 1e-9: {values} ({told})", grade)
+        case Grade.DIFFERS:
+            return Comparison(f"differs from the stored result: {values}", grade)
 
 
-def _differences(stored: ListedResult, result: Result) -> Iterator[str]:
+def _differences(stored: ListedResult, result: Result) -> Iterator[tuple[Grade, str]]:
     if stored.ruleset != result.ruleset:
-        yield f"ruleset {result.ruleset}, stored {terminal_safe(stored.ruleset)}"
+        ruleset = terminal_safe(stored.ruleset)
+        yield Grade.DIFFERS, f"ruleset {result.ruleset}, stored {ruleset}"
     if stored.outcome is not result.outcome:
-        yield f"outcome {result.outcome}, stored {stored.outcome}"
+        yield Grade.DIFFERS, f"outcome {result.outcome}, stored {stored.outcome}"
     if stored.start != result.start:
-        yield f"start {result.start - stored.start:+.6g} s from the stored one"
+        yield Grade.DIFFERS, f"start {result.start - stored.start:+.6g} s from the stored one"
     for name in IndicatorName:
         value, part = result.indicators[name].value, stored.indicators.get(name)
         known = None if part is None else part.value
         if value != known:
             here, there = _apart(value, known)
-            yield f"{name.replace('_', ' ')} {here}, stored {there}"
+            yield Grade.of(known, value), f"{name.replace('_', ' ')} {here}, stored {there}"
 
 
 def _apart(value: float | None, stored: float | None) -> tuple[str, str]:

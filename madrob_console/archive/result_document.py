@@ -33,6 +33,7 @@ from madrob_console.referee.run import (
     Waiver,
 )
 from scoring.indicator_table import WITH_THE_START, IndicatorName
+from scoring.libraries import Libraries, libraries_here
 from scoring.procedure import Ruling
 from scoring.rest import HandleRest
 from scoring.result import Result
@@ -98,6 +99,7 @@ class ResultDocument(Result, Heading):
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set, or by an earlier version.
+        libraries: what computed it; the last digits hang on them (section 11).
     """
 
     waivers: tuple[Waiver, ...]
@@ -115,6 +117,7 @@ class ResultDocument(Result, Heading):
     journal: JournalMark | UnsetType = UNSET
     flags: tuple[Flag, ...] | UnsetType = UNSET
     zero_samples: HandleRest | None = None
+    libraries: Libraries | UnsetType = UNSET
 
     @classmethod
     def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
@@ -154,6 +157,7 @@ class ResultDocument(Result, Heading):
             journal=run.journal or UNSET,
             flags=scored.flags,
             zero_samples=record.zero_samples,
+            libraries=libraries_here(),
         )
 
 

@@ -30,6 +30,7 @@ from madrob_console.referee.run import (
     Voiding,
     Waiver,
 )
+from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, Outcome
 
@@ -110,6 +111,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     voided: VoidingPart | None = None
     corrections: tuple[CorrectionPart, ...] = ()
     setup: RunKind = RunKind()
+    libraries: Libraries | None = None
 
     @property
     def valid(self) -> bool:

@@ -6,6 +6,7 @@ What is said of a run is plain text, so that another process can do the work.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from functools import partial
@@ -13,6 +14,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from madrob_console.archive.grades import Grade
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
 from madrob_console.cli.problems import BAD_INPUT, Complaints
@@ -29,7 +31,10 @@ if TYPE_CHECKING:
 DIFFERENCES = 1
 """Exit code of `--check` where a result is not what its recording gives."""
 
-_BOTH = "both"
+_COUNTED = {Grade.SAME: "same digits", Grade.CLOSE: "equal to 1e-9", Grade.DIFFERS: "differ"}
+"""What is said of how many."""
+
+_ALL = "all"
 """Every ruleset, side by side."""
 
 
@@ -39,12 +44,12 @@ class RunText(NamedTuple):
     Attributes:
         text: lines for people, or one JSON document; empty where there is a problem.
         problem: why it cannot be scored, on one line; None = it can.
-        differs: a check found a difference.
+        grade: what a check found; None = nothing was checked.
     """
 
     text: str
     problem: str | None = None
-    differs: bool = False
+    grade: Grade | None = None
 
 
 class Destination(NamedTuple):
@@ -67,11 +72,12 @@ def add(commands: options.Commands) -> None:
         main,
         "score recorded runs, or check their stored results",
         "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a results folder. "
-        "Exit code 2 when a run cannot be read; the rest is scored. With --check, 1 when a "
-        "result differs.",
+        "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
+        "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
+        "it says which), or differs: exit code 1.",
         examples=(
             "madrob score ~/madrob_runs                  # all runs",
-            "madrob score --ruleset both my_run          # both rulesets side by side",
+            "madrob score --ruleset all my_run           # all rulesets side by side",
             "madrob score --check ~/madrob_runs          # do the stored results hold?",
             "madrob score --write eurobench-2020 published ~/madrob_runs",
         ),
@@ -80,14 +86,14 @@ def add(commands: options.Commands) -> None:
     either = parser.add_mutually_exclusive_group()
     either.add_argument(
         "--ruleset",
-        choices=[*map(str, RulesetName), _BOTH],
+        choices=[*map(str, RulesetName), _ALL],
         default=None,
-        help="the rules, or both side by side; those of the run if not given",
+        help="the rules, or all side by side; those of the run if not given",
     )
     either.add_argument(
         "--check",
         action="store_true",
-        help="compare each run's result.json with what its recording gives, to the last digit",
+        help="compare each run's result.json with what its recording gives",
     )
     either.add_argument(
         "--write",
@@ -136,26 +142,26 @@ def main(arguments: argparse.Namespace) -> int:
     )
     scored = in_order(describe, runs, arguments.jobs, arguments.backend)
     with closing(scored) as texts, progress("runs") as tell:
-        bad, differing = _print(runs, texts, tell, as_json=arguments.json)
+        bad, grades = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
-        agreeing = len(runs) - bad - differing
-        print(f"{agreeing} agree, {differing} differ, {bad} could not be checked")
-    if differing:
+        counts = (f"{grades[grade]} {_COUNTED[grade]}" for grade in Grade)
+        print(f"{', '.join(counts)}, {bad} could not be checked")
+    if grades[Grade.DIFFERS]:
         return DIFFERENCES
     return BAD_INPUT if bad else 0
 
 
 def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
-    if name == _BOTH:
+    if name == _ALL:
         return tuple(RulesetName)
     return (None if name is None else RulesetName(name),)
 
 
 def _print(
     runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
-) -> tuple[int, int]:
-    """Print what is said of each run as soon as it is; how many were bad, and how many differ."""
-    differing, printed = 0, 0
+) -> tuple[int, Counter[Grade | None]]:
+    """Print what is said of each run as soon as it is; how many were bad, and of each grade."""
+    grades, printed = Counter[Grade | None](), 0
     if as_json:
         print('{\n  "runs": [', end="")
     tell(0, len(runs))
@@ -172,10 +178,10 @@ def _print(
             else:
                 print(one.text, flush=True)
             printed += 1
-            differing += one.differs
+            grades[one.grade] += 1
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
-    return bad.count, differing
+    return bad.count, grades
 
 
 def describe_run(
@@ -255,12 +261,12 @@ def _content(result: Result) -> dict[str, Any]:
 def _checked(run: RunPath, *, as_json: bool) -> RunText:
     from madrob_console.archive.check import check_run
 
-    found = check_run(run)
+    checked = check_run(run)
     if as_json:
-        return RunText(_json(run, {"differences": found}), differs=bool(found))
-    verdict = f"differs in {len(found)}" if found else "agrees"
-    lines = [f"{run.name}: {verdict}", *(f"  {difference.words}" for difference in found)]
-    return RunText("\n".join(map(terminal_safe, lines)), differs=bool(found))
+        return RunText(_json(run, checked.content()), grade=checked.grade)
+    found = checked.of(checked.grade)
+    lines = [f"{run.name}: {checked.words}", *(f"  {difference.words}" for difference in found)]
+    return RunText("\n".join(map(terminal_safe, lines)), grade=checked.grade)
 
 
 def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:

@@ -64,7 +64,8 @@ class Motion:
             part = ((time - since) / self.swing_time).clip(0, 1)
             return 10 * part**3 - 15 * part**4 + 6 * part**5
 
-        return self.swing * (risen(self.opens) - risen(self.closes))
+        angle: NDArray[np.float64] = self.swing * (risen(self.opens) - risen(self.closes))
+        return angle
 
     def force(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """On the handle, N."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 
-from madrob_console.archive.comparison import EQUAL, compared, stored_result
+from madrob_console.archive.comparison import Comparison, compared, stored_result
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import (
     keep_stored_remarks,
@@ -189,7 +189,7 @@ class Replay:
     def view(self, result: Result | None) -> PlaybackView:
         """Where it stands; at the end, what `result` is beside the stored one."""
         clock = self.source.clock
-        comparison = "" if result is None else compared(self._stored, result)
+        comparison = Comparison("") if result is None else compared(self._stored, result)
         return PlaybackView(
             position=self._time(clock.ticks),
             begin=self._time(0),
@@ -198,8 +198,8 @@ class Replay:
             paused=clock.paused,
             ended=clock.ended,
             jumping_to=None if clock.target is None else self._time(clock.target),
-            comparison=comparison,
-            agrees=comparison == EQUAL,
+            comparison=comparison.words,
+            agrees=comparison.agrees,
         )
 
 

@@ -68,7 +68,7 @@ class PlaybackView:
         ended: whether it has come to the end of the recording.
         jumping_to: where a jump goes to; None when none goes on.
         comparison: what the result is beside the stored one, in words; empty before the end.
-        agrees: whether it equals the stored one.
+        agrees: whether it equals the stored one, but for the last digits.
     """
 
     position: float

@@ -95,12 +95,12 @@ def test_a_cut_between_journal_and_result_ends_in_what_the_journal_says(
         assert not run.valid
         standings = competition_standings([run], made=0.0, official=False)
         assert not standings.groups
-        found = {difference.what for difference in check_run(RunPath(folder))}
+        found = {difference.what for difference in check_run(RunPath(folder)).found}
         assert found & {"journal.lines", "journal.sha256"}
         assert list(repair_all(folder.parent)) == []
         assert files_of(folder).items() >= {name: after[name] for name in order}.items()
         assert summary(folder).problem is None
-        assert check_run(RunPath(folder)) == ()
+        assert check_run(RunPath(folder)).found == ()
         assert repair(folder) is None
     assert read_journal(folder / JOURNAL_FILE)[0] == entries[:-1]
 
@@ -142,7 +142,7 @@ def test_what_is_said_beside_a_final_result_changes_nothing(folder: Path) -> Non
     assert noted[JOURNAL_FILE] != final[JOURNAL_FILE]
     assert noted[RESULT_FILE] == final[RESULT_FILE]
     assert summary(folder).problem is None
-    assert check_run(RunPath(folder)) == ()
+    assert check_run(RunPath(folder)).found == ()
 
 
 def _worded(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import msgspec
 import pytest
 
 from madrob_console.archive.check import check_run
+from madrob_console.archive.grades import Grade
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Start
 from madrob_console.testbeds.simulated import Scenario
+from scoring.libraries import libraries_here
 from scoring.protocol import Condition
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -36,7 +39,7 @@ def change(folder: Path, edit: Callable[[Document], object]) -> None:
 
 
 def found(folder: Path) -> list[str]:
-    return [difference.what for difference in check_run(RunPath(folder))]
+    return [difference.what for difference in check_run(RunPath(folder)).found]
 
 
 @pytest.fixture
@@ -52,7 +55,7 @@ def test_a_result_agrees_with_its_recording_and_the_referees_decisions(
     assert (stored["issue"], len(stored["rulings"])) == (2, 2)
     before = {path.name: path.read_bytes() for path in run.iterdir()}
     assert check(run) == 0
-    assert capsys.readouterr().out == f"{run}: agrees\n"
+    assert capsys.readouterr().out == f"{run}: same digits\n"
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
@@ -67,6 +70,16 @@ def test_a_run_that_was_cut_off_as_soon_as_its_result_was_written_agrees(tmp_pat
     assert "result written" in last
     journal.write_text("".join(lines))
     assert found(folder) == []
+
+
+def _scaled(document: Document, factor: float) -> None:
+    part = document["indicators"]["unsafety_of_door_operation"]
+    part["value"] *= factor
+
+
+def rounded_otherwise(document: Document) -> None:
+    """As another SciPy may have it."""
+    _scaled(document, 1 + 1e-12)
 
 
 EDITS: dict[str, Callable[[Document], object]] = {
@@ -107,9 +120,88 @@ def test_a_difference_is_told_with_both_values(
     )
     assert check(run, flags=("--json",)) == 1
     (document,) = json.loads(capsys.readouterr().out)["runs"]
+    assert document["grade"] == "differs"
     assert document["differences"] == [
         {"what": "indicators.capability_level.value", "stored": None, "recomputed": 6}
     ]
+
+
+def test_other_last_digits_are_no_difference_and_the_libraries_are_named(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(run, rounded_otherwise)
+    change(run, lambda d: d["libraries"].update(scipy="1.0.1", python="3.9.1"))
+    here = libraries_here()
+    assert check(run) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == (
+        f"{run}: equal to 1e-9 (libraries differ: Python 3.9.1 stored, {here.python} now; "
+        f"SciPy 1.0.1 stored, {here.scipy} now)"
+    )
+    assert second.startswith("  indicators.unsafety_of_door_operation.value: stored ")
+    assert check(run, flags=("--json",)) == 0
+    (document,) = json.loads(capsys.readouterr().out)["runs"]
+    assert (document["grade"], document["differences"]) == ("equal to 1e-9", [])
+    assert [each["what"] for each in document["last_digits"]] == [
+        "indicators.unsafety_of_door_operation.value"
+    ]
+    assert document["libraries"]["stored"]["scipy"] == "1.0.1"
+    assert document["libraries"]["now"] == msgspec.to_builtins(here)
+
+
+def test_other_last_digits_of_the_same_libraries_or_of_unknown_ones_are_said_to_be_so(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    here = libraries_here()
+    now = f"Python {here.python}, NumPy {here.numpy}, SciPy {here.scipy}, pandas {here.pandas}"
+    change(run, rounded_otherwise)
+    assert check(run) == 0
+    assert f"equal to 1e-9 (the same libraries ({now}): another" in capsys.readouterr().out
+    change(run, lambda d: d.pop("libraries"))
+    assert check(run) == 0
+    said = f"equal to 1e-9 (the stored result does not name its libraries, now {now})"
+    assert said in capsys.readouterr().out
+
+
+def test_libraries_alone_are_no_difference(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change(run, lambda d: d["libraries"].update(numpy="99.0"))
+    assert check(run) == 0
+    assert capsys.readouterr().out == f"{run}: same digits\n"
+
+
+def test_no_time_counts_and_words_are_compared_to_the_last_digit(run: Path) -> None:
+    """1e-9 of the time since the epoch is more than a second."""
+
+    def last_digit(part: Document, key: str) -> None:
+        part[key] = math.nextafter(part[key], math.inf)
+
+    change(run, lambda d: last_digit(d, "start"))
+    change(run, lambda d: last_digit(d["events"][1], "time"))
+    change(run, lambda d: last_digit(d["events"][2], "since_start"))
+    change(run, lambda d: d["indicators"]["capability_level"].update(value=6 + 1e-12))
+    checked = check_run(RunPath(run))
+    assert {difference.what for difference in checked.of(Grade.DIFFERS)} == {
+        "start",
+        "events[1].time",
+        "events[2].since_start",
+        "indicators.capability_level.value",
+    }
+    assert checked.of(Grade.CLOSE) == ()
+
+
+def test_1e_9_is_the_border(run: Path) -> None:
+    value = "indicators.unsafety_of_door_operation.value"
+
+    def times(factor: float) -> Grade:
+        stored = json.loads((run / "result.json").read_text())
+        change(run, lambda d: _scaled(d, factor))
+        checked = check_run(RunPath(run))
+        assert {difference.what for difference in checked.found} == {value}
+        (run / "result.json").write_text(json.dumps(stored))
+        return checked.grade
+
+    assert times(1 + 0.9e-9) is times(1 - 0.9e-9) is Grade.CLOSE
+    assert times(1 + 1.1e-9) is times(1 - 1.1e-9) is times(-1) is Grade.DIFFERS
 
 
 def test_a_file_that_was_changed_or_is_gone_is_found(run: Path) -> None:
@@ -136,7 +228,7 @@ def test_a_torn_recording_is_a_difference_unless_the_result_knows_it(run: Path) 
     bag = next(run.glob("*.mcap"))
     bag.write_bytes(bag.read_bytes()[:-200])
     change(run, lambda d: d.pop("files", None))
-    (first,) = check_run(RunPath(run))
+    (first,) = check_run(RunPath(run)).found
     assert (first.what, first.stored) == ("quality.remarks", None)
     change(run, lambda d: d["quality"]["remarks"].append(first.recomputed))
     assert found(run) == []
@@ -199,10 +291,11 @@ def test_a_difference_decides_the_exit_code_and_every_run_is_checked(
     (bad / "result.json").unlink()
     assert check(tmp_path) == 2
     change(run, EDITS["stop"])
+    change(copy_run(tmp_path, 4, Scenario.NOMINAL), rounded_otherwise)
     assert check(tmp_path) == 1
     printed = capsys.readouterr().out.splitlines()
-    assert f"{other}: agrees" in printed
-    assert printed[-1] == "1 agree, 1 differ, 1 could not be checked"
+    assert f"{other}: same digits" in printed
+    assert printed[-1] == "1 same digits, 1 equal to 1e-9, 1 differ, 1 could not be checked"
 
 
 def test_an_aborted_and_an_unfinished_run_can_be_checked(tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Callable
 from dataclasses import fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +106,24 @@ def test_a_result_read_back_is_written_to_the_same_bytes(folders: dict[str, Path
     again = msgspec.json.encode(msgspec.json.decode(data, type=ResultDocument))
     assert msgspec.json.format(again, indent=2) + b"\n" == data
     assert read_result(str(folders["completed"]))[0].team == "Delft"
+
+
+def test_a_result_names_what_computed_it(folders: dict[str, Path]) -> None:
+    for folder in folders.values():
+        assert document(folder)["libraries"] == {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "scipy", "pandas")},
+        }
+
+
+def test_a_result_of_a_version_that_named_no_libraries_is_read(
+    folders: dict[str, Path], tmp_path: Path
+) -> None:
+    older = document(folders["completed"])
+    del older["libraries"]
+    jsonschema.validate(older, result_schema())
+    (tmp_path / "result.json").write_text(json.dumps(older))
+    assert read_result(str(tmp_path))[0].libraries is None
 
 
 def test_what_lists_of_runs_read_are_keys_of_the_document() -> None:

@@ -180,7 +180,7 @@ def test_both_rulesets_stand_side_by_side_with_their_differences(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
-    both = scored(capsys, "--ruleset", "both", *runs)
+    both = scored(capsys, "--ruleset", "all", *runs)
     for name in RulesetName:
         alone = scored(capsys, "--ruleset", name, *runs)
         for key in ("path", "flags"):
@@ -426,7 +426,7 @@ def test_files_are_written_by_one_ruleset_of_recordings_only(
     assert "without a recording" in refusal(
         capsys, "--write", "protocol", written, tmp_path / "published"
     )
-    assert "there is no 'both'" in refusal(capsys, "--write", "both", written, tmp_path)
+    assert "there is no 'all'" in refusal(capsys, "--write", "all", written, tmp_path)
     blocked = tmp_path / "file"
     blocked.write_text("")
     run = recorded(Scenario.TOUCH_ONLY)

@@ -96,7 +96,7 @@ class Desk(Drive):
         run = self.engine.run
         told = replace(told, handle_zero=run.handle_zero, zero_samples=run.zero_samples)
         assert replace(told, journal=None) == run
-        assert check_run(RunPath(self.run_folder)) == ()
+        assert check_run(RunPath(self.run_folder)).found == ()
         assert self.listed.problem is None
         return True
 
@@ -227,7 +227,7 @@ def test_a_run_is_voided_in_the_moment_of_its_stop(tmp_path: Path) -> None:
     drive.engine.close()
     (run,) = History(tmp_path).refresh()
     assert (run.voided, run.issue) == (True, 1)
-    assert check_run(RunPath(drive.engine.folder)) == ()
+    assert check_run(RunPath(drive.engine.folder)).found == ()
 
 
 def test_a_waiver_is_taken_back_before_the_start_and_the_check_fails_again(tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def test_a_ruling_is_taken_back_while_the_run_goes_on(tmp_path: Path) -> None:
     drive.finish()
     assert drive.engine.folder is not None
     drive.engine.close()
-    assert check_run(RunPath(drive.engine.folder)) == ()
+    assert check_run(RunPath(drive.engine.folder)).found == ()
 
 
 def test_a_result_that_does_not_know_of_a_correction_is_made_again(desk: Desk) -> None:
@@ -293,7 +293,7 @@ def test_what_was_taken_back_is_not_kept_from_a_result_that_does_not_know_it(
     (folder / "result.json").write_bytes(before)
     assert repair(folder) is not None
     assert msgspec.json.decode((folder / "result.json").read_bytes())["quality"]["remarks"] == []
-    assert check_run(RunPath(folder)) == ()
+    assert check_run(RunPath(folder)).found == ()
 
 
 def test_a_corrected_run_is_packed_for_its_team(desk: Desk) -> None:

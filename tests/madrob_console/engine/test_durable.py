@@ -405,7 +405,7 @@ def test_what_is_put_right_takes_effect_on_disk_or_never(hall: Hall, act: Act) -
     assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == hall.engine.run
     folder = hall.engine.folder
     assert folder is not None
-    assert check_run(RunPath(folder)) == ()
+    assert check_run(RunPath(folder)).found == ()
 
 
 def test_what_the_disk_refuses_is_no_part_of_the_journal(

@@ -77,7 +77,7 @@ def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
     for one in (setup(1), setup(1, practice=True), setup(2, practice=True)):
         hall.whole_run(one)
         assert (hall.folder.parent == tmp_path / "practice") == one.practice
-        assert check_run(RunPath(hall.folder)) == ()
+        assert check_run(RunPath(hall.folder)).found == ()
         snapshot = hall.engine.snapshot()
         assert (snapshot.practice, snapshot.simulated) == (one.practice, None)
     assert hall.engine.next_run_number(3, 1).result() == 2
@@ -112,7 +112,7 @@ def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag
     assert (run.source, run.practice, run.official) == ("simulated", True, False)
     said = [one for one in read_bag(hall.folder).messages() if one.topic == INFO_TOPIC]
     assert [one.data for one in said] == [SAID.data]
-    assert check_run(RunPath(hall.folder)) == ()
+    assert check_run(RunPath(hall.folder)).found == ()
     hall.engine.close()
 
 

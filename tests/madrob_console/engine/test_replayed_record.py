@@ -102,13 +102,28 @@ def test_a_stored_result_that_the_bag_does_not_give_is_told_value_by_value(copy:
     assert not deck.at.agrees
 
 
-def test_a_difference_in_the_last_digit_is_told(copy: Path) -> None:
+def test_a_difference_in_the_last_digit_is_told_and_agrees_to_1e_9(copy: Path) -> None:
     stored = json.loads((copy / "result.json").read_text())
     value = stored["indicators"]["execution_time"]["value"]
     edit_result(copy, execution_time=value + 1e-12)
     deck = Deck(copy)
     deck.to_the_end()
-    assert f"execution time {value!r}, stored {value + 1e-12!r}" in deck.at.comparison
+    assert deck.at.comparison.startswith(
+        "equals the stored result to 1e-9: "
+        f"execution time {value!r}, stored {value + 1e-12!r} (the same libraries (Python "
+    )
+    assert deck.at.agrees
+
+
+def test_a_difference_beyond_1e_9_is_told_in_the_digits_that_show_it(copy: Path) -> None:
+    stored = json.loads((copy / "result.json").read_text())
+    value = stored["indicators"]["execution_time"]["value"]
+    edit_result(copy, execution_time=value * (1 + 2e-9))
+    deck = Deck(copy)
+    deck.to_the_end()
+    assert f"execution time {value!r}, stored {value * (1 + 2e-9)!r}" in deck.at.comparison
+    assert deck.at.comparison.startswith("differs from")
+    assert not deck.at.agrees
 
 
 def test_without_a_usable_stored_result_it_says_so(copy: Path) -> None:

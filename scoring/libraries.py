@@ -1,0 +1,48 @@
+"""What computes results beside this code: its versions decide the last digits (section 11)."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib import import_module
+from typing import Annotated
+
+from msgspec import Meta
+
+from scoring.imports import imports_kept
+
+VersionText = Annotated[str, Meta(max_length=100)]
+"""Longer than any version is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Libraries:
+    """The versions of Python and of the libraries that computed a result (section 11).
+
+    Attributes:
+        python: of the interpreter.
+        numpy: of NumPy.
+        scipy: of SciPy.
+        pandas: of pandas.
+    """
+
+    python: VersionText
+    numpy: VersionText
+    scipy: VersionText
+    pandas: VersionText
+
+
+@cache
+def libraries_here() -> Libraries:
+    """Those that compute in this process; they are imported if they are not yet.
+
+    What is loaded counts, not what is installed: that may have been renewed meanwhile.
+    """
+    with imports_kept():
+        found = {
+            each.name: str(import_module(each.name).__version__)
+            for each in fields(Libraries)
+            if each.name != "python"
+        }
+    return Libraries(python=platform.python_version(), **found)
