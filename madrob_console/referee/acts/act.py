@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Flag as FlagEnum
 from enum import auto
 from functools import cached_property
@@ -15,7 +15,9 @@ from madrob_console.referee.preflight import Check
 from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
+from scoring.result import Indicator
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Situation:
         teams: the list of teams as it is now.
         steps: the six as they stand; empty where they are of no interest.
         simulated: what the simulated testbed plays, in words; None = a real one.
+        indicators: of the result that is written; empty without one.
     """
 
     run: Run
@@ -41,6 +44,7 @@ class Situation:
     teams: TeamList = NO_TEAMS
     steps: tuple[StepRecord, ...] = ()
     simulated: str | None = None
+    indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
@@ -50,7 +54,7 @@ class Situation:
     @property
     def flags(self) -> tuple[Flag, ...]:
         """What a decision on the run hangs on."""
-        return flags(self.run, self.steps)
+        return flags(self.run, self.steps, indicators=self.indicators)
 
     @cached_property
     def handle_mean(self) -> float | None:
@@ -79,6 +83,11 @@ class RunView(Protocol):
     @property
     def steps(self) -> tuple[StepRecord, ...]:
         """The six steps as they stand."""
+        ...
+
+    @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the result; empty without one."""
         ...
 
     @property

@@ -155,6 +155,10 @@ LETTER_KEYS = (
         acts.RestartCountdown.name, acts.RestartCountdown.ask, where=_LIVE,
     ),
     Key(
+        "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
+        acts.AcceptDoubts.name, acts.AcceptDoubts.ask, where=_RESULTS,
+    ),
+    Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
         acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
     ),
@@ -183,7 +187,7 @@ LETTER_KEYS = (
     ),
     Key(
         "take_back", "z", "z", " Take back",
-        "take back the last ruling, mark, waiver, void or correction, with a reason",
+        "take back the last ruling, mark, waiver, doubt, void or correction, with a reason",
         acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(

@@ -292,6 +292,7 @@ class FakeEngine:
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
+            indicators={} if self.result is None else self.result.indicators,
         )
 
     def _checks(self) -> tuple[Check, ...]:
