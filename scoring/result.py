@@ -41,7 +41,7 @@ class Uncertainty:
 
         Returns:
             The root of the sum of squares, divided by their number; None where one is not known,
-            or there is none.
+            there is none, or it is beyond the range of numbers.
         """
         known = [part for part in parts if part is not None]
         if not known or len(known) < len(parts):
@@ -50,6 +50,8 @@ class Uncertainty:
             math.hypot(*(part.u for part in known)),
             math.hypot(*(part.expanded for part in known)),
         )
+        if not math.isfinite(expanded):
+            return None
         return cls(u / len(known), expanded / len(known))
 
 
@@ -84,6 +86,14 @@ class Indicator:
     def sign(self) -> str:
         """What stands directly behind it: a question mark where it is doubted, else nothing."""
         return DOUBTED if self.doubts else ""
+
+    @property
+    def text(self) -> str:
+        """All of it on one line: `13.86? +- 0.02 s`, or `none: handle never touched`."""
+        if self.value is None:
+            return f"none: {self.reason}{self.sign}"
+        value = value_text(self.value, self.uncertainty) + self.sign
+        return " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:
@@ -165,6 +175,15 @@ class Result:
     steps: tuple[StepRecord, ...]
     events: tuple[EventRecord, ...]
     quality: Quality
+
+    @property
+    def doubts(self) -> dict[str, tuple[IndicatorName, ...]]:
+        """Each doubt once, with the indicators that it is on."""
+        found: dict[str, tuple[IndicatorName, ...]] = {}
+        for name, one in self.indicators.items():
+            for words in one.doubts:
+                found[words] = (*found.get(words, ()), name)
+        return found
 
     @property
     def ended(self) -> str:

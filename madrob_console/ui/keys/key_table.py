@@ -155,10 +155,6 @@ LETTER_KEYS = (
         acts.RestartCountdown.name, acts.RestartCountdown.ask, where=_LIVE,
     ),
     Key(
-        "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
-        acts.AcceptDoubts.name, acts.AcceptDoubts.ask, where=_RESULTS,
-    ),
-    Key(
         "finalise", "f", "f", " Finalise", "close the result with the team's word",
         acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
     ),
@@ -184,6 +180,10 @@ LETTER_KEYS = (
     Key(
         "again", "X", "X", " Again", "set up the same team and condition again",
         acts.SetUp.name, where=_RESULTS,
+    ),
+    Key(
+        "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
+        acts.AcceptDoubts.name, acts.AcceptDoubts.ask, where=_RESULTS,
     ),
     Key(
         "take_back", "z", "z", " Take back",
