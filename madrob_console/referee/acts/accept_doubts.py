@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
-from madrob_console.referee.acts.act import Act, RunView, Situation
-from madrob_console.referee.doubts import doubted_words, waiting_doubts
-from madrob_console.referee.questions import Ask, Option, Pick, Question, reasons
+from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
+from madrob_console.referee.doubts import Doubts, doubted_words, waiting_doubts
+from madrob_console.referee.questions import Ask, Option, Pick, reasons
 from madrob_console.referee.run import AcceptedDoubts, DecisionKind, Phase, Run
-from scoring.indicator_table import IndicatorName
 
 _NO_DOUBT = "no doubt waits for the referee"
 _ALL = "all"
+_MOST_LISTED = 4
+"""Sentences of two rows that a dialog has room for, in 80 x 24 cells."""
 _WHY = Pick(
     "Why? It stands with the result, and so do the doubts.",
     reasons("seen on video: right", "no effect on the ranking", "the run is repeated"),
@@ -33,7 +35,7 @@ class AcceptDoubts(Act):
     phases = (Phase.STOPPED,)
     missing = "accepting a doubt needs a reason"
     title = "Accept doubts: the values stand as they are"
-    doubts: dict[IndicatorName, tuple[str, ...]]
+    doubts: Doubts
     reason: str
 
     @classmethod
@@ -55,29 +57,34 @@ class AcceptDoubts(Act):
         return None
 
     @classmethod
-    def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
-        """Of which indicator, where there are several, and why; all doubts are seen before."""
+    def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
+        """On which indicator, where there are several; then why, with all that is doubted of it."""
         waiting = waiting_doubts(view.indicators, view.run.accepted_doubts)
         if not waiting:
             return _NO_DOUBT
-        # one sentence may stand on several indicators: it is read once
-        on: dict[str, dict[IndicatorName, tuple[str, ...]]] = {}
-        for name, sentences in waiting.items():
-            for words in sentences:
-                on.setdefault(words, {})[name] = sentences
-        listed = tuple(f"? {words} ({doubted_words(names)})" for words, names in on.items())
-        questions: list[Question] = [replace(_WHY, listed=listed)]
-        if len(waiting) > 1:
-            each = (Option(str(number), name.words, name) for number, name in enumerate(waiting, 1))
-            options = (Option("a", "all of them", _ALL), *each)
-            questions = [Pick("Which does the referee accept?", options, listed), _WHY]
+        if len(waiting) == 1:
+            return cls._ask_why(waiting)
+        each = (
+            Option(str(number), f"{name.words}: {_counted(len(found))}", name)
+            for number, (name, found) in enumerate(waiting.items(), 1)
+        )
+        question = Pick("On which indicator?", (Option("a", "on all of them", _ALL), *each))
 
-        def make(*answers: str) -> AcceptDoubts:
-            *which, reason = answers
-            chosen = [name for name in waiting if which in ([], [_ALL], [name])]
-            return cls({name: waiting[name] for name in chosen}, reason)
+        def chosen(which: str) -> Ask[Asked]:
+            only = {name: found for name, found in waiting.items() if which in (_ALL, name)}
+            return cls._ask_why(only)
 
-        return Ask(cls.title, tuple(questions), make)
+        return Ask(cls.title, (question,), chosen)
+
+    @classmethod
+    def _ask_why(cls, doubts: Doubts) -> Ask[Asked]:
+        """Why they are accepted, below the sentences; one may stand on several indicators."""
+        listed = [f"? {words}" for words in dict.fromkeys(chain(*doubts.values()))]
+        if (more := len(listed) - _MOST_LISTED) > 1:
+            listed[_MOST_LISTED:] = [f"? and {more} more: the result has all of them"]
+        title = f"Accept what is doubted of {doubted_words(doubts)}"
+        question = replace(_WHY, listed=tuple(listed))
+        return Ask(title, (question,), lambda reason: cls(doubts, reason))
 
     def apply(self, situation: Situation, at: float) -> Run:
         """They are accepted, and stay beside the values."""
@@ -98,3 +105,7 @@ class AcceptDoubts(Act):
     def logged(self) -> str:
         """On which indicators."""
         return f"referee accepts the doubt on {doubted_words(self.doubts)}"
+
+
+def _counted(doubts: int) -> str:
+    return f"{doubts} doubt{'s' if doubts > 1 else ''}"

@@ -152,20 +152,25 @@ def test_the_answer_is_taken_back_and_the_doubt_waits_again() -> None:
     ]
 
 
-def test_the_dialog_shows_each_doubt_once_and_asks_on_which_indicator() -> None:
+def test_the_dialog_asks_on_which_indicator_and_then_shows_each_doubt_once() -> None:
     ask = AcceptDoubts.ask(View(STOPPED, indicators=RESULT), "d")
     assert isinstance(ask, Ask)
-    which, why = ask.questions
+    (which,) = ask.questions
     assert isinstance(which, Pick)
-    assert isinstance(why, Pick)
-    assert which.listed == (f"? {TOUCH} (time to handle, passage time)",)
     assert [option.label for option in which.options[1:]] == [
-        *("all of them", "time to handle", "passage time")
+        *("on all of them", "time to handle: 1 doubt", "passage time: 1 doubt")
     ]
-    values = {option.label: option.value for option in which.options}
+    values = [option.value for option in which.options]
+    on_all, on_passage = ask.make(values[1]), ask.make(values[3])
+    assert isinstance(on_all, Ask)
+    assert isinstance(on_passage, Ask)
+    (why,) = on_all.questions
+    assert isinstance(why, Pick)
+    assert why.listed == (f"? {TOUCH}",)
+    assert on_all.title == "Accept what is doubted of time to handle, passage time"
     every = AcceptDoubts({TIME: (TOUCH,), PASSAGE: (TOUCH,)}, "no effect on the ranking")
-    assert ask.make(values["all of them"], "no effect on the ranking") == every
-    assert ask.make(values["passage time"], "?") == AcceptDoubts({PASSAGE: (TOUCH,)}, "?")
+    assert on_all.make("no effect on the ranking") == every
+    assert on_passage.make("?") == AcceptDoubts({PASSAGE: (TOUCH,)}, "?")
 
 
 def test_one_doubted_indicator_is_not_asked_for() -> None:
@@ -174,7 +179,7 @@ def test_one_doubted_indicator_is_not_asked_for() -> None:
     assert isinstance(ask, Ask)
     (why,) = ask.questions
     assert isinstance(why, Pick)
-    assert why.listed == (f"? {JITTER} (smoothness of door actuation)",)
+    assert why.listed == (f"? {JITTER}",)
     assert ask.make("?") == AcceptDoubts({SMOOTHNESS: (JITTER,)}, "?")
     assert AcceptDoubts.ask(View(STOPPED), "d") == "no doubt waits for the referee"
 

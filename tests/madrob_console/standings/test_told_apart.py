@@ -120,6 +120,19 @@ def test_the_page_names_the_teams_that_a_mean_does_not_differ_from() -> None:
     assert SIGNS in page
 
 
+@pytest.mark.parametrize("expanded", [0.0, 5e-324, 1e-9, 1e9, 1.7e308])
+def test_whatever_a_file_says_the_standings_stay_readable(expanded: float) -> None:
+    runs = [timed(subject, 10.0, expanded) for subject in (1, 1, 2)]
+    of = competition_standings(runs, made=0.0)
+    text = list(standings_lines(of))
+    table = text.index("mean")
+    assert max(map(len, text[table : table + 6])) <= 80
+    assert "10" in text[table + 1]
+    json.loads(standings_json(of, "1"))
+    assert standings_html(of, "1")
+    assert standings_csv(of)
+
+
 def test_of_many_teams_the_first_are_named() -> None:
     assert subjects_text((2, 5)) == "2, 5"
     assert subjects_text(tuple(range(1, 10))) == "1, 2, 3, 4 and 5 more"

@@ -155,9 +155,11 @@ def test_d_accepts_doubts_and_they_stay_beside_the_answer(
         async with driving(engine, size) as driver:
             await doubted(driver)
             await driver.press("d")
-            assert f"? {TOUCH} (time to handle, passage time)" in driver.text
-            assert "all of them" in driver.text
-            await driver.press("1", "1")
+            assert "a on all of them" in driver.text
+            assert "2 passage time: 2 doubts" in driver.text
+            await driver.press("1")
+            assert f"? {TOUCH}" in driver.text
+            await driver.press("1")
             act = AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")
             assert engine.acts[-1] == act
             assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
@@ -172,6 +174,33 @@ def test_d_accepts_doubts_and_they_stay_beside_the_answer(
             assert "time to handle: seen on video: right" in copied
             await driver.press("z", "1", "y")
             assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
+
+    asyncio.run(drive())
+
+
+def test_a_result_all_of_which_is_doubted_is_asked_about_on_a_small_screen(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await doubted(driver)
+            assert engine.result is not None
+            words = "stamps of door and handle differ in delay by over one sampling interval, no {}"
+            doubts = tuple(words.format(number) for number in range(9))
+            everything = {name: replace(one, doubts=doubts) for name, one in measured().items()}
+            engine.result = replace(engine.result, indicators=everything)
+            await driver.settle()
+            await driver.press("d")
+            for name in IndicatorName:
+                assert f"{name.words}: 9 doubts" in driver.text
+            await driver.press("a")
+            assert "over one sampling interval," in driver.text
+            assert "? and 5 more: the result has all of them" in driver.text
+            assert "o other: type it" in driver.text
+            await driver.press("2")
+            assert engine.acts[-1] == AcceptDoubts(
+                dict.fromkeys(IndicatorName, doubts), "no effect on the ranking"
+            )
 
     asyncio.run(drive())
 
