@@ -18,6 +18,7 @@ from scoring.procedure import Ruling
 from scoring.result import Ending, Result, Uncertainty
 from scoring.rows import Rows
 from tests.madrob_console.engine.test_amended_runs import CW, Desk
+from tests.madrob_console.recorded_runs import completed
 
 TOUCH = "the touch rests on 1 sample"
 JITTER = "the stamps jitter by 2.1 ms"
@@ -29,6 +30,7 @@ WAITS = ["doubted: time to handle (1 doubt UNDECIDED)"]
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
     """A run whose touch is doubted; where it does not come to its end, for another reason, too."""
+    completed()  # others use it, too, as it was made
     plain = Assessment.result
 
     def doubted(
