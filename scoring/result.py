@@ -6,6 +6,7 @@ What stands here is what `result.json` says of it: names, order and meaning are 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scoring.errors import ScoringError
@@ -15,6 +16,9 @@ from scoring.protocol import Event, EventName, LockDetection, Outcome
 from scoring.quality import Quality
 from scoring.rest import RestForce
 from scoring.rulesets import RulesetName
+
+DOUBTED = "?"
+"""Stands directly behind a value that is doubted, and behind the reason why there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +32,28 @@ class Uncertainty:
 
     u: float
     expanded: float
+
+    @classmethod
+    def of_mean(cls, parts: Sequence[Uncertainty | None]) -> Uncertainty | None:
+        """That of the mean of values which err independently of each other.
+
+        Args:
+            parts: of the values.
+
+        Returns:
+            The root of the sum of squares, divided by their number; None where one is not known,
+            there is none, or it is beyond the range of numbers.
+        """
+        known = [part for part in parts if part is not None]
+        if not known or len(known) < len(parts):
+            return None
+        u, expanded = (
+            math.hypot(*(part.u for part in known)),
+            math.hypot(*(part.expanded for part in known)),
+        )
+        if not math.isfinite(expanded):
+            return None
+        return cls(u / len(known), expanded / len(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +82,19 @@ class Indicator:
             raise ScoringError("give either a value or the reason why there is none")
         if self.value is not None and not math.isfinite(self.value):
             raise ScoringError(f"{self.value} is no value: give a reason instead")
+
+    @property
+    def sign(self) -> str:
+        """What stands directly behind it: a question mark where it is doubted, else nothing."""
+        return DOUBTED if self.doubts else ""
+
+    @property
+    def text(self) -> str:
+        """All of it on one line: `13.86? +- 0.02 s`, or `none: handle never touched`."""
+        if self.value is None:
+            return f"none: {self.reason}{self.sign}"
+        value = value_text(self.value, self.uncertainty) + self.sign
+        return " ".join(filter(None, (value, uncertainty_text(self.uncertainty), self.unit)))
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:
@@ -142,12 +181,41 @@ class Result:
     rest: RestForce | None = None
 
     @property
+    def doubts(self) -> dict[str, tuple[IndicatorName, ...]]:
+        """Each doubt once, with the indicators that it is on."""
+        found: dict[str, tuple[IndicatorName, ...]] = {}
+        for name, one in self.indicators.items():
+            for words in one.doubts:
+                found[words] = (*found.get(words, ()), name)
+        return found
+
+    @property
     def ended(self) -> str:
         """Why it ended; of a completed run how many steps count, where not all do."""
         counting = sum(record.done for record in self.steps)
         if self.outcome is not Outcome.COMPLETED or counting == len(self.steps):
             return self.outcome_reason
         return f"{counting} of {len(self.steps)} steps count"
+
+
+def distinguishable(
+    one: float, two: float, of_one: Uncertainty | None, of_two: Uncertainty | None
+) -> bool:
+    """Whether two values differ by more than what is known of their uncertainties (section 11).
+
+    They do not where their expanded uncertainties overlap. Where none is known of one of them, or
+    neither has any, nothing says so.
+
+    Args:
+        one: a value, or a mean of values.
+        two: the other one.
+        of_one: the uncertainty of the one.
+        of_two: and of the other.
+    """
+    if of_one is None or of_two is None:
+        return True
+    both = of_one.expanded + of_two.expanded
+    return not both or abs(one - two) > both
 
 
 def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:

@@ -45,11 +45,12 @@ from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
 from scoring.protocol import Condition, Outcome
+from scoring.result import DOUBTED, Uncertainty
 
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (4, RESULT_FORMAT)
+_INDEX_VERSION = (5, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -93,6 +94,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         reason: why it does not count, in the referee's words; empty for a valid run. Long ones
             are cut.
         values: indicator file name -> value, those with a value only.
+        uncertainties: indicator file name -> that of the value, where one is known.
+        doubts: indicator file name -> how many doubts there are on it; those without are missing.
         issue: of the result; 0 = none yet.
         final: whether the result is finalised.
         team_word: what the team said to the final result.
@@ -117,6 +120,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     outcome: Outcome | None = None
     reason: str = ""
     values: dict[str, int | float] = {}
+    uncertainties: dict[str, Uncertainty] = {}
+    doubts: dict[str, int] = {}
     issue: int = 0
     final: bool = False
     team_word: str | None = None
@@ -139,6 +144,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     def official(self) -> bool:
         """Whether it was meant to count, on a real testbed."""
         return self.source == SourceKind.ROS and not self.practice
+
+    def sign(self, name: str) -> str:
+        """What stands directly behind an indicator of that name, as `Indicator.sign`."""
+        return DOUBTED if name in self.doubts else ""
 
     @property
     def outcome_word(self) -> str:
@@ -350,7 +359,9 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
 
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
-    values = {name: found.value for name, found in result.indicators.items()}
+    indicators = result.indicators.items()
+    values = {name: found.value for name, found in indicators}
+    known = {name: found.uncertainty for name, found in indicators if found.uncertainty}
     closure = result.closure
     return replace(
         unread,
@@ -363,6 +374,8 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
         values={name: value for name, value in values.items() if value is not None},
+        uncertainties={name: Uncertainty(one.u, one.expanded) for name, one in known.items()},
+        doubts={name: len(found.doubts) for name, found in indicators if found.doubts},
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word,

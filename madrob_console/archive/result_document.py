@@ -21,6 +21,7 @@ from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import (
+    AcceptedDoubts,
     Closure,
     Correction,
     FalseStart,
@@ -90,6 +91,7 @@ class ResultDocument(Result, Heading):
         voided: the referee says that the run counts nowhere; null = it counts as `outcome` says.
         corrections: of the set-up, which is as it is after them; the folder and the files in it are
             named after the first one's `before`.
+        accepted_doubts: which doubts on the indicators the referee lets stand.
         taken_back: what the referee decided and took back.
         remark: on the times.
         files: name -> digest and size, of the recording and the data files.
@@ -111,6 +113,7 @@ class ResultDocument(Result, Heading):
     remark: str
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
+    accepted_doubts: tuple[AcceptedDoubts, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
@@ -150,6 +153,7 @@ class ResultDocument(Result, Heading):
             closure=run.closure,
             voided=run.voided,
             corrections=run.corrections,
+            accepted_doubts=run.accepted_doubts,
             taken_back=run.taken_back,
             remark=MANUAL_START,
             files=files,

@@ -21,6 +21,7 @@ from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.run import (
     VALID_OUTCOMES,
+    AcceptedDoubts,
     Closure,
     Correction,
     FalseStart,
@@ -52,10 +53,23 @@ _FIRST_LINE = 65_536
 _DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
+Spread = Annotated[float, Meta(ge=0)]
+"""Of a value, in its unit."""
+
+
+class UncertaintyPart(msgspec.Struct, frozen=True):
+    """How far a value can be trusted."""
+
+    u: Spread
+    expanded: Spread
+
+
 class IndicatorPart(msgspec.Struct, frozen=True):
     """One indicator; no value where there is a reason instead."""
 
     value: int | float | None
+    uncertainty: UncertaintyPart | None = None
+    doubts: tuple[str, ...] = ()
 
 
 class ClosurePart(msgspec.Struct, frozen=True):
@@ -182,6 +196,11 @@ class _Marks(msgspec.Struct, frozen=True):
     def team_reason(self) -> str:
         """There was no list of teams to differ from."""
         return ""
+
+    @property
+    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
+        """Nor any doubts."""
+        return ()
 
     @property
     def faults(self) -> tuple[TestbedFault, ...]:

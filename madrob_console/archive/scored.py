@@ -108,7 +108,9 @@ class Scored:
     @property
     def flags(self) -> tuple[Flag, ...]:
         """What a decision on the run hangs on, the heaviest first."""
-        return flags(self.run, self.result.steps, self.record.source, self.result.quality.remarks)
+        result = self.result
+        source, remarks = self.record.source, result.quality.remarks
+        return flags(self.run, result.steps, source, remarks, result.indicators)
 
     @classmethod
     def of(cls, record: RunRecord, run: Run, assessment: Assessment) -> Scored:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import Flag
-from scoring.result import Indicator, Result
+from scoring.result import Indicator, Result, uncertainty_text, value_text
 
 _NONE = "-"
 
@@ -17,8 +17,17 @@ def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
     yield from flag_lines(found)
     for name, indicator in result.indicators.items():
-        yield f"{name.words:<30} {_value(indicator):>12}  {indicator.reason or indicator.unit}"
+        sign, spread = indicator.sign or " ", uncertainty_text(indicator.uncertainty)
+        words = indicator.reason or " ".join(filter(None, (spread, indicator.unit)))
+        yield f"{name.words:<30} {_value(indicator):>12}{sign} {words}"
+    yield from doubt_lines(result)
     yield from _notes(result)
+
+
+def doubt_lines(result: Result) -> Iterator[str]:
+    """Each doubt with the indicators that it is on."""
+    for words, on in result.doubts.items():
+        yield terminal_safe(f"doubt: {words} ({', '.join(name.words for name in on)})")
 
 
 def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
@@ -38,15 +47,16 @@ def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> I
     heads = [first.ruleset, *(head for other in others for head in (other.ruleset, "difference"))]
     yield _row("", heads)
     for name, one in first.indicators.items():
-        cells = [_value(one)]
+        cells = [f"{_value(one)}{one.sign}"]
         for other in others:
             two = other.indicators[name]
-            cells += [_value(two), _difference(one, two)]
+            cells += [f"{_value(two)}{two.sign}", _difference(one, two)]
         yield f"{_row(name.words, cells)}  {one.unit}"
     for each in results:
         for name, indicator in each.indicators.items():
             if indicator.reason is not None:
                 yield f"{name.words}, {each.ruleset}: {indicator.reason}"
+    yield from dict.fromkeys(text for each in results for text in doubt_lines(each))
     yield from _notes(first)
 
 
@@ -71,7 +81,12 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def _value(indicator: Indicator) -> str:
-    return _NONE if indicator.value is None else _number(indicator.value, "")
+    if indicator.value is None:
+        return _NONE
+    known = indicator.uncertainty
+    if known is None or not known.expanded:
+        return _number(indicator.value, "")
+    return value_text(indicator.value, known)
 
 
 def _difference(one: Indicator, two: Indicator) -> str:

@@ -6,15 +6,18 @@ line in `flags`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Annotated, Protocol
 
 from msgspec import Meta
 
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.doubts import doubted_words, waiting_doubts
 from madrob_console.referee.run import (
+    AcceptedDoubts,
     Closure,
     Correction,
     FalseStart,
@@ -24,12 +27,17 @@ from madrob_console.referee.run import (
     Voiding,
     Waiver,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Outcome
 from scoring.quality import AGAINST_OPENING
+from scoring.result import Indicator
 
 LONGEST_WORDS = 120
 """Of a flag, characters."""
+
+NO_INDICATORS: Mapping[IndicatorName, Indicator] = MappingProxyType({})
+"""Before there is a result."""
 
 FlagWords = Annotated[str, Meta(max_length=500)]
 """Longer than any that this version writes."""
@@ -58,6 +66,7 @@ class FlagKind(StrEnum):
     VOID = "void"
     FALSE_START = "false start"
     UNDECIDED_STEP = "undecided step"
+    DOUBT = "doubt"
     PRACTICE = "practice"
     OUT_OF_PLAN = "out of plan"
     PROTEST = "protest"
@@ -156,12 +165,18 @@ class Flagged(Protocol):
         """Of what was set up."""
         ...
 
+    @property
+    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
+        """Which doubts on the indicators the referee lets stand."""
+        ...
+
 
 def flags(
     run: Flagged,
     steps: Iterable[StepRecord] = (),
     source: SourceKind | None = None,
     remarks: Iterable[str] = (),
+    indicators: Mapping[IndicatorName, Indicator] = NO_INDICATORS,
 ) -> tuple[Flag, ...]:
     """All flags of a run, the heaviest first.
 
@@ -170,12 +185,14 @@ def flags(
         steps: the six, as they count; empty before the stop.
         source: where its messages came from; None = of no interest.
         remarks: on the quality of its data, with a result.
+        indicators: of the result, with what is doubted of them; empty without one.
     """
     # else there is nothing to decide
     counts = run.outcome is not Outcome.ABORTED and run.voided is None
     found = (
         *(_false_starts(run.false_starts) if counts else ()),
         *(_undecided_steps(steps) if counts else ()),
+        *(_doubts(run, indicators) if counts else ()),
         *_void(run.voided),
         *_practice(source, practice=run.practice),
         *_out_of_plan(beyond=run.out_of_plan),
@@ -223,6 +240,22 @@ def _undecided_steps(steps: Iterable[StepRecord]) -> Iterator[Flag]:
         if record.undecided:
             words = f"step {record.step:d} UNDECIDED ({record.reason})"
             yield Flag(FlagKind.UNDECIDED_STEP, words, FlagWeight.ALARM, undecided=True)
+
+
+def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iterator[Flag]:
+    if waiting := waiting_doubts(indicators, run.accepted_doubts):
+        count = len({words for sentences in waiting.values() for words in sentences})
+        words = f"doubted: {doubted_words(waiting)} ({_counted(count, 'doubt')} UNDECIDED)"
+        yield Flag(FlagKind.DOUBT, words, FlagWeight.CAUTION, undecided=True)
+    for accepted in run.accepted_doubts:
+        standing = {
+            name: accepted.doubts[name]
+            for name, one in indicators.items()
+            if not set(accepted.doubts.get(name, ())).isdisjoint(one.doubts)
+        }
+        if standing:
+            words = f"doubt accepted: {doubted_words(standing)} ({accepted.reason})"
+            yield Flag(FlagKind.DOUBT, words, FlagWeight.REMARK)
 
 
 def _void(voided: Voiding | None) -> Iterator[Flag]:

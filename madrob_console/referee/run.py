@@ -9,6 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
 from scoring.rest import HandleRest
@@ -68,6 +69,7 @@ class DecisionKind(StrEnum):
     WAIVER = "waiver"
     VOID = "void"
     CORRECTION = "correction"
+    DOUBTS = "accepted doubts"
 
 
 class TeamWord(StrEnum):
@@ -256,6 +258,23 @@ class Correction:
 
 
 @dataclass(frozen=True, slots=True)
+class AcceptedDoubts:
+    """What is doubted of a result, and the referee lets stand (protocol section 11).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+        doubts: the sentences, by indicator; others that come with a later issue are not among them.
+    """
+
+    time: float
+    reason: str
+    referee: str
+    doubts: dict[IndicatorName, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True)
 class TakenBack:
     """A decision that the referee took back: it counts no more and stays on record.
 
@@ -313,6 +332,7 @@ class Run:
         false_starts, incidents, notes, rulings: what happened and what the referee said.
         voided: by the referee; None = it counts as its outcome says.
         corrections: of the set-up, which is as it is after them.
+        accepted_doubts: which doubts on the indicators the referee lets stand.
         taken_back: what the referee decided and took back.
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
@@ -341,6 +361,7 @@ class Run:
     rulings: tuple[Ruling, ...] = ()
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
+    accepted_doubts: tuple[AcceptedDoubts, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()

@@ -17,6 +17,22 @@ MANUAL_START_NOTE = (
     f"* Robot and clock were started by hand: {WITH_THE_START} include the delay between the two."
 )
 
+UNCERTAINTY_NOTE = (
+    "+-: the expanded uncertainty (k = 2): how far sampling, encoder, stamps and noise may have "
+    "put the value off. Two results whose intervals overlap are not distinguishable."
+)
+"""What stands below the values of a report, once an uncertainty is known."""
+
+BIAS_NOTE = (
+    "Not in it, because the direction is known: an edge is seen half a sampling interval late on "
+    "average, so that a time from the start to an edge is too long by that; a short peak of force "
+    "is read 1.8 % too low; the steps of the encoder look like jerk, so that the smoothness of a "
+    "smooth door is too low."
+)
+"""And below that."""
+
+DOUBTS_NOTE = "? marks a value that is doubted, and says of no value that it is wrong:"
+
 INVALID: Mapping[Outcome, str] = {
     Outcome.ABORTED: (
         "INVALID: the referee aborted this run. It has no indicators and counts for nothing; it "

@@ -8,6 +8,7 @@ from itertools import starmap
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.run import (
+    AcceptedDoubts,
     Correction,
     FalseStart,
     Incident,
@@ -17,11 +18,14 @@ from madrob_console.referee.run import (
     Waiver,
 )
 from madrob_console.report.explanations import (
+    BIAS_NOTE,
+    DOUBTS_NOTE,
     LOCKED_BY,
     MANUAL_START_NOTE,
     NONE,
     SOURCES,
     TEAM_WORDS,
+    UNCERTAINTY_NOTE,
     date_text,
     since,
     task_text,
@@ -38,7 +42,7 @@ from madrob_console.report.markup import (
 )
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.procedure import Ruling, StepRecord
-from scoring.result import Indicator, Result, value_text
+from scoring.result import Indicator, Result, uncertainty_text, value_text
 from scoring.rulesets import ruleset
 
 _QUALITY = (
@@ -92,17 +96,36 @@ def indicators(result: Result) -> Markup:
         title = element("b", name.words + (" *" if name.spec.with_the_start else ""))
         what = element("small", rules.explanation(name))
         if indicator.value is None:
-            return (title, what), element("span", f"none: {indicator.reason}", class_="none")
-        unit = element("span", f" {unit_text(indicator.unit)}", class_="unit")
-        return (title, what), (element("b", value_text(indicator.value)), unit)
+            return (title, what), element("span", indicator.text, class_="none")
+        known = indicator.uncertainty
+        value = element("b", value_text(indicator.value, known) + indicator.sign)
+        spread = filter(None, (uncertainty_text(known), unit_text(indicator.unit)))
+        unit = element("span", f" {' '.join(spread)}", class_="unit")
+        return (title, what), (value, unit)
 
     rows = starmap(row, result.indicators.items())
+    known = any(uncertainty_text(one.uncertainty) for one in result.indicators.values())
     return section(
         "Indicators",
         table(("indicator", "value"), rows, class_="indicators"),
+        doubts(result),
         element("p", MANUAL_START_NOTE),
         element("p", f"Handle at rest: {result.rest.words}.") if result.rest else NOTHING,
+        [element("p", element("small", note)) for note in (UNCERTAINTY_NOTE, BIAS_NOTE)]
+        if known
+        else (),
     )
+
+
+def doubts(result: Result) -> Content:
+    """Each sentence with the indicators that it is on; nothing where nothing is doubted."""
+    if not result.doubts:
+        return NOTHING
+    told = [
+        (element("b", ", ".join(name.words for name in on)), f": {words}.")
+        for words, on in result.doubts.items()
+    ]
+    return element("p", DOUBTS_NOTE), listed(told, "")
 
 
 def steps(result: Result) -> Markup:
@@ -127,10 +150,11 @@ def steps(result: Result) -> Markup:
 
 
 def decisions(run: Run) -> Markup:
-    """Void, corrections, rulings, waivers, false starts, faults, incidents and notes."""
+    """What the referee decided; then false starts, faults, incidents and notes."""
     said_so = [
         *([_voiding(run.voided)] if run.voided else []),
         *map(_correction, run.corrections),
+        *map(_accepted_doubts, run.accepted_doubts),
         *map(_waiver, run.waivers),
         *((_at(r.time, run), _ruling(r)) for r in run.rulings),
         *map(_taken_back, run.taken_back),
@@ -189,11 +213,16 @@ def _correction(correction: Correction) -> Content:
     return what, said(correction.reason), *_by(correction)
 
 
+def _accepted_doubts(one: AcceptedDoubts) -> Content:
+    what = "; ".join(f"{name.words}: {', '.join(told)}" for name, told in one.doubts.items())
+    return f"doubt accepted ({what}): ", said(one.reason), *_by(one)
+
+
 def _taken_back(one: TakenBack) -> Content:
     return element("del", said(one.words)), " taken back: ", said(one.reason), *_by(one)
 
 
-def _by(decision: Voiding | Correction | TakenBack) -> tuple[Content, ...]:
+def _by(decision: Voiding | Correction | AcceptedDoubts | TakenBack) -> tuple[Content, ...]:
     return ", by ", said(decision.referee or "the referee"), f", {date_text(decision.time)}"
 
 

@@ -12,9 +12,10 @@ from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import undecided, weighty
-from madrob_console.standings.tally import Aggregate, Overall, Standing, overall, standings
+from madrob_console.standings.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome
+from scoring.result import DOUBTED, value_text
 
 CONDITION_NUMBERS = range(1, 21)
 """All that there are (section 1)."""
@@ -115,11 +116,15 @@ class CompetitionStandings:
         )
 
 
+SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: uncertainties overlap"
+"""What stands behind numbers, where there is no room for more."""
+
 NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
     f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
     "All conditions together: every run weighs the same.",
     "Teams stand in the order of their numbers: the protocol makes no ranking.",
+    f"{SIGNS}.",
 )
 """How to read the numbers."""
 
@@ -207,7 +212,18 @@ def statistic_text(name: IndicatorName, value: float, width: int = 12) -> str:
     Smallest and largest counts are as they are; what is too wide is in powers of ten.
     """
     text = str(value) if isinstance(value, int) else f"{value:.{name.spec.decimals}f}"
-    return text if len(text) <= width else f"{value:.1e}"
+    if len(text) <= width:
+        return text
+    powers = f"{value:.1e}"
+    return powers if len(powers) <= width else f"{value:.0e}"
+
+
+def mean_text(name: IndicatorName, aggregate: Aggregate, width: int = 12) -> str:
+    """A mean with no digit that its uncertainty does not leave; else as any other statistic."""
+    known, text = aggregate.uncertainty, statistic_text(name, aggregate.mean, width)
+    if known is None or not known.expanded:
+        return text
+    return min(text, value_text(aggregate.mean, known), key=len)
 
 
 def _groups(

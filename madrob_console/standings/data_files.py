@@ -27,6 +27,7 @@ COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
     *("subject", "team", "completed", "timeout", "invalid", "interrupted", "void"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
+    *("expanded_uncertainty", "doubts", "not_distinguishable_from"),
 )
 """Of the csv file."""
 
@@ -38,8 +39,9 @@ def standings_csv(found: CompetitionStandings) -> str:
 
     A row names its unit and a filter of a spreadsheet on condition and indicator shows a table of
     teams; a row for each team would have forty columns of numbers. Numbers have all their digits.
-    Empty = no value, or none that EUROBENCH tells. A team's name that a spreadsheet would take for
-    a formula gets an apostrophe before it.
+    Empty = no value, or none that EUROBENCH tells. The expanded uncertainty is that of the mean, of
+    one run its own; a team is not distinguishable from the subjects that are named. A team's name
+    that a spreadsheet would take for a formula gets an apostrophe before it.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
@@ -121,7 +123,8 @@ def _rows(
     names = {"ruleset": _cell(tally.ruleset), "team": _cell(tally.team)}
     told = {**_tally(tally), "source": _source(found), **names, **condition}
     for indicator, numbers in told["indicators"].items():
-        yield {**told, "indicator": indicator, **numbers}
+        alike = " ".join(map(str, numbers["not_distinguishable_from"]))
+        yield {**told, "indicator": indicator, **numbers, "not_distinguishable_from": alike}
 
 
 def _condition(condition: Condition) -> dict[str, object]:
@@ -151,9 +154,13 @@ def _tally(tally: Tally) -> dict[str, Any]:
                 "unit": name.spec.unit,
                 "runs": aggregate.count if aggregate else 0,
                 **statistics_of(aggregate, name),
+                "expanded_uncertainty": known.expanded if known else None,
+                "doubts": tally.doubts.get(name, 0),
+                "not_distinguishable_from": tally.alike.get(name, ()),
             }
             for name in IndicatorName
             for aggregate in [tally.aggregates.get(name)]
+            for known in [aggregate.uncertainty if aggregate else None]
         },
     }
 

@@ -8,15 +8,24 @@ from __future__ import annotations
 import math
 import statistics
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product
+from operator import itemgetter
+from typing import Any, NamedTuple, TypeVar
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.teams import TeamName
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
+from scoring.result import DOUBTED, Uncertainty, distinguishable
+
+ALIKE = "~"
+"""Stands behind a mean that is not distinguishable from another team's."""
+
+_MOST_NAMED = 4
+"""Teams that a mean is not distinguishable from; more of them are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +37,7 @@ class Aggregate:
         deviation: the sample standard deviation (n - 1 in the denominator); None for one value.
         smallest, largest: of the values.
         count: how many values; at least 1.
+        uncertainty: of the mean; None = that of a value is not known.
     """
 
     mean: float
@@ -36,10 +46,18 @@ class Aggregate:
     smallest: float
     largest: float
     count: int
+    uncertainty: Uncertainty | None = None
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Aggregate | None:
-        """The aggregate; None without values, or beyond the range of numbers."""
+    def of(
+        cls, values: Sequence[float], uncertainties: Sequence[Uncertainty | None] = ()
+    ) -> Aggregate | None:
+        """The aggregate; None without values, or beyond the range of numbers.
+
+        Args:
+            values: of some runs.
+            uncertainties: of the same runs, each of them.
+        """
         if not values:
             return None
         try:
@@ -50,7 +68,8 @@ class Aggregate:
             return None
         if not math.isfinite(median):
             return None
-        return cls(mean, median, deviation, min(values), max(values), len(values))
+        known = Uncertainty.of_mean(uncertainties)
+        return cls(mean, median, deviation, min(values), max(values), len(values), known)
 
 
 def _deviation(values: Sequence[float], mean: float) -> float:
@@ -76,6 +95,10 @@ class Tally:
         flagged: valid runs with a flag that weighs.
         undecided: those of them that wait for a decision of the referee.
         aggregates: by indicator; missing = no run has a value.
+        doubts: how many there are on the runs of which the aggregates are, by indicator; without a
+            value, too. Missing = none.
+        alike: the subjects whose means beside it are not distinguishable from its own, by
+            indicator (protocol section 11); missing = none.
     """
 
     subject: int
@@ -91,11 +114,23 @@ class Tally:
     flagged: int = 0
     undecided: int = 0
     aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
+    doubts: Mapping[IndicatorName, int] = field(default_factory=dict)
+    alike: Mapping[IndicatorName, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def who(self) -> str:
         """The team in words: its number and its name."""
         return f"{self.subject} {self.team}".rstrip()
+
+    def signs(self, name: IndicatorName, *, of_mean: bool = True) -> str:
+        """What stands directly behind a number of an indicator.
+
+        Args:
+            name: which indicator.
+            of_mean: the number is the mean: only means are told apart from each other.
+        """
+        doubted = DOUBTED if name in self.doubts else ""
+        return doubted + (ALIKE if of_mean and name in self.alike else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +145,16 @@ class Overall(Tally):
     """One team in all its conditions together, by their numbers; every run weighs the same."""
 
     conditions: tuple[int, ...]
+
+
+_T = TypeVar("_T", bound=Tally)
+
+
+def subjects_text(found: Sequence[int]) -> str:
+    """The first of some teams: `2, 5`, or `2, 5, 7, 8 and 12 more`."""
+    more = len(found) - _MOST_NAMED
+    named = ", ".join(map(str, found[:_MOST_NAMED]))
+    return f"{named} and {more} more" if more > 0 else named
 
 
 class _Key(NamedTuple):
@@ -145,10 +190,11 @@ def standings(
     """
     groups = _grouped(runs, official=official)
     names = _names(groups, listed or {})
-    return tuple(
+    made = [
         Standing(condition=key.condition, **_tally(key, names, [groups[key]], best))
         for key in sorted(groups)
-    )
+    ]
+    return _told_apart(made, lambda one: (one.condition, one.ruleset))
 
 
 def overall(
@@ -171,13 +217,14 @@ def overall(
     of_team: dict[tuple[int, str], list[_Key]] = defaultdict(list)
     for key in sorted(groups):
         of_team[key.subject, key.ruleset].append(key)
-    return tuple(
+    made = [
         Overall(
             conditions=tuple(key.condition for key in keys),
             **_tally(keys[0], names, [groups[key] for key in keys], best),
         )
         for keys in of_team.values()
-    )
+    ]
+    return _told_apart(made, lambda one: one.ruleset)
 
 
 def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
@@ -232,7 +279,8 @@ def _tally(
         valid = sorted((run for run in runs if run.valid), key=_rank)
         flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid
-    found = {name: Aggregate.of(_values(counted, name)) for name in IndicatorName}
+    found = {name: _aggregate(counted, name) for name in IndicatorName}
+    doubts = {name: sum(run.doubts.get(name, 0) for run in counted) for name in IndicatorName}
     return {
         "subject": key.subject,
         "team": team.name,
@@ -247,6 +295,7 @@ def _tally(
         "flagged": len(flagged),
         "undecided": sum(bool(undecided(run.flags)) for run in flagged),
         "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
+        "doubts": {name: count for name, count in doubts.items() if count},
     }
 
 
@@ -261,7 +310,47 @@ def _rank(run: RunSummary) -> tuple[float, bool, float, float]:
     )
 
 
-def _values(runs: Iterable[RunSummary], name: IndicatorName) -> list[float]:
+def _aggregate(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate | None:
     if name is IndicatorName.EXECUTION_TIME:
         runs = (run for run in runs if run.outcome is Outcome.COMPLETED)
-    return [run.values[name] for run in runs if name in run.values]
+    having = [run for run in runs if name in run.values]
+    values = [run.values[name] for run in having]
+    return Aggregate.of(values, [run.uncertainties.get(name) for run in having])
+
+
+def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tuple[_T, ...]:
+    """The same with `alike`: from whom the mean of each cannot be told apart.
+
+    Args:
+        tallies: of all teams.
+        beside: what those have in common that stand beside each other.
+    """
+    groups: dict[Hashable, list[_T]] = defaultdict(list)
+    for tally in tallies:
+        groups[beside(tally)].append(tally)
+    alike: dict[int, dict[IndicatorName, tuple[int, ...]]] = defaultdict(dict)
+    for group, name in product(groups.values(), IndicatorName):
+        for one, subjects in _alike(group, name).items():
+            alike[one][name] = tuple(sorted(subjects))
+    return tuple(replace(tally, alike=alike.get(id(tally), {})) for tally in tallies)
+
+
+def _alike(tallies: Iterable[Tally], name: IndicatorName) -> Mapping[int, list[int]]:
+    """The subjects that are alike, by the identity of a tally; those that are alone are missing."""
+    known = [
+        (one.mean - one.uncertainty.expanded, one, tally)
+        for tally in tallies
+        if (one := tally.aggregates.get(name)) is not None and one.uncertainty is not None
+    ]
+    known.sort(key=itemgetter(0))
+    found: dict[int, list[int]] = defaultdict(list)
+    for number, (_, one, mine) in enumerate(known):
+        assert one.uncertainty is not None
+        highest = one.mean + one.uncertainty.expanded
+        for lowest, two, other in islice(known, number + 1, None):
+            if lowest > highest:
+                break
+            if not distinguishable(one.mean, two.mean, one.uncertainty, two.uncertainty):
+                found[id(mine)].append(other.subject)
+                found[id(other)].append(mine.subject)
+    return found

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 from madrob_console.report.explanations import PRACTICE_STANDINGS, task_text
 from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
+    mean_text,
     statistic_text,
     statistics_of,
 )
 from madrob_console.standings.tally import Tally
 from madrob_console.standings.web_page import counts, flag_words, run_words
 from scoring.indicator_table import IndicatorName
+from scoring.result import uncertainty_text
 
 _ACROSS = 8
 """Indicators beside each other; more of them follow below."""
@@ -74,25 +77,48 @@ def _team_lines(tallies: Sequence[Tally]) -> Iterator[str]:
         yield _columns("subject", (name.spec.title for name in names))
         yield _columns("", (name.spec.unit for name in names))
         yield _columns("better", (name.spec.better for name in names))
-        for word in ("mean", "median", "std", "min", "max"):
-            yield from _table(word, names, tallies)
+        signs = max((len(each.signs(name)) for each in tallies for name in names), default=0)
+        yield from _table("mean", names, tallies, partial(_mean, signs))
+        yield from _table("+-", names, tallies, partial(_spread, signs))
+        for word in ("median", "std", "min", "max"):
+            yield from _table(word, names, tallies, partial(_statistic, word))
 
 
-def _table(word: str, names: Sequence[IndicatorName], tallies: Iterable[Tally]) -> Iterator[str]:
+def _table(
+    word: str,
+    names: Sequence[IndicatorName],
+    tallies: Iterable[Tally],
+    text: Callable[[Tally, IndicatorName], str],
+) -> Iterator[str]:
     """One statistic of all teams; nothing where no team has it."""
     rows = []
     for tally in tallies:
-        found = [statistics_of(tally.aggregates.get(name), name).get(word) for name in names]
-        if any(number is not None for number in found):
-            cells = zip(names, found, strict=True)
-            texts = (
-                "-" if value is None else statistic_text(name, value, _WIDTH)
-                for name, value in cells
-            )
-            rows.append(_columns(str(tally.subject), texts))
+        texts = [text(tally, name) for name in names]
+        if any(texts):
+            rows.append(_columns(str(tally.subject), (cell or "-" for cell in texts)))
     if rows:
         yield word
         yield from rows
+
+
+def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
+    """With the signs behind it, in the room of the `most` that a mean has: digits are aligned."""
+    aggregate, signs = tally.aggregates.get(name), tally.signs(name)
+    if aggregate is None:
+        return f"-{signs:<{most}}" if signs else ""
+    return f"{mean_text(name, aggregate, _WIDTH - most)}{signs:<{most}}"
+
+
+def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
+    """The expanded uncertainty of the mean."""
+    aggregate = tally.aggregates.get(name)
+    known = uncertainty_text(aggregate.uncertainty) if aggregate else ""
+    return f"{known.removeprefix('+- ')}{'':<{most}}" if known else ""
+
+
+def _statistic(word: str, tally: Tally, name: IndicatorName) -> str:
+    value = statistics_of(tally.aggregates.get(name), name).get(word)
+    return "" if value is None else statistic_text(name, value, _WIDTH)
 
 
 def _columns(name: str, cells: Iterable[str]) -> str:

@@ -29,11 +29,13 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
+    mean_text,
     statistic_text,
     statistics_of,
 )
-from madrob_console.standings.tally import Overall, Tally
+from madrob_console.standings.tally import ALIKE, Overall, Tally, subjects_text
 from scoring.indicator_table import IndicatorName, unit_text
+from scoring.result import uncertainty_text
 
 
 def standings_html(found: CompetitionStandings, software: str) -> str:
@@ -67,7 +69,11 @@ def _top(found: CompetitionStandings) -> Markup:
         element("p", f"As of {date_text(found.made)}"),
         [element("p", element("strong", said(remark))) for remark in found.remarks],
         element("p", found.basis),
-        element("p", "Bold: the mean. n: how many runs have a value, where not all have."),
+        element(
+            "p",
+            "Bold: the mean. +-: its expanded uncertainty (k = 2). n: how many runs have a value, "
+            "where not all have.",
+        ),
         [element("p", note) for note in (*NOTES, MANUAL_START_NOTE)],
     )
 
@@ -115,10 +121,15 @@ def counts(tally: Tally) -> Iterator[str]:
 def _indicator(tally: Tally, name: IndicatorName) -> Content:
     """The mean large, the others small below it."""
     aggregate = tally.aggregates.get(name)
+    doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
+    below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
+    if alike := tally.alike.get(name):
+        below.append(f"{ALIKE} {subjects_text(alike)}")
     if aggregate is None:
-        return NONE
+        return f"{NONE}{signs}", [element("small", line) for line in below]
     found = statistics_of(aggregate, name)
-    lines = [f"median {statistic_text(name, aggregate.median)}"]
+    lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
+    lines += [f"median {statistic_text(name, aggregate.median)}"]
     if aggregate.deviation is not None:
         lines.append(f"std {statistic_text(name, aggregate.deviation)}")
     lines += [
@@ -128,8 +139,8 @@ def _indicator(tally: Tally, name: IndicatorName) -> Content:
     ]
     if aggregate.count != tally.counted:
         lines.append(f"n = {aggregate.count}")
-    return element("b", statistic_text(name, aggregate.mean)), [
-        element("small", line) for line in lines
+    return element("b", f"{mean_text(name, aggregate)}{signs}"), [
+        element("small", line) for line in filter(None, (*lines, *below))
     ]
 
 

@@ -206,7 +206,6 @@ def _panel(run: _Run, quantity: Quantity, colour: str, window: Interval, empty: 
 
 def _finding(run: _Run, name: IndicatorName) -> str:
     indicator = run.result.indicators[name]
-    words = name.words
     if indicator.value is None:
-        return f"{words}: none"
-    return f"{words} {value_text(indicator.value)} {unit_text(indicator.unit)}"
+        return f"{name.words}: none{indicator.sign}"
+    return f"{name.words} {unit_text(indicator.text)}"

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from madrob_console.archive.folders import RESULT_FILE, RunId
 from madrob_console.archive.history import RunSummary
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
@@ -48,6 +50,8 @@ def document(run: RunSummary) -> dict[str, Any]:
                 "value": run.values.get(name),
                 "unit": name.spec.unit,
                 "reason": None if name in run.values else "why not",
+                "uncertainty": msgspec.to_builtins(run.uncertainties.get(name)),
+                "doubts": ["why it may be wrong"] * run.doubts.get(name, 0),
             }
             for name in IndicatorName
         },

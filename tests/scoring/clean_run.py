@@ -62,7 +62,8 @@ class Motion:
 
         def risen(since: float) -> NDArray[np.float64]:
             part = ((time - since) / self.swing_time).clip(0, 1)
-            return 10 * part**3 - 15 * part**4 + 6 * part**5
+            height: NDArray[np.float64] = 10 * part**3 - 15 * part**4 + 6 * part**5
+            return height
 
         angle: NDArray[np.float64] = self.swing * (risen(self.opens) - risen(self.closes))
         return angle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scoring.result import Uncertainty, uncertainty_text, value_text
+from scoring.result import Uncertainty, distinguishable, uncertainty_text, value_text
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,32 @@ def test_a_value_has_the_digits_that_its_uncertainty_leaves(
 def test_a_value_of_which_no_uncertainty_is_known_has_four_decimals() -> None:
     assert value_text(13.86214) == "13.8621"
     assert uncertainty_text(None) == ""
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "expanded", "apart"),
+    [
+        (10.0, 10.3, (0.1, 0.1), True),
+        (10.0, 10.3, (0.1, 0.25), False),
+        (10.0, 10.0, (0.1, 0.1), False),
+        (5, 6, (0.0, 0.0), True),
+        (6, 6, (0.0, 0.0), True),  # equal is more than not distinguishable
+        (10.0, 10.3, (0.2, None), True),  # nothing is known of one
+    ],
+)
+def test_values_whose_uncertainties_overlap_are_not_distinguishable(
+    one: float, two: float, expanded: tuple[float, float | None], apart: bool
+) -> None:
+    first, second = (None if each is None else Uncertainty(each / 2, each) for each in expanded)
+    assert distinguishable(one, two, first, second) is apart
+    assert distinguishable(two, one, second, first) is apart
+
+
+def test_a_mean_is_known_better_than_its_values() -> None:
+    mean = Uncertainty.of_mean([Uncertainty(0.3, 0.6), Uncertainty(0.4, 0.8)])
+    assert mean is not None
+    assert mean.u == pytest.approx(0.25)
+    assert mean.expanded == pytest.approx(0.5)
+    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6)]) == Uncertainty(0.3, 0.6)
+    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6), None]) is None
+    assert Uncertainty.of_mean([]) is None

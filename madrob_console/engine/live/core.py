@@ -345,6 +345,7 @@ class Engine:
             scored=self._result.settled,
             hopeless=self._result.hopeless,
             simulated=self.source.announcement.simulated,
+            indicators=self._result.indicators,
             look=lambda: self._pre_start.checks(self.run, self.source, now, self._at_hand.drift),
             measure=lambda: self._sensors.handle_rest(now),
             rest_force=self.config.thresholds.touch_force / 2,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,9 @@ from madrob_console.engine.live.chronicle import Chronicle
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.result_keeper import ResultKeeper, Unwritten
 from madrob_console.engine.live.scorer import RenderedResult, Scorer, ToScore
+from madrob_console.referee.flags import NO_INDICATORS
+from scoring.indicator_table import IndicatorName
+from scoring.result import Indicator
 
 NOTICEABLE = 0.3
 """A result that is out of date is shown for so long while the next one is made, s."""
@@ -64,6 +67,11 @@ class CurrentResult:
     def __contains__(self, folder: Path) -> bool:
         """Whether that of an earlier run waits for the disk."""
         return folder in self._files
+
+    @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the one that can be shown; empty without one."""
+        return NO_INDICATORS if self.scored is None else self.scored.result.indicators
 
     @property
     def wanted(self) -> bool:

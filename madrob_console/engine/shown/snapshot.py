@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -10,15 +11,16 @@ from madrob_console.engine.shown.playback import PlaybackView
 from madrob_console.engine.shown.requests import Role, TakeOver
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.flags import Flag, flags
+from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.run import Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import Side
-from scoring.result import Result
+from scoring.result import Indicator, Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,11 +332,18 @@ class Snapshot:
         return None if self.right.holder else "this console has the right to act"
 
     @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the result; empty without one."""
+        return NO_INDICATORS if self.result is None else self.result.indicators
+
+    @property
     def flags(self) -> tuple[Flag, ...]:
         """What a decision on the run hangs on, the heaviest first."""
         if (result := self.result) is None:
             return flags(self.run, self.steps, self.result_source)
-        return flags(self.run, result.steps, self.result_source, result.quality.remarks)
+        return flags(
+            self.run, result.steps, self.result_source, result.quality.remarks, result.indicators
+        )
 
     @property
     def pulse_words(self) -> str | None:

@@ -13,6 +13,7 @@ import msgspec
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts.abort import Abort as Abort
+from madrob_console.referee.acts.accept_doubts import AcceptDoubts as AcceptDoubts
 from madrob_console.referee.acts.accept_false_start import AcceptFalseStart as AcceptFalseStart
 from madrob_console.referee.acts.act import Act as Act
 from madrob_console.referee.acts.act import Consequence as Consequence
@@ -48,6 +49,7 @@ ACTS: tuple[type[Act], ...] = (
     MarkIncident,
     WithdrawIncident,
     AddNote,
+    AcceptDoubts,
     Finalise,
     Reissue,
     Void,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Flag as FlagEnum
 from enum import auto
 from functools import cached_property
@@ -16,8 +16,10 @@ from madrob_console.referee.preflight import Check
 from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.rest import HandleRest
+from scoring.result import Indicator
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Situation:
         teams: the list of teams as it is now.
         steps: the six as they stand; empty where they are of no interest.
         simulated: what the simulated testbed plays, in words; None = a real one.
+        indicators: of the result that is written; empty without one.
     """
 
     run: Run
@@ -45,6 +48,7 @@ class Situation:
     teams: TeamList = NO_TEAMS
     steps: tuple[StepRecord, ...] = ()
     simulated: str | None = None
+    indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
@@ -54,7 +58,7 @@ class Situation:
     @property
     def flags(self) -> tuple[Flag, ...]:
         """What a decision on the run hangs on."""
-        return flags(self.run, self.steps)
+        return flags(self.run, self.steps, indicators=self.indicators)
 
     @cached_property
     def handle_rest(self) -> HandleRest | None:
@@ -83,6 +87,11 @@ class RunView(Protocol):
     @property
     def steps(self) -> tuple[StepRecord, ...]:
         """The six steps as they stand."""
+        ...
+
+    @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the result; empty without one."""
         ...
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.doubts import doubted_words
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
 from madrob_console.referee.transitions import opened_again
@@ -38,7 +39,7 @@ def last_decision(run: Run) -> Decision | None:
 
 @dataclass(frozen=True, slots=True)
 class TakeBack(Act):
-    """Take back the last ruling, mark, waiver, void or correction (section 2).
+    """Take back the last ruling, mark, waiver, accepted doubt, void or correction (section 2).
 
     It says which it means: one that came after it is never taken back instead. A final result is
     opened again by that, where its void or its correction is taken back.
@@ -136,6 +137,10 @@ def _last_of(kind: DecisionKind, run: Run) -> Decision:
         case DecisionKind.CORRECTION:
             last = run.corrections[-1]
             return Decision(kind, last.time, f"corrected: {last.words} ({last.reason})")
+        case DecisionKind.DOUBTS:
+            accepted = run.accepted_doubts[-1]
+            words = f"doubt accepted: {doubted_words(accepted.doubts)} ({accepted.reason})"
+            return Decision(kind, accepted.time, words)
 
 
 def _without(run: Run, kind: DecisionKind) -> Run:
@@ -156,6 +161,8 @@ def _without(run: Run, kind: DecisionKind) -> Run:
         case DecisionKind.CORRECTION:
             earlier, before = run.corrections[:-1], run.corrections[-1].before
             return replace(run, decided=left, setup=before, corrections=earlier)
+        case DecisionKind.DOUBTS:
+            return replace(run, decided=left, accepted_doubts=run.accepted_doubts[:-1])
 
 
 def _within_reach(kind: DecisionKind, run: Run) -> bool:

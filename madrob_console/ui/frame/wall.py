@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.referee.flags import FlagWeight, worst
 from madrob_console.referee.run import Phase
+from madrob_console.standings.competition import SIGNS
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.cells.large_text import rows_of, width_of_large
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
@@ -22,6 +23,7 @@ from madrob_console.ui.panes.run_status import in_large, phase_span, team_text
 from madrob_console.ui.panes.step_table import step_time
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED
+from scoring.result import DOUBTED, uncertainty_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -217,33 +219,50 @@ def wall_steps(snapshot: Snapshot, width: int) -> list[Line]:
 
 def _values(run: RunSummary) -> list[Line]:
     """The indicators, one a row."""
-    rows = []
+    rows, spread = [], any(map(uncertainty_text, run.uncertainties.values()))
     for name in IndicatorName:
         value = run.values.get(name)
         spec = name.spec
-        text = "-" if value is None else number_text(value, spec.decimals, 12)
+        known = run.uncertainties.get(name)
+        text = "-" if value is None else number_text(value, spec.decimals, 12, known)
         rows.append(
-            line(f"{name.words:>32}  ", Span(f"{text:>12}", Tone.STRONG), f" {spec.unit:<8}")
+            line(
+                f"{name.words:>32}  ",
+                Span(f"{text:>12}", Tone.STRONG),
+                Span(f"{run.sign(name):<2}", Tone.WARN),
+                f"{uncertainty_text(known):<10}" if spread else "",
+                f"{spec.unit:<8}",
+            )
         )
+    if run.doubts:
+        rows.append(line(Span(f"{'':>32}  {DOUBTED} doubted", Tone.WARN)))
     return rows
 
 
 def _standings(title: str, rows: Sequence[Standing], width: int, _height: int) -> list[Line]:
     """One row a team and condition."""
     task = 34 if width >= 110 else 0
-    numbers = [f"{'runs':>5}", *(f"{name.spec.column:>8}" for name in _INDICATORS)]
-    team = max(10, width - 14 - task - sum(len(number) + 2 for number in numbers))
-    head = f" {fitted('team', team)} {'condition':<9}{'':<{task}}{'  '.join(['', *numbers])}"
+    numbers = [f"{'runs':>5}", *(f"{name.spec.column:>8}{'':3}" for name in _INDICATORS)]
+    team = max(10, width - 14 - task - sum(map(len, numbers)) - 4)
+    titles = f"{numbers[0]}  {''.join(numbers[1:])}"
+    head = f" {fitted('team', team)} {'condition':<9}{'':<{task}}  {titles}"
     lines = [line(Span(fitted(f" {title}", width), Tone.CAP)), line(Span(head, Tone.DIM))]
     for row in rows:
         cells = [f"{row.counted:>5}"]
         for name in _INDICATORS:
             found = row.aggregates.get(name)
-            value = "-" if found is None else number_text(found.mean, name.spec.decimals, 8)
-            cells.append(f"{value:>8}")
+            value = (
+                "-"
+                if found is None
+                else number_text(found.mean, name.spec.decimals, 8, found.uncertainty)
+            )
+            cells.append(f"{value:>8}{row.signs(name):<3}")
         words = fitted(", ".join(condition_words(row.condition)), task - 2) + "  " if task else ""
-        text = f" {fitted(row.who, team)} {row.condition:>5}    {words}{'  '.join(['', *cells])}"
+        values = f"{cells[0]}  {''.join(cells[1:])}"
+        text = f" {fitted(row.who, team)} {row.condition:>5}    {words}  {values}"
         lines.append(line(fitted(text, width)))
+    if any(row.signs(name) for row in rows for name in _INDICATORS):
+        lines.append(line(Span(fitted(f" {SIGNS}", width), Tone.DIM)))
     return lines
 
 

@@ -182,8 +182,12 @@ LETTER_KEYS = (
         acts.SetUp.name, where=_RESULTS,
     ),
     Key(
+        "doubts", "d", "d", " Doubt", "accept what is doubted of a result, with a reason",
+        acts.AcceptDoubts.name, acts.AcceptDoubts.ask, where=_RESULTS,
+    ),
+    Key(
         "take_back", "z", "z", " Take back",
-        "take back the last ruling, mark, waiver, void or correction, with a reason",
+        "take back the last ruling, mark, waiver, doubt, void or correction, with a reason",
         acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
     ),
     Key(

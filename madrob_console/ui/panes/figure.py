@@ -112,9 +112,8 @@ class Sheet:
         indicator = result.indicators[figure.indicator]
         begin = f"{result.ruleset}: {name} "
         if indicator.value is None:
-            return line(begin, Span(f"none: {indicator.reason}", Tone.WARN))
-        value = Span(f"{value_text(indicator.value)} {indicator.unit}", Tone.STRONG)
-        return line(begin, value, f" = {figure.meaning}")
+            return line(begin, Span(indicator.text, Tone.WARN))
+        return line(begin, Span(indicator.text, Tone.STRONG), f" = {figure.meaning}")
 
     def _heading(self, panel: PanelSpec, plot: Plot) -> Line:
         """The quantity, its maximum and where that is."""

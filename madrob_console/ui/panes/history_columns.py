@@ -12,6 +12,7 @@ from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.panes.flag_lines import FLAG_TONES, flag_sign
 from madrob_console.ui.panes.run_columns import (
     MISSING,
+    Shown,
     indicator_column,
     number_column,
     text_column,
@@ -67,7 +68,9 @@ def columns() -> list[Column[RunSummary]]:
 
 
 def _indicator(name: IndicatorName) -> Column[RunSummary]:
-    return indicator_column(name, lambda run: run.values.get(name))
+    return indicator_column(
+        name, lambda run: Shown(run.values.get(name), run.uncertainties.get(name), run.sign(name))
+    )
 
 
 def _outcome(run: RunSummary) -> Span:

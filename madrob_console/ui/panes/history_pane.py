@@ -22,7 +22,7 @@ from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
 
-KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, ! flags"
+KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, ! flags, ? doubted"
 
 
 class RunFilter(StrEnum):

@@ -1,15 +1,15 @@
-"""The indicators: a value with its unit, or the reason why there is none."""
+"""The indicators: a value with its uncertainty and its unit, or the reason why there is none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import fitted
 from scoring.indicator_table import IndicatorName
-from scoring.result import value_text
+from scoring.result import DOUBTED, Uncertainty, distinguishable, uncertainty_text, value_text
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
@@ -17,9 +17,46 @@ if TYPE_CHECKING:
     from scoring.result import Indicator, Result
 
 _NAME = 28
+_SHORT_NAME = 21
+_VALUE = 10
+_SHORT_VALUE = 8
+_SPREAD = 11
+"""Cells of an uncertainty with the gaps around it."""
 _ROOMY = 75
 _WITH_WORDS = 62
 """Cells with which a difference says whether it is better."""
+
+ALIKE = "="
+"""A difference within the uncertainty."""
+
+
+class Mean(NamedTuple):
+    """Of the earlier runs that have a value.
+
+    Attributes:
+        value: the mean.
+        runs: of how many it is.
+        uncertainty: of the mean; None where it is not known.
+    """
+
+    value: float
+    runs: int
+    uncertainty: Uncertainty | None = None
+
+
+class _Room(NamedTuple):
+    """Cells: of a row, of a name, of a value, of an uncertainty; with names and numbers short."""
+
+    row: int
+    name: int
+    value: int
+    spread: int
+
+    @property
+    def compared(self) -> int:
+        """As many as a row without uncertainties would have: what is compared does not shrink."""
+        used = self.name + self.value + self.spread
+        return self.row - used + _NAME + _VALUE
 
 
 class IndicatorTable(View):
@@ -32,46 +69,71 @@ class IndicatorTable(View):
     earlier: Sequence[RunSummary] = ()
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        """A header and the indicators."""
+        """A header and the indicators; below them what the signs mean that are among them."""
         if snapshot.result is None:
             return ()
+        found = snapshot.result.indicators
         roomy = width >= _ROOMY
         count = len(self.earlier)
         against = f"against mean of {count} earlier" if count else "no earlier run to compare"
         delay = "* with the manual start's delay"
         head = fitted(f"indicators  {delay}", _NAME + 18) if roomy else fitted("indicators", _NAME)
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
-        for name, indicator in snapshot.result.indicators.items():
-            lines += _rows(name, indicator, self._means(name), count, width)
+        room = _room(found.values(), width)
+        signs = set()
+        for name, indicator in found.items():
+            rows, alike = _rows(name, indicator, self._mean(name), count, room)
+            lines += rows
             if name is IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
                 lines += _drift(snapshot.result, snapshot.handle.touch_force)
-        return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
+            signs |= {ALIKE} if alike else set()
+            signs |= {DOUBTED} if indicator.doubts else set()
+        told = ([] if roomy else [delay]) + [text for sign, text in _LEGEND if sign in signs]
+        return [*lines, *(row for text in told for row in paragraph(text, width, Tone.DIM))]
 
-    def _means(self, name: IndicatorName) -> tuple[float, int] | None:
-        """Mean of the earlier runs that have a value, and how many have."""
-        values = [v for run in self.earlier if (v := run.values.get(name)) is not None]
-        return (fmean(values), len(values)) if values else None
+    def _mean(self, name: IndicatorName) -> Mean | None:
+        """Of the earlier runs that have a value."""
+        having = [run for run in self.earlier if name in run.values]
+        if not having:
+            return None
+        known = Uncertainty.of_mean([run.uncertainties.get(name) for run in having])
+        return Mean(fmean(run.values[name] for run in having), len(having), known)
+
+
+_LEGEND = (
+    (DOUBTED, f"{DOUBTED} doubted, see below"),
+    (ALIKE, f"{ALIKE} differs by less than the uncertainties: not distinguishable"),
+)
+
+
+def _room(found: Iterable[Indicator], width: int) -> _Room:
+    """Names and values are shortened where the uncertainties leave no room for all."""
+    spread = _SPREAD if any(uncertainty_text(one.uncertainty) for one in found) else 0
+    if not spread or width >= _ROOMY + spread:
+        return _Room(width, _NAME, _VALUE, spread)
+    return _Room(width, _SHORT_NAME, _SHORT_VALUE, spread)
 
 
 def _rows(
-    name: IndicatorName,
-    indicator: Indicator,
-    mean: tuple[float, int] | None,
-    count: int,
-    width: int,
-) -> list[Line]:
-    title = name.words + (" *" if name.spec.with_the_start else "")
-    head = line(f"{title:<{_NAME}}")
+    name: IndicatorName, indicator: Indicator, mean: Mean | None, count: int, room: _Room
+) -> tuple[list[Line], bool]:
+    """The rows of an indicator, and whether it differs from the mean by no more than is known."""
+    words = name.words if room.name == _NAME else name.words.partition(" of ")[0]
+    title = words + (" *" if name.spec.with_the_start else "")
+    head = line(f"{title:<{room.name}}")
     if indicator.value is None:
-        return paragraph(f"none: {indicator.reason}", width, Tone.WARN, line(*head, " "))
-    return [
-        line(
-            *head,
-            Span(f"{value_text(indicator.value):>10}", Tone.STRONG),
-            Span(f" {indicator.unit:<7}", Tone.DIM),
-            *compared(name, indicator.value, mean, count, width),
-        )
-    ]
+        return paragraph(indicator.text, room.row, Tone.WARN, line(*head, " ")), False
+    value = value_text(indicator.value, indicator.uncertainty)
+    spread = uncertainty_text(indicator.uncertainty)
+    behind = compared(name, indicator, mean, count, room.compared)
+    row = line(
+        *head,
+        Span(f"{value:>{room.value}}", Tone.STRONG),
+        Span(indicator.sign or " ", Tone.WARN),
+        Span(f"{f' {spread}'[: room.spread]:<{room.spread}}{indicator.unit:<7}", Tone.DIM),
+        *behind,
+    )
+    return [row], any(span.text.strip() == ALIKE for span in behind)
 
 
 def _drift(result: Result, touch_force: float) -> list[Line]:
@@ -84,25 +146,36 @@ def _drift(result: Result, touch_force: float) -> list[Line]:
 
 
 def compared(
-    name: IndicatorName, value: float, mean: tuple[float, int] | None, count: int, width: int
+    name: IndicatorName, indicator: Indicator, mean: Mean | None, count: int, width: int
 ) -> Line:
     """The difference to the mean, and whether it is better; with room, the mean.
 
-    Beside that stands of how many runs it is, where not all of the `count` have a value.
+    Beside that stands of how many runs it is, where not all of the `count` have a value. A
+    difference within the uncertainties is neither better nor worse (protocol section 11).
     """
-    if mean is None:
+    if mean is None or indicator.value is None:
         return ()
-    earlier, having = mean
-    difference = value - earlier
-    text = f"{difference:+.4f}" if abs(difference) < 1e3 else f"{difference:+.2e}"
+    value, known = indicator.value, indicator.uncertainty
+    difference = value - mean.value
     better = (difference > 0) is name.spec.higher_is_better
     word, tone = ("better", Tone.GOOD) if better else ("worse", Tone.WARN)
-    if difference == 0:
+    if not distinguishable(value, mean.value, known, mean.uncertainty):
+        word, tone = ALIKE, Tone.PLAIN
+    elif difference == 0:
         word, tone = "equal", Tone.PLAIN
-    parts = [Span(f"{text:>9}", tone)]
+    text = _difference_text(difference, value_text(value, known))
+    parts = [Span(f"{text:>{9 if known is None or width >= _WITH_WORDS else 8}}", tone)]
     if width >= _WITH_WORDS:
         parts.append(Span(f" {word:<6}", tone))
+    elif word == ALIKE:
+        parts.append(Span(f" {word}", tone))
     if width >= _ROOMY:
-        of = "" if having == count else f" ({having})"
-        parts.append(Span(f" {value_text(earlier)}{of}", Tone.DIM))
+        of = "" if mean.runs == count else f" ({mean.runs})"
+        parts.append(Span(f" {value_text(mean.value, mean.uncertainty)}{of}", Tone.DIM))
     return tuple(parts)
+
+
+def _difference_text(difference: float, value: str) -> str:
+    """A difference with as many decimals as the value from which it is taken."""
+    decimals = 4 if "e" in value or value.isdecimal() else len(value.partition(".")[2])
+    return f"{difference:+.{decimals}f}" if abs(difference) < 1e3 else f"{difference:+.2e}"

@@ -1,4 +1,4 @@
-"""What happened around a run: incidents, false starts, waivers, rulings, notes; its files."""
+"""What happened around a run: doubts, decisions, incidents, waivers, notes; its files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.doubts import doubted_words
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import cut_inside
@@ -23,7 +24,11 @@ class RunMarks(View):
         """The rows; none before there is a result."""
         if snapshot.result is None:
             return ()
-        rows = list(run_marks(snapshot.run)) or [("marks", "none")]
+        doubts = (
+            ("doubt", f"{words} ({', '.join(name.words for name in on)})")
+            for words, on in snapshot.result.doubts.items()
+        )
+        rows = [*doubts, *run_marks(snapshot.run)] or [("marks", "none")]
         lines = [text for name, words in rows for text in _entry(name, words, width)]
         return [*lines, *_path("files", snapshot.folder or "not known", width)]
 
@@ -33,15 +38,7 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
     for false_start in reversed(run.false_starts):
         what, decided = false_start.event.words, false_start.accepted or "UNDECIDED"
         yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
-    if run.voided is not None:
-        yield "void", f"{_at(run.voided.time, run)}{run.voided.reason}"
-    for change in reversed(run.corrections):
-        yield "correction", f"{_at(change.time, run)}{change.words}: {change.reason}"
-    for back in reversed(run.taken_back):
-        yield "taken back", f"{_at(back.time, run)}{back.words}: {back.reason}"
-    for ruling in reversed(run.rulings):
-        word = RULED[ruling.confirmed]
-        yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
+    yield from _decisions(run)
     for incident in reversed(run.incidents):
         more = f": {incident.note}" if incident.note else ""
         gone = "" if incident.withdrawn is None else f" WITHDRAWN: {incident.withdrawn}"
@@ -52,6 +49,22 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
         yield "waiver", f"{waiver.check}: {waiver.reason}"
     for note in reversed(run.notes):
         yield "note", f"{_at(note.time, run)}{note.text}"
+
+
+def _decisions(run: Run) -> Iterator[tuple[str, str]]:
+    """What the referee decided after the stop, or of a step."""
+    if run.voided is not None:
+        yield "void", f"{_at(run.voided.time, run)}{run.voided.reason}"
+    for change in reversed(run.corrections):
+        yield "correction", f"{_at(change.time, run)}{change.words}: {change.reason}"
+    for accepted in reversed(run.accepted_doubts):
+        words = f"{doubted_words(accepted.doubts)}: {accepted.reason}"
+        yield "doubt accepted", f"{_at(accepted.time, run)}{words}"
+    for back in reversed(run.taken_back):
+        yield "taken back", f"{_at(back.time, run)}{back.words}: {back.reason}"
+    for ruling in reversed(run.rulings):
+        word = RULED[ruling.confirmed]
+        yield "ruling", f"{_at(ruling.time, run)}step {ruling.step} {word}: {ruling.reason}"
 
 
 def _path(name: str, path: str, width: int) -> list[Line]:

@@ -11,12 +11,18 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
 from madrob_console.archive.history import VOID, RunSummary, condition_words
-from madrob_console.standings.tally import Standing, standings
+from madrob_console.standings.competition import SIGNS
+from madrob_console.standings.tally import ALIKE, Standing, standings, subjects_text
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Span, Tone
 from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.run_columns import indicator_column, number_column, text_column
+from madrob_console.ui.panes.run_columns import (
+    Shown,
+    indicator_column,
+    number_column,
+    text_column,
+)
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
 from scoring.indicator_table import IndicatorName
 
@@ -72,7 +78,10 @@ class StandingsPane(RunsPane[Tables, Standing]):
         self._listed: Mapping[int, str] = {}
         self._official: bool | None = None
         self._statistic = Statistic.MEAN
+        self._signs = 0
         self._tables = Tables({}, any_official=False, damaged=0)
+        self._legend = Label(SIGNS, id="standings-legend")
+        self._legend.display = False
         self._banner = Label(PRACTICE_BANNER, Tone.NOTICE, id="standings-banner")
 
     def compose(self) -> ComposeResult:
@@ -81,6 +90,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
         yield self.head
         yield self.table
         yield self.about
+        yield self._legend
         best = f", b best {self._best}" if self._best else ""
         yield Label(f"Enter its runs, v PRACTICE, c mean/std{best}, o O sort, <- -> columns")
 
@@ -138,7 +148,14 @@ class StandingsPane(RunsPane[Tables, Standing]):
         official = self.official
         self._banner.display = not official
         self.table.empty = "no official runs yet" if official else "no PRACTICE runs yet"
-        self.table.set_rows(self._tables.of.get((official, self._only_best), ()))
+        rows = self._tables.of.get((official, self._only_best), ())
+        of_mean = self._statistic is Statistic.MEAN
+        self._signs = max(
+            (len(row.signs(name, of_mean=of_mean)) for row in rows for name in IndicatorName),
+            default=0,
+        )
+        self._legend.display = self._signs > 0
+        self.table.set_rows(rows)
         which = f"the best {self._best}" if self._only_best else "all"
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
@@ -171,7 +188,16 @@ class StandingsPane(RunsPane[Tables, Standing]):
         ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
-        return indicator_column(name, lambda standing: number_of(standing, name, self._statistic))
+        return indicator_column(
+            name, lambda standing: self._shown(standing, name), lambda: self._signs
+        )
+
+    def _shown(self, standing: Standing, name: IndicatorName) -> Shown:
+        of_mean = self._statistic is Statistic.MEAN
+        aggregate = standing.aggregates.get(name)
+        known = aggregate.uncertainty if aggregate is not None and of_mean else None
+        number = number_of(standing, name, self._statistic)
+        return Shown(number, known, standing.signs(name, of_mean=of_mean))
 
 
 def _flags(standing: Standing) -> Span:
@@ -204,9 +230,13 @@ def about(standing: Standing) -> str:
     )
     told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
+    apart = "".join(
+        f"; {name.words} {ALIKE} {subjects_text(subjects)}"
+        for name, subjects in standing.alike.items()
+    )
     called = "".join(f", also '{name}'" for name in standing.other_names)
     team = standing.team or f"subject {standing.subject}"
-    return f"{team}{called}: {task}; {told}; ruleset {standing.ruleset}"
+    return f"{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
 
 
 def filter_for(standing: Standing) -> str:

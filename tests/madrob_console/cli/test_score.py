@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,16 @@ import pytest
 
 from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.archive.scored import score_run
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import MOST_ALIKE
 from madrob_console.cli.score_command import describe_run
+from madrob_console.cli.score_table import comparison_lines, result_lines
 from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
+from scoring.result import Indicator, Uncertainty
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import copy_run, publish, recorded
@@ -432,3 +437,25 @@ def test_files_are_written_by_one_ruleset_of_recordings_only(
     run = recorded(Scenario.TOUCH_ONLY)
     assert f"{blocked}" in refusal(capsys, "--write", "protocol", blocked, run)
     assert not written.exists()
+
+
+def test_a_result_for_people_has_uncertainties_and_doubts() -> None:
+    (run,) = runs_at(recorded(Scenario.NOMINAL))
+    (one,) = score_run(run, (None,))
+    touch = "the touch rests on 1 sample"
+    known = {
+        IndicatorName.EXECUTION_TIME: Indicator(13.8621, "s", None, Uncertainty(0.009, 0.018)),
+        IndicatorName.TIME_TO_HANDLE: Indicator(
+            3.2, "s", None, Uncertainty(0.009, 0.018), (touch,)
+        ),
+        IndicatorName.PASSAGE_TIME: Indicator(None, "s", "never closed", None, (touch,)),
+    }
+    result = replace(one.result, indicators={**one.result.indicators, **known})
+    text = "\n".join(result_lines(result))
+    assert re.search(r"^execution time +13\.86  \+- 0\.02 s$", text, re.MULTILINE)
+    assert re.search(r"^time to handle +3\.20\? \+- 0\.02 s$", text, re.MULTILINE)
+    assert re.search(r"^passage time +-\? never closed$", text, re.MULTILINE)
+    assert f"doubt: {touch} (time to handle, passage time)" in text
+    beside = "\n".join(comparison_lines([result, one.result]))
+    assert re.search(r"^time to handle +3\.20\? ", beside, re.MULTILINE)
+    assert beside.count(f"doubt: {touch}") == 1

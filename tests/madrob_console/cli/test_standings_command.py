@@ -258,11 +258,13 @@ def test_the_json_has_format_units_and_whole_numbers() -> None:
     assert (team["subject"], team["counted"], team["invalid"]) == (3, 3, 1)
     assert team["indicators"][TIME] == {
         "unit": "s", "runs": 2, "mean": 15.0, "median": 15.0, "std": pytest.approx(50**0.5),
+        "expanded_uncertainty": None, "doubts": 0, "not_distinguishable_from": [],
     }  # fmt: skip
     assert team["indicators"]["capability_level"]["max"] == 6
     nothing = document(found(timed(300.0, outcome=Outcome.TIMEOUT)))["rulesets"][0]["overall"][0]
     assert nothing["indicators"][TIME] == {
         "unit": "s", "runs": 0, "mean": None, "median": None, "std": None,
+        "expanded_uncertainty": None, "doubts": 0, "not_distinguishable_from": [],
     }  # fmt: skip
 
 

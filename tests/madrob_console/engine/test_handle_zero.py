@@ -82,7 +82,7 @@ def test_a_zero_of_before_the_set_up_has_its_samples_in_the_result(tmp_path: Pat
     drive.finish()
     drive.engine.close()
     assert json.loads((drive.folder / "result.json").read_text())["zero_samples"]["end"] == kept.end
-    assert check_run(RunPath(drive.folder)) == ()
+    assert check_run(RunPath(drive.folder)).found == ()
 
 
 def test_a_handle_that_drifted_is_to_be_zeroed_before_the_next_run(tmp_path: Path) -> None:

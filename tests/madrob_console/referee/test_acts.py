@@ -15,6 +15,7 @@ from madrob_console.referee import acts
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
+    AcceptDoubts,
     AcceptFalseStart,
     Act,
     AddNote,
@@ -38,6 +39,7 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
+from madrob_console.referee.doubts import Doubts
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.questions import Ask, Option, Pick
@@ -56,6 +58,7 @@ from madrob_console.referee.run import (
 from madrob_console.referee.teams import TeamList
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -67,6 +70,7 @@ from scoring.protocol import (
     Step,
 )
 from scoring.rest import HandleRest
+from scoring.result import Indicator
 from scoring.rulesets import RulesetName
 from tests.scoring.runs import resting
 
@@ -94,6 +98,12 @@ RUNS = {
     Phase.STOPPED: MarkIncident(IncidentKind.FALL).apply(Situation(STOPPED), 110.0),
     Phase.FINAL: replace(STOPPED, phase=Phase.FINAL),
 }
+DOUBTED = {
+    name: replace(Indicator.of(name, 4.0), doubts=("the touch rests on 1 sample",))
+    for name in (IndicatorName.TIME_TO_HANDLE, IndicatorName.PASSAGE_TIME)
+}
+"""Indicators of a result, some doubted for the same reason."""
+ONE_SAMPLE: Doubts = {IndicatorName.TIME_TO_HANDLE: ("the touch rests on 1 sample",)}
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
 
 POSSIBLE: list[tuple[Act, set[Phase]]] = [
@@ -113,6 +123,7 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
     ),
     (WithdrawIncident("by mistake"), {Phase.STOPPED}),  # it has one to withdraw
     (AddNote("slow"), set(Phase) - {Phase.IDLE}),
+    (AcceptDoubts(ONE_SAMPLE, "seen on video"), {Phase.STOPPED}),
     (Finalise(TeamWord.PROTESTED, "R. Eferee"), {Phase.STOPPED}),
     (Reissue("appeal"), {Phase.FINAL}),
     (Void("unsafe"), {Phase.STOPPED, Phase.FINAL}),
@@ -161,13 +172,16 @@ def test_an_act_is_possible_in_its_phases_and_refused_with_words_elsewhere(
     act: Act, phases: set[Phase], phase: Phase
 ) -> None:
     checks = (FAILED,) if isinstance(act, Waive) else ()
-    refusal = act.refusal(situation(RUNS[phase], *checks))
+    here = situation(RUNS[phase], *checks)
+    if isinstance(act, AcceptDoubts):
+        here = replace(here, indicators=DOUBTED)
+    refusal = act.refusal(here)
     if phase in phases:
         assert refusal is None
-        act.apply(situation(RUNS[phase], *checks), 130.0)
+        act.apply(here, 130.0)
     else:
         assert refusal
-    assert refusals(situation(RUNS[phase], *checks)).get(act.name) == refusal
+    assert refusals(here).get(act.name) == refusal
 
 
 WORDS = {
@@ -187,6 +201,10 @@ WORDS = {
     MarkIncident: ("collision marked", "incident: collision"),
     WithdrawIncident: ("withdraw an incident (by mistake)", "withdraw an incident: by mistake"),
     AddNote: ("note (slow)", "note: slow"),
+    AcceptDoubts: (
+        "doubt accepted: time to handle (seen on video)",
+        "referee accepts the doubt on time to handle: seen on video",
+    ),
     Finalise: ("the result is final, protested by the team", "finalise"),
     Reissue: ("re-issue (appeal)", "re-issue: appeal"),
     Void: ("the run is void and counts nowhere (unsafe)", "run voided: unsafe"),

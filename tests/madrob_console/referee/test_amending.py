@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import pytest
 from hypothesis import given, settings
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from madrob_console.referee.acts import (
     Abort,
+    AcceptDoubts,
     Act,
     Correct,
     Finalise,
@@ -25,7 +26,7 @@ from madrob_console.referee.acts import (
     act_details,
 )
 from madrob_console.referee.acts.take_back import last_decision
-from madrob_console.referee.flags import Flag
+from madrob_console.referee.flags import Flag, undecided
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.journal_mark import mark_of
 from madrob_console.referee.preflight import Check, CheckState
@@ -41,9 +42,19 @@ from madrob_console.referee.run import (
 )
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.referee.transitions import stop
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, StartPose, Step
-from tests.madrob_console.referee.test_acts import FAILED, RUNS, SETUP, STOPPED, situation
+from scoring.result import Indicator
+from tests.madrob_console.referee.test_acts import (
+    DOUBTED,
+    FAILED,
+    ONE_SAMPLE,
+    RUNS,
+    SETUP,
+    STOPPED,
+    situation,
+)
 
 FINAL = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee").apply(
     situation(replace(STOPPED, issue=1)), 9.0
@@ -65,9 +76,12 @@ class Telling:
 
     def situation(self) -> Situation:
         check = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
-        return Situation(self.run, scored=True, look=lambda: (check,))
+        return Situation(self.run, scored=True, look=lambda: (check,), indicators=DOUBTED)
 
     def do(self, act: Act) -> str | None:
+        if isinstance(act, Finalise):  # what waits is known and signed
+            left = undecided(self.situation().flags)
+            act = replace(act, undecided=tuple(flag.words for flag in left))
         if (refused := act.refusal(self.situation())) is not None:
             return refused
         reason, details = act.reason_given, act_details(act)
@@ -111,6 +125,7 @@ decisions = st.one_of(
     st.builds(MarkIncident, st.sampled_from(IncidentKind)),
     st.builds(Waive, st.just(CheckName.DOOR), reason),
     st.builds(Void, reason),
+    st.builds(AcceptDoubts, st.just(ONE_SAMPLE), reason),
     st.builds(Correct, st.integers(1, 5), conditions, reason, st.just("Graz"), st.integers(1, 99)),
 )
 closings = st.sampled_from([Finalise(TeamWord.ABSENT, "R. Eferee"), Reissue("protest")])
@@ -288,6 +303,7 @@ class View:
     flags: tuple[Flag, ...] = ()
     teams: TeamList = NO_TEAMS
     elapsed: float | None = None
+    indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ from madrob_console.referee.acts import (
     WithdrawIncident,
 )
 from madrob_console.referee.run import (
+    AcceptedDoubts,
     CheckName,
     Closure,
     FalseStart,
@@ -46,6 +47,7 @@ from scoring.figure_table import FigureName
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
+from scoring.result import Indicator, Uncertainty, value_text
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 
@@ -212,9 +214,9 @@ def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scor
     for name, indicator in scored.result.indicators.items():
         value = indicator.value
         assert value is not None
-        shown = f"{value}" if isinstance(value, int) else f"{value:.4f}"
         unit = indicator.unit.replace("^2", "²").replace("^3", "³")
-        assert f"{shown} {unit}" in told
+        assert f"{value_text(value, indicator.uncertainty)}{indicator.sign}" in told
+        assert f" {unit}" in told
         assert name.spec.explanation in told
         assert name.replace("_", " ") in told
 
@@ -225,6 +227,38 @@ def test_the_handle_at_rest_and_its_drift_are_told(page: Page, scored: Scored) -
     assert rest.drift is not None
     told = page.section("Indicators")
     assert re.search(r"Handle at rest: 5\.\d{3} N before; 5\.\d{3} N after, drift [+-]0\.0", told)
+
+
+def test_a_report_says_how_far_its_values_can_be_trusted(scored: Scored) -> None:
+    touch = "the touch rests on 1 sample"
+    plain = {
+        name: replace(one, uncertainty=None, doubts=())
+        for name, one in scored.result.indicators.items()
+    }
+    known = {
+        IndicatorName.EXECUTION_TIME: Indicator(13.8621, "s", None, Uncertainty(0.009, 0.018)),
+        IndicatorName.TIME_TO_HANDLE: Indicator(
+            3.2, "s", None, Uncertainty(0.009, 0.018), (touch,)
+        ),
+        IndicatorName.PASSAGE_TIME: Indicator(None, "s", "never closed", None, (touch,)),
+    }
+    result = replace(scored.result, indicators={**plain, **known})
+    accepted = AcceptedDoubts(
+        5.0, "seen on video: right", "Ada", {IndicatorName.TIME_TO_HANDLE: (touch,)}
+    )
+    run = replace(scored.run, accepted_doubts=(accepted,))
+    page = Page(report_html(replace(scored, result=result, run=run)))
+    told = page.section("Indicators")
+    assert "13.86 +- 0.02 s" in told
+    assert "3.20? +- 0.02 s" in told
+    assert "none: never closed?" in told
+    assert f"time to handle, passage time: {touch}." in told
+    assert "expanded uncertainty (k = 2)" in told
+    assert "half a sampling interval late" in told
+    answer = f"doubt accepted (time to handle: {touch}): seen on video: right"
+    assert answer in page.section("Referee decisions")
+    untold = Page(report_html(replace(scored, result=replace(result, indicators=plain))))
+    assert "uncertainty" not in untold.section("Indicators")
 
 
 def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:

@@ -295,6 +295,7 @@ class FakeEngine:
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
+            indicators={} if self.result is None else self.result.indicators,
         )
 
     def _rest(self) -> HandleRest | None:

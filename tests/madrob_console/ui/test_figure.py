@@ -14,7 +14,7 @@ from madrob_console.ui.panes.figure import FIGURES, Sheet
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName
-from scoring.result import Indicator
+from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.ui.figure_data import CURVES, finished
 
 WHOLE = Window(0.0, 15.0)
@@ -118,3 +118,13 @@ def test_a_door_that_bounces_keeps_the_legend_short() -> None:
     events = tuple((float(t), EventName.DOOR_CLOSES) for t in range(3, 13))
     rows = drawn(curves=replace(CURVES, events=events))
     assert rows[-2] == "c closing 3.00 .. (10) .. 12.00  s"
+
+
+def test_the_finding_has_uncertainty_and_doubt() -> None:
+    engine = finished()
+    assert engine.result is not None
+    name = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
+    known = Indicator(1.875, "rad/s^2", None, Uncertainty(0.02, 0.04), ("a sample stepped",))
+    engine.result = replace(engine.result, indicators={**engine.result.indicators, name: known})
+    rows = drawn(0, engine.snapshot())
+    assert any("unsafety of door operation 1.88? +- 0.04 rad/s^2 = the maximum" in r for r in rows)

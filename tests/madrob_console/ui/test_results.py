@@ -11,7 +11,7 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.run import TestbedFault as Fault
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.panes.result_head import ResultHead
-from madrob_console.ui.panes.result_indicators import compared
+from madrob_console.ui.panes.result_indicators import Mean, compared
 from madrob_console.ui.panes.run_marks import run_marks
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
@@ -322,10 +322,11 @@ def test_the_newest_ruling_comes_first() -> None:
 def test_a_difference_says_whether_it_is_better(
     name: IndicatorName, value: float, words: str, tone: Tone
 ) -> None:
-    spans = compared(name, value, (10.0, 2), 2, width=75)
+    indicator = Indicator.of(name, value)
+    spans = compared(name, indicator, Mean(10.0, 2), 2, width=75)
     assert words in " ".join("".join(span.text for span in spans).split())
     assert spans[0].tone is tone
-    narrow = compared(name, value, (10.0, 2), 2, width=62)
+    narrow = compared(name, indicator, Mean(10.0, 2), 2, width=62)
     assert words in " ".join("".join(span.text for span in narrow).split())
 
 

@@ -17,6 +17,7 @@ from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.test_doubts import doubted
 
 STORED = Path(__file__).parent / "screens"
 SIZES = ((80, 24), (160, 50))
@@ -97,6 +98,18 @@ def compare(name: str, size: tuple[int, int], text: str, request: pytest.Fixture
         path.parent.mkdir(exist_ok=True)
         path.write_text(text + "\n")
     assert text + "\n" == path.read_text(), path.name
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_a_doubted_result_is_as_it_was_looked_at(
+    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
+) -> None:
+    async def drive() -> str:
+        async with driving(engine, size) as driver:
+            await doubted(driver)
+            return driver.text
+
+    compare("doubts", size, asyncio.run(drive()), request)
 
 
 async def in_the_middle_of_a_run(driver: Driver) -> None:

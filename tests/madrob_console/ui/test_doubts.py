@@ -1,0 +1,278 @@
+"""What is doubted, and how far values can be trusted: on every screen on which values stand."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.cells import cell_len
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.acts import AcceptDoubts
+from madrob_console.standings.competition import SIGNS
+from madrob_console.ui.cells.lines import plain
+from madrob_console.ui.frame.wall import PAGE_TIME
+from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.result_indicators import IndicatorTable, Mean, compared
+from madrob_console.ui.panes.standings_pane import StandingsPane
+from scoring.indicator_table import IndicatorName
+from scoring.result import Indicator, Uncertainty
+from tests.madrob_console.run_folders import VALUES, summary, write
+from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.fake_engine import FakeEngine, indicators
+from tests.madrob_console.ui.pane_app import showing
+from tests.madrob_console.ui.test_wall import hall
+
+TOUCH = "the touch rests on 1 sample"
+TIME = IndicatorName.EXECUTION_TIME
+HANDLE = IndicatorName.TIME_TO_HANDLE
+PASSAGE = IndicatorName.PASSAGE_TIME
+EXPANDED = (0.018, 0.012, 0.02, 0.03, 0.041, 0.00031, 0.25)
+"""Of the indicators but the last, which is a count."""
+KNOWN = {
+    name: Uncertainty(expanded / 2, expanded)
+    for name, expanded in zip(IndicatorName, EXPANDED, strict=False)
+}
+
+
+def measured() -> dict[IndicatorName, Indicator]:
+    """All indicators with uncertainties; two are doubted, one of them without a value."""
+    found = {name: replace(one, uncertainty=KNOWN.get(name)) for name, one in indicators().items()}
+    found[HANDLE] = replace(found[HANDLE], doubts=(TOUCH,))
+    found[PASSAGE] = Indicator(None, "s", "door never closed", None, (TOUCH, "the door flickers"))
+    return found
+
+
+async def doubted(driver: Driver) -> None:
+    """A run is over, and its result is doubted."""
+    await driver.run()
+    driver.engine.finish()
+    assert driver.engine.result is not None
+    driver.engine.result = replace(driver.engine.result, indicators=measured())
+    await driver.settle()
+
+
+@pytest.mark.parametrize("size", [(60, 18), SMALL, LARGE, (160, 50)])
+def test_values_stand_with_uncertainty_and_doubt(engine: FakeEngine, size: tuple[int, int]) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await doubted(driver)
+            text = driver.text
+            for _ in range(4):
+                await driver.press("pagedown")
+                text += "\n" + driver.text
+            shown = " ".join(text.split())
+            for words in (
+                "doubted: time to handle, passage time (2 doubts UNDECIDED): d accepts it",
+                "17.43 +- 0.02 s",
+                "3.21? +- 0.02 s",
+                "none: door never closed?",
+                "0.0625 +- 0.0004 s^3/rad",
+                "6 steps",
+                f"doubt {TOUCH} (time to handle, passage time)",
+                "doubt the door flickers (passage time)",
+                "? doubted, see below",
+            ):
+                assert words in shown, (words, text)
+
+    asyncio.run(drive())
+
+
+def earlier(time: float) -> RunSummary:
+    return summary(values={**VALUES, TIME: time}, uncertainties=dict(KNOWN))
+
+
+@pytest.mark.parametrize("width", [58, 77, 78, 85, 110])
+def test_no_two_columns_touch_and_all_of_them_are_there(engine: FakeEngine, width: int) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await doubted(driver)
+            table = driver.console.panes.results.query_one(IndicatorTable)
+            table.earlier = [earlier(17.4), earlier(17.45), earlier(17.42)]
+            rows = table.draw(engine.snapshot(), width)
+            text = plain(rows)
+            assert max(map(cell_len, text.splitlines())) <= width
+            row = next(one for one in text.splitlines() if one.startswith("execution time"))
+            parts = row.removeprefix("execution time *").split()
+            assert parts[:5] == ["17.43", "+-", "0.02", "s", "+0.01"]
+            assert parts[5] == "="
+            assert parts[6:] == (["17.42"] if width >= 77 else [])
+            assert "= differs by less than the uncertainties" in " ".join(text.split())
+            smooth = next(one for one in text.splitlines() if one.startswith("smoothness"))
+            assert "0.0625 " in smooth
+            assert "+- 0.0004 s^3/rad " in smooth
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "words"),
+    [
+        (10.2, 0.1, "+0.2 ="),
+        (10.5, 0.1, "+0.5 worse"),
+        (9.5, 0.1, "-0.5 better"),
+        (10.0, 0.1, "+0.0 ="),
+        (10.0, None, "+0.0000 equal"),
+        (10.2, None, "+0.2000 worse"),
+    ],
+)
+def test_a_difference_within_the_uncertainties_is_neither_better_nor_worse(
+    value: float, expanded: float | None, words: str
+) -> None:
+    known = None if expanded is None else Uncertainty(expanded / 2, expanded)
+    indicator = Indicator(value, "s", None, known)
+    spans = compared(TIME, indicator, Mean(10.0, 3, Uncertainty(0.05, 0.1)), 3, width=62)
+    assert " ".join("".join(span.text for span in spans).split()) == words
+
+
+def test_the_mean_of_earlier_runs_without_uncertainties_tells_nothing_apart(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await doubted(driver)
+            table = driver.console.panes.results.query_one(IndicatorTable)
+            table.earlier = [earlier(17.4), summary(values={TIME: 17.43})]
+            row = next(
+                one
+                for one in plain(table.draw(engine.snapshot(), 110)).splitlines()
+                if one.startswith("execution time")
+            )
+            assert "worse" in row
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_d_accepts_doubts_and_they_stay_beside_the_answer(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await doubted(driver)
+            await driver.press("d")
+            assert "a on all of them" in driver.text
+            assert "2 passage time: 2 doubts" in driver.text
+            await driver.press("1")
+            assert f"? {TOUCH}" in driver.text
+            await driver.press("1")
+            act = AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")
+            assert engine.acts[-1] == act
+            assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
+            assert "3.21?" in driver.text
+            await driver.press("d", "2")
+            assert "doubt accepted: time to handle (seen on video: right)" in " ".join(
+                driver.text.split()
+            )
+            await driver.press("d")
+            assert "no doubt waits for the referee" in driver.console.status
+            copied = driver.console.panes.results.copied
+            assert "time to handle: seen on video: right" in copied
+            await driver.press("z", "1", "y")
+            assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
+
+    asyncio.run(drive())
+
+
+def test_a_result_all_of_which_is_doubted_is_asked_about_on_a_small_screen(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await doubted(driver)
+            assert engine.result is not None
+            words = "stamps of door and handle differ in delay by over one sampling interval, no {}"
+            doubts = tuple(words.format(number) for number in range(9))
+            everything = {name: replace(one, doubts=doubts) for name, one in measured().items()}
+            engine.result = replace(engine.result, indicators=everything)
+            await driver.settle()
+            await driver.press("d")
+            for name in IndicatorName:
+                assert f"{name.words}: 9 doubts" in driver.text
+            await driver.press("a")
+            assert "over one sampling interval," in driver.text
+            assert "? and 5 more: the result has all of them" in driver.text
+            assert "o other: type it" in driver.text
+            await driver.press("2")
+            assert engine.acts[-1] == AcceptDoubts(
+                dict.fromkeys(IndicatorName, doubts), "no effect on the ranking"
+            )
+
+    asyncio.run(drive())
+
+
+def test_before_a_result_is_doubted_the_key_says_why_not(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.finish()
+            await driver.settle()
+            await driver.press("d")
+            assert "no doubt waits for the referee" in driver.console.status
+
+    asyncio.run(drive())
+
+
+def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -> None:
+    run = summary(uncertainties=dict(KNOWN), doubts={TIME: 1, PASSAGE: 2}, values={
+        name: value for name, value in VALUES.items() if name != PASSAGE
+    })  # fmt: skip
+
+    async def drive() -> None:
+        async with showing(HistoryPane(lambda: [run]), (160, 24)) as shown:
+            row = next(" ".join(one.split()) for one in shown.rows() if "Team 3" in one)
+            assert " 6 17.43? 3.21 4.50 -? 1.88 0.0625 14.8" in row
+
+    asyncio.run(drive())
+
+
+ALIKE = [
+    summary(subject, values={**VALUES, TIME: time}, uncertainties=dict(KNOWN), doubts=doubts)
+    for subject, time, doubts in ((1, 17.43, {}), (2, 17.44, {TIME: 1}), (3, 19.0, {}))
+]
+
+
+def test_the_standings_mark_teams_that_do_not_differ() -> None:
+    async def drive() -> None:
+        async with showing(StandingsPane(lambda: ALIKE, 0)) as shown:
+            rows = [" ".join(row.split()) for row in shown.rows()]
+            assert any("17.43~ " in row and row.startswith("> 1 ") for row in rows)
+            assert any("17.44?~ " in row for row in rows)
+            assert any("19.00 " in row for row in rows)
+            assert " ".join(SIGNS.split()) in " ".join(rows)
+            assert "execution time ~ 2;" in " ".join(rows)
+
+    asyncio.run(drive())
+
+
+def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
+    async def drive() -> None:
+        async with showing(StandingsPane(lambda: [summary()], 0)) as shown:
+            assert "doubted" not in shown.text
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("size", [(60, 18), (80, 24), (160, 50)])
+def test_the_wall_shows_them_too(engine: FakeEngine, tmp_path: Path, size: tuple[int, int]) -> None:
+    async def drive() -> None:
+        engine.kind, engine.label = SourceKind.ROS, "LIVE ros"
+        for run in ALIKE[::-1]:
+            write(tmp_path, run)
+        async with hall(engine, tmp_path, size) as wall:
+            pages = []
+            for _ in range(3):
+                pages.append(wall.text)
+                await wall.let_pass(PAGE_TIME)
+            text = "\n".join(pages)
+            assert re.search(r"execution time +17\.44\? +\+- 0\.02 +s", text) or (
+                re.search(r"execution time +1\d\.\d\d", text)
+            )
+            assert re.search(r"2 Team 2 .* 17\.44\?~", text)
+            assert "~ not distinguish" in text
+
+    asyncio.run(drive())
