@@ -171,8 +171,13 @@ class LiveAssessment:
         return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
 
     def provisional_doubts(self) -> dict[str, tuple[str, ...]]:
-        """What is doubted already of the time indicators, by file name (section 11)."""
-        found = edge_doubts(self._live.deciding(), self._counters, self._thresholds)
+        """What is doubted already of the indicators, by file name (section 11).
+
+        Of what has just begun it is not known yet how long it holds.
+        """
+        known = (self._newest or self.start) - self._thresholds.doubt.gap_reach
+        edges = (edge for edge in self._live.deciding() if edge.time <= known)
+        found = edge_doubts(edges, self._counters, self._thresholds)
         return {str(name): doubts for name, doubts in by_indicator(found).items()}
 
     def quality(self, more: Iterable[str] = ()) -> Quality:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import EventName, Side, Thresholds
 from scoring.result import Result
@@ -25,6 +26,7 @@ from tests.scoring.clean_run import (
     passage_fault,
     scored,
 )
+from tests.scoring.runs import CONDITION, START
 
 LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
 OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
@@ -153,6 +155,18 @@ def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
     ]
     assert openings[0] > 20
     assert openings[1] == 2
+
+
+def test_a_touch_that_did_not_hold_is_doubted_while_the_run_goes_on() -> None:
+    run = Assessment(CONDITION, START)
+    doubted_at = []
+    for sample in CASES["one force sample of 5 N"][0](clean()):
+        run.feed(sample)
+        if TOUCH in run.provisional_doubts():
+            doubted_at.append(sample.time - START)
+    assert 0.5 < doubted_at[0] < 0.8
+    assert doubted_at[-1] == pytest.approx(15.7, abs=0.1)  # until the recording ends
+    assert "the touch of the handle rests on 1 sample" in run.provisional_doubts()[TOUCH]
 
 
 def test_doubts_change_no_value() -> None:

@@ -56,6 +56,13 @@ class Observation:
         return {} if self._past is None else self._past.provisional
 
     @property
+    def provisional_doubts(self) -> Mapping[str, tuple[str, ...]]:
+        """What is doubted of the indicators so far, by file name."""
+        if self.course is not None:
+            return self.course.assessment.provisional_doubts()
+        return {} if self._past is None else self._past.doubts
+
+    @property
     def largest_force(self) -> float | None:
         """Largest abs(force) since the start of the run, N; None before any."""
         if self.course is not None:

@@ -7,7 +7,7 @@ import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -36,17 +36,24 @@ class PastRun:
         procedure: the six steps, as of the stop.
         provisional: the time indicators, by file name, s.
         largest_force: abs, since the start, N; None = none was seen.
+        doubts: on the indicators, by file name, as far as they are known without the result.
     """
 
     procedure: Procedure
     provisional: Mapping[str, float]
     largest_force: float | None
+    doubts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, run: Run, assessment: LiveAssessment) -> PastRun:
         """Of a run that is over, and what follows it."""
         procedure = assessment.procedure(run.rulings, run.stop)
-        return cls(procedure, assessment.provisional(procedure), assessment.largest_force)
+        return cls(
+            procedure,
+            assessment.provisional(procedure),
+            assessment.largest_force,
+            assessment.provisional_doubts(),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -121,6 +121,7 @@ class StateView:
             disk_free=None if replay else self.pre_start.free_disk(seen),
             faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
             provisional=dict(observation.provisional),
+            provisional_doubts=dict(observation.provisional_doubts),
             log=at_hand.chronicle.log.lines,
             result=result,
             result_source=kind if result else None,

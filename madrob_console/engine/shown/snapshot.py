@@ -258,6 +258,7 @@ class Snapshot:
         disk_free: bytes; None = unknown.
         faults: what is wrong now, one line each; they stay until they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
+        provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
         log: the last 200 lines.
         result: once it is written to disk; none while another one takes its place.
         rescoring: whether the result that there was is out of date, and the next one takes a while.
@@ -294,6 +295,7 @@ class Snapshot:
     disk_free: int | None
     faults: tuple[str, ...]
     provisional: dict[str, float] = field(default_factory=dict)
+    provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     log: tuple[LogLine, ...] = ()
     result: Result | None = None
     result_source: SourceKind | None = None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from madrob_console.referee.health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
 from madrob_console.ui.look.words import rough_text
+from scoring.result import DOUBTED
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -34,6 +35,8 @@ class Provisional(View):
             if value is not None:
                 text = f"{value:.3f} s" if settled else f"{rough_text(value)} s"
             spans += [Span(f" {words} ", Tone.DIM), Span(text)]
+            if snapshot.provisional_doubts.get(name):
+                spans.append(Span(DOUBTED, Tone.WARN))
         wanted = [topic for topic in snapshot.topics if not topic.optional]
         silent = [topic for topic in wanted if topic.freshness is not Freshness.FRESH]
         fresh = f"  {len(wanted) - len(silent)} of {len(wanted)} fresh"

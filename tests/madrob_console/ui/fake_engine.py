@@ -114,6 +114,7 @@ class FakeEngine:
     commands: list[PlaybackCommand] = field(default_factory=list)
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
+    provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     right: RightToAct = field(default_factory=RightToAct)
     pulse: Pulse = field(default_factory=Pulse)
     teams: TeamList = NO_TEAMS
@@ -162,6 +163,7 @@ class FakeEngine:
             faults=self.faults,
             log=self.log,
             provisional=self.provisional,
+            provisional_doubts=self.provisional_doubts,
             result=self.result,
             unfinished=self.unfinished,
             result_source=None if self.result is None else self.kind,

@@ -410,6 +410,11 @@ def test_what_may_still_change_is_rough_and_marked(
                 "to handle 1.000 s occupation ~2.3 s",
             ):
                 assert words in driver.text
+            engine.provisional_doubts = {"time_to_handle": ("the touch rests on 1 sample",)}
+            for _ in range(3):
+                await driver.settle()
+            assert "to handle 1.000 s? occupation ~2.3 s" in driver.text
+            engine.provisional_doubts = {}
             for step in (Step.CLOSE, Step.LOCK):
                 engine.do_step(step)
             engine.finish()
