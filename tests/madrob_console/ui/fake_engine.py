@@ -88,7 +88,6 @@ class FakeEngine:
     angle: float | None = 0.0
     force: float | None = 0.4
     maximum: float | None = None
-    drift: float | None = None
     freshness: Freshness = Freshness.FRESH
     occupied: set[tuple[Side, int]] = field(default_factory=set)
     steps: tuple[StepRecord, ...] = NO_STEPS
@@ -312,7 +311,7 @@ class FakeEngine:
             force=force,
             rest_force=0.98,
             zero=self.run.zero_samples,
-            drift=self.drift,
+            drift=None,
             occupied=tuple(f"{side} {index}" for side, index in sorted(self.occupied)),
             skew=0.004,
             largest_skew=0.1,
