@@ -50,6 +50,14 @@ class HandleRest:
     begin: float
     end: float
 
+    @property
+    def scatter(self) -> str:
+        """How steady they are, and how many, in words."""
+        return (
+            f"standard deviation {self.deviation:.3f} N, span {self.span:.3f} N "
+            f"({self.number} samples in {self.end - self.begin:.2f} s)"
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class RestForce:
@@ -68,6 +76,14 @@ class RestForce:
     drift: float | None = None
     no_before: str | None = None
     no_after: str | None = None
+
+    @property
+    def words(self) -> str:
+        """What the handle read at rest, before and after, and the drift."""
+        before = self.no_before if self.before is None else f"{self.before.mean:.3f} N before"
+        after = self.no_after if self.after is None else f"{self.after.mean:.3f} N after"
+        drift = "" if self.drift is None else f", drift {self.drift:+.3f} N"
+        return f"{before}; {after}{drift}"
 
     def drifted(self, touch_force: float) -> bool:
         """Whether the drift exceeds half the touch threshold (N): the zero does not hold."""

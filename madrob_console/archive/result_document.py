@@ -34,6 +34,7 @@ from madrob_console.referee.run import (
 )
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.procedure import Ruling
+from scoring.rest import HandleRest
 from scoring.result import Result
 
 if TYPE_CHECKING:
@@ -95,6 +96,8 @@ class ResultDocument(Result, Heading):
         journal: of what journal it was made; a result that another journal lies beside is out of
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
+        zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
+            set, or by an earlier version.
     """
 
     waivers: tuple[Waiver, ...]
@@ -111,6 +114,7 @@ class ResultDocument(Result, Heading):
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
     flags: tuple[Flag, ...] | UnsetType = UNSET
+    zero_samples: HandleRest | None = None
 
     @classmethod
     def of(cls, scored: Scored, folder: Path, data: Mapping[str, bytes]) -> ResultDocument:
@@ -149,6 +153,7 @@ class ResultDocument(Result, Heading):
             files_left_out=left_out,
             journal=run.journal or UNSET,
             flags=scored.flags,
+            zero_samples=record.zero_samples,
         )
 
 

@@ -17,6 +17,7 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.referee.run import Run, RunSetup
 from scoring.evaluate import Assessment, LiveAssessment
 from scoring.protocol import Thresholds
+from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName, ruleset
 
 RECORD_NAME = "madrob_run"
@@ -39,6 +40,7 @@ class RunRecord:
         source: where the messages came from; `simulated` also where that testbed spoke over ROS.
         competition: its name.
         version: of the software that recorded.
+        zero_samples: behind the handle zero; None = it was never set, or by an earlier version.
     """
 
     setup: RunSetup
@@ -48,6 +50,7 @@ class RunRecord:
     source: SourceKind
     competition: str
     version: str
+    zero_samples: HandleRest | None = None
 
     def corrected(self, run: Run) -> RunRecord:
         """With the set-up of the run as it stands, after what was corrected."""

@@ -229,7 +229,8 @@ def read_recorded_run(path: Path) -> RecordedRun:
     entries, remarks = _journal_file(path)
     if not entries:
         entries = tuple(_journal_in(bag))
-    run = replace(rebuild(entries, record.handle_zero), journal=mark_of(entries))
+    found = rebuild(entries, record.handle_zero, record.zero_samples)
+    run = replace(found, journal=mark_of(entries))
     if run.start is None:
         raise MadrobError(f"{path}: the run was never started, there is nothing to score")
     corrected = record.corrected(run) if run.corrections else record

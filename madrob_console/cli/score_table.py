@@ -64,6 +64,8 @@ def _outcome(result: Result) -> str:
 
 
 def _notes(result: Result) -> Iterator[str]:
+    if result.rest is not None:
+        yield f"handle at rest: {result.rest.words}"
     for note in (MANUAL_START, *result.quality.remarks):
         yield terminal_safe(f"note: {note}")
 

@@ -146,7 +146,7 @@ class UnattendedRun:
 
     def _wait_for_checks(self, rest: float, end: float) -> None:
         """Let the handle rest for a while, and wait for the checks that time can mend."""
-        by_hand = (CheckName.POSE, CheckName.HANDLE)
+        by_hand = (CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
         looked = 0.0
         while (now := self._engine.now()) < end:
             self._step()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
 from madrob_console.referee.run import CheckName, Phase, Run, Waiver
+from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 
 class CheckState(StrEnum):
@@ -48,6 +49,9 @@ class Readings:
         closed_angle: abs(angle) below this is closed, rad.
         force: handle force minus handle zero, N.
         rest_force: abs(force) above this is not at rest, N.
+        zero: the samples behind the handle zero; None = it was never set.
+        drift: how far from this zero the handle was at rest after the last run, where that is too
+            far, N; None = it is not.
         occupied: names of the used passage sensors that see something; None = no data.
         skew: largest abs(stamp - log time) of the last second, s.
         largest_skew: the limit for it, s.
@@ -62,6 +66,8 @@ class Readings:
     closed_angle: float
     force: float | None
     rest_force: float
+    zero: HandleRest | None
+    drift: float | None
     occupied: tuple[str, ...] | None
     skew: float | None
     largest_skew: float
@@ -72,13 +78,17 @@ class Readings:
 
 
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
-    """All checks in order, with the waivers of `run` applied; after a run those of the next."""
+    """All checks in order, with the waivers of `run` applied; after a run those of the next.
+
+    That of the handle zero is among them only where it fails: screens are small.
+    """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
     found = (
         _topics(readings),
         _door(readings),
         _handle(readings),
+        *_zero(readings),
         _doorway(readings),
         _clock(readings),
         _disk(readings),
@@ -135,6 +145,20 @@ def _handle(r: Readings) -> Check:
     at_rest = abs(r.force) <= r.rest_force
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
     return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: zero the handle")
+
+
+def _zero(r: Readings) -> Iterator[Check]:
+    """Why the handle zero cannot be believed (protocol section 11)."""
+    zero = r.zero
+    if r.drift is not None:
+        text = f"at rest after the last run the force was {r.drift:+.2f} N off"
+    elif zero is not None and zero.number < FEWEST_SAMPLES:
+        text = f"{zero.number} samples, {FEWEST_SAMPLES} needed"
+    elif zero is not None and zero.span > r.rest_force:
+        text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
+    else:
+        return
+    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, f"{text}: zero it again, F7")
 
 
 def _doorway(r: Readings) -> Check:

@@ -20,6 +20,7 @@ from madrob_console.referee.transitions import (
     time_out,
 )
 from scoring.protocol import EventName, Outcome
+from scoring.rest import HandleRest
 
 _LATEST = 1e11  # s since the epoch, within what calendars reach
 
@@ -52,29 +53,31 @@ def act_of(entry: Entry) -> Act | None:
         raise MadrobError(f"journal line is damaged: {error}") from None
 
 
-def rebuild(entries: Iterable[Entry], handle_zero: float = 0.0) -> Run:
+def rebuild(
+    entries: Iterable[Entry], handle_zero: float = 0.0, zero_samples: HandleRest | None = None
+) -> Run:
     """The run after all entries.
 
     Args:
         entries: of one run, in order.
-        handle_zero: the one stored with the run, N.
+        handle_zero: the one stored with the run, N; it may have been set before the run was.
+        zero_samples: the samples behind it, likewise; None = nothing is stored of them.
 
     Raises:
         MadrobError: a line is damaged.
     """
     run = Run()
     for entry in entries:
-        run = after(run, entry, handle_zero)
-    return replace(run, handle_zero=handle_zero)
+        run = after(run, entry)
+    return replace(run, handle_zero=handle_zero, zero_samples=zero_samples)
 
 
-def after(run: Run, entry: Entry, handle_zero: float) -> Run:
+def after(run: Run, entry: Entry) -> Run:
     """The run after one more entry.
 
     Args:
         run: before it.
         entry: the next of its journal.
-        handle_zero: the one stored with the run, N.
 
     Raises:
         MadrobError: the line is damaged.
@@ -87,7 +90,7 @@ def after(run: Run, entry: Entry, handle_zero: float) -> Run:
             return run
         if entry.id and Consequence.COUNTDOWN in act.consequences:
             return run  # it begins when that line is on disk: a line of its own says when
-        return act.apply(Situation(run, measure=lambda: handle_zero), _time(entry.time))
+        return act.apply(Situation(run), _time(entry.time))
     except (KeyError, ValueError, TypeError, ArithmeticError) as error:
         what = terminal_safe(f"'{entry.what}' is damaged: {error}")
         raise MadrobError(f"journal line {what}") from None

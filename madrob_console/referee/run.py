@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
+from scoring.rest import HandleRest
 from scoring.result import Ending
 from scoring.rulesets import RulesetName
 
@@ -41,6 +42,7 @@ class CheckName(StrEnum):
     TOPICS = "topics"
     DOOR = "door closed"
     HANDLE = "handle at rest"
+    HANDLE_ZERO = "handle zero"
     DOORWAY = "doorway clear"
     CLOCK = "clock skew"
     DISK = "disk space"
@@ -301,6 +303,7 @@ class Run:
         setup: None before a run is set up.
         pose_confirmed: the referee saw the robot at its start pose.
         handle_zero: N, subtracted before the touch threshold; kept from run to run.
+        zero_samples: the samples behind it; None = it was never set, or by an earlier version.
         waivers: checks let pass for this run.
         countdown_began: the opening of the recording.
         start: planned during the countdown, actual afterwards.
@@ -324,6 +327,7 @@ class Run:
     setup: RunSetup | None = None
     pose_confirmed: bool = False
     handle_zero: float = 0.0
+    zero_samples: HandleRest | None = None
     waivers: tuple[Waiver, ...] = ()
     countdown_began: float | None = None
     start: float | None = None
@@ -344,6 +348,11 @@ class Run:
     closure: Closure | None = None
     signed_notes: int = 0
     journal: JournalMark | None = None
+
+    @property
+    def cleared(self) -> Run:
+        """A clean run: nothing of this one stays but the handle zero."""
+        return Run(handle_zero=self.handle_zero, zero_samples=self.zero_samples)
 
     @property
     def valid(self) -> bool:

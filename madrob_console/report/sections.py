@@ -71,12 +71,17 @@ def set_up(record: RunRecord, result: Result) -> Markup:
         ("timeout", f"{setup.timeout:g} s, after a countdown of {setup.countdown:g} s"),
         ("ruleset", result.ruleset),
         ("locking judged by", LOCKED_BY[result.lock_detection]),
-        ("handle zero", f"{result.handle_zero:.3f} N"),
+        ("handle zero", _zero(record)),
         ("referee", said(setup.referee) if setup.referee else NONE),
         ("data from", SOURCES[record.source]),
     ]
     pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
     return section("Set-up", element("dl", pairs))
+
+
+def _zero(record: RunRecord) -> Content:
+    samples, zero = record.zero_samples, f"{record.handle_zero:.3f} N"
+    return zero if samples is None else (zero, element("small", f", {samples.scatter}"))
 
 
 def indicators(result: Result) -> Markup:
@@ -96,6 +101,7 @@ def indicators(result: Result) -> Markup:
         "Indicators",
         table(("indicator", "value"), rows, class_="indicators"),
         element("p", MANUAL_START_NOTE),
+        element("p", f"Handle at rest: {result.rest.words}.") if result.rest else NOTHING,
     )
 
 

@@ -17,6 +17,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
+from scoring.rest import HandleRest
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
@@ -31,6 +32,11 @@ def door(time: float, angle: float) -> DoorSample:
 
 def handle(time: float, force: float) -> HandleSample:
     return HandleSample(START + time, START + time, force)
+
+
+def resting(force: float, end: float = START, *, span: float = 0.2) -> HandleRest:
+    """A second of a handle that nobody touches."""
+    return HandleRest(50, force, span / 4, span, end - 0.98, end)
 
 
 def latch(time: float, engaged: bool) -> LatchSample:

@@ -131,7 +131,7 @@ class Acting:
         run = act.apply(situation, at)
         at_hand.write(_line_of(act, run, at))
         if Consequence.HANDLE_ZERO in brings:
-            at_hand.kept_zero = run.handle_zero
+            at_hand.kept = run.cleared
         if Consequence.NEW_RUN in brings:
             assert run.setup is not None
             self._equipment.source.configure(run.setup.condition)
@@ -147,7 +147,7 @@ class Acting:
         if Consequence.COUNTDOWN in act.consequences:
             details = {"time": self._equipment.now()}
             begins = at_hand.note(Happening(Origin.CLOCK, Change.COUNTDOWN_BEGINS, details=details))
-            self._done(after(at_hand.run, begins, at_hand.run.handle_zero))
+            self._done(after(at_hand.run, begins))
         else:
             self._done(act.apply(self._situation(), entry.time))
 

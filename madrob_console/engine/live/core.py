@@ -345,8 +345,9 @@ class Engine:
             scored=self._result.settled,
             hopeless=self._result.hopeless,
             simulated=self.source.announcement.simulated,
-            look=lambda: self._pre_start.checks(self.run, self.source, now),
-            measure=lambda: self._sensors.handle_mean(now),
+            look=lambda: self._pre_start.checks(self.run, self.source, now, self._at_hand.drift),
+            measure=lambda: self._sensors.handle_rest(now),
+            rest_force=self.config.thresholds.touch_force / 2,
             teams=self._teams,
             steps=self._observation.steps,
         )
@@ -453,8 +454,7 @@ class Engine:
         at_hand = self._at_hand
         for entry in replay.due():
             self._advance()
-            assert at_hand.record is not None
-            run = after(at_hand.run, entry, at_hand.record.handle_zero)
+            run = after(at_hand.run, entry)
             at_hand.write(entry)
             at_hand.go_on(run)
         if replay.ended and self.scored is None:

@@ -37,8 +37,17 @@ class PreStart:
         self._disk_answered = True
         self._starts_next = self._practice = False
 
-    def checks(self, run: Run, source: Source, now: float) -> tuple[Check, ...]:
-        """The pre-start checks at `now`, s since the epoch."""
+    def checks(
+        self, run: Run, source: Source, now: float, drift: float | None = None
+    ) -> tuple[Check, ...]:
+        """The pre-start checks.
+
+        Args:
+            run: as it stands.
+            source: the testbed.
+            now: s since the epoch.
+            drift: see `Readings`, N.
+        """
         sensors, config = self._sensors, self._config
         self._starts_next = run.phase is Phase.READY
         self._practice = run.setup is not None and run.setup.practice
@@ -49,6 +58,8 @@ class PreStart:
             closed_angle=config.thresholds.closed_angle,
             force=None if force is None else force - run.handle_zero,
             rest_force=config.thresholds.touch_force / 2,
+            zero=run.zero_samples,
+            drift=drift,
             occupied=sensors.occupied(now),
             skew=sensors.skew(now),
             largest_skew=config.thresholds.largest_skew,

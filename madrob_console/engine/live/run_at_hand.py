@@ -43,7 +43,7 @@ class RunAtHand:
         opened: the earlier run that it is; None = it is of this engine.
         decided: when it was found to be over, s since the epoch; None = it is not.
         over: whether its post-roll is, too: nothing more is recorded.
-        kept_zero: the handle zero of runs to come, while an earlier one is opened, N.
+        kept: a clean run with the handle zero of runs to come, while an earlier one is opened.
         chronicle: gets a line of whatever happens.
         recorder: its recording.
         result: its result.
@@ -63,7 +63,7 @@ class RunAtHand:
         self.opened: EarlierRun | None = None
         self.decided: float | None = None
         self.over = False
-        self.kept_zero = 0.0
+        self.kept = Run()
         self.chronicle = Chronicle(equipment)
         self.recorder = RunRecorder(equipment, self.chronicle)
         self.result = CurrentResult(
@@ -80,10 +80,12 @@ class RunAtHand:
         self._earlier = earlier
         self._replay = replay = equipment.replay
         self._missing: tuple[str, ...] = ()
+        self._drift: tuple[RunRecord, float] | None = None
         self._fault_notes = FaultNotes()
         if replay is not None:
             self.record, self.folder = replay.recorded.recorded_as, replay.source.path
-            self.run = Run(handle_zero=self.record.handle_zero)
+            zero, samples = self.record.handle_zero, self.record.zero_samples
+            self.run = Run(handle_zero=zero, zero_samples=samples)
 
     # ------------------------------------------------------------------ one after the other
 
@@ -96,11 +98,24 @@ class RunAtHand:
         which = f"run {setup.run_number} of subject {setup.subject}"
         return f"{which} was set up meanwhile, and stays: the history (h) opens the other one"
 
+    @property
+    def drift(self) -> float | None:
+        """How far from its zero the handle was at rest after the last run of this engine, N.
+
+        None where that is no more than half the touch threshold, where nobody can tell, and where
+        it was zeroed since.
+        """
+        if self._drift is None:
+            return None
+        record, drift = self._drift
+        zero = (record.handle_zero, record.zero_samples)
+        return drift if zero == (self.run.handle_zero, self.run.zero_samples) else None
+
     def begin_next(self) -> None:
         """A clean next run takes its place, with the handle zero that was set last."""
-        zero = self.run.handle_zero if self.opened is None else self.kept_zero
+        fresh = self.run.cleared if self.opened is None else self.kept
         self._leave()
-        self.run = Run(handle_zero=zero)  # that of an opened run is of its day
+        self.run = fresh  # the zero of an opened run is of its day
 
     def take_up(self, opened: EarlierRun, journal: OpenJournal, *, invalid: bool) -> None:
         """An earlier run takes its place, as if it had stopped just now.
@@ -111,7 +126,7 @@ class RunAtHand:
             invalid: stop a run that was cut off as aborted: it does not count.
         """
         if self.opened is None:
-            self.kept_zero = self.run.handle_zero
+            self.kept = self.run.cleared
         self._leave()
         self.chronicle.go_on(journal, opened.entries)
         self.opened, self.record = opened, opened.scored.record
@@ -249,5 +264,9 @@ class RunAtHand:
         self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
 
     def _shown(self, scored: RenderedResult) -> None:
+        rest = scored.result.rest
+        if self.opened is None and rest is not None and rest.drift is not None:
+            drifted = rest.drifted(scored.record.thresholds.touch_force)
+            self._drift = (scored.record, rest.drift) if drifted else None
         if self._observation.course is None or self.run.corrections:  # it followed something else
             self._observation.look_back(scored.past)

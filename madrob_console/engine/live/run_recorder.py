@@ -104,6 +104,7 @@ class RunRecorder:
             source=self._source.kind if told.simulated is None else SourceKind.SIMULATED,
             competition=config.competition,
             version=config.version,
+            zero_samples=run.zero_samples,
         )
         start = begin_countdown(run, entry.time).start
         assert start is not None

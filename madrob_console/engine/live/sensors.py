@@ -29,6 +29,7 @@ from scoring.protocol import (
     Signal,
     Thresholds,
 )
+from scoring.rest import HandleRest, rest_of
 from scoring.samples import HandleSample, PassageSample, Sample
 
 _ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
@@ -116,13 +117,12 @@ class Sensors:
         """Raw handle force, N; None unless fresh."""
         return self._force if self._fresh(Signal.HANDLE, now) else None
 
-    def handle_mean(self, now: float) -> float | None:
-        """Mean raw handle force of the last second, N; None unless fresh."""
-        recent = [force for time, force in self._forces if time >= now - self.limits.averaging]
+    def handle_rest(self, now: float) -> HandleRest | None:
+        """Raw handle force of the last second, by the time of reception; None unless fresh."""
+        recent = [each for each in self._forces if each[0] >= now - self.limits.averaging]
         if not recent or not self._fresh(Signal.HANDLE, now):
             return None
-        mean = sum(recent) / len(recent)
-        return mean if math.isfinite(mean) else None  # forces no handle bears
+        return rest_of(*zip(*recent, strict=True))
 
     def skew(self, now: float) -> float | None:
         """Largest abs(stamp - log time) of the last second, s; None without samples."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.procedure import StepRecord
+from scoring.rest import HandleRest
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Situation:
         run: the state of the run.
         scored: whether the run's result is written.
         look: works out the pre-start checks.
-        measure: works out the mean handle force of the last second, N; None = no data.
+        measure: works out what the handle force was in the last second; None = no data.
+        rest_force: a force at rest differs from its zero by no more than this, N.
         hopeless: whether several tries to compute the result were in vain.
         teams: the list of teams as it is now.
         steps: the six as they stand; empty where they are of no interest.
@@ -36,7 +39,8 @@ class Situation:
     run: Run
     scored: bool = False
     look: Callable[[], tuple[Check, ...]] = tuple
-    measure: Callable[[], float | None] = lambda: None
+    measure: Callable[[], HandleRest | None] = lambda: None
+    rest_force: float = math.inf
     hopeless: bool = False
     teams: TeamList = NO_TEAMS
     steps: tuple[StepRecord, ...] = ()
@@ -53,8 +57,8 @@ class Situation:
         return flags(self.run, self.steps)
 
     @cached_property
-    def handle_mean(self) -> float | None:
-        """Mean handle force of the last second, N; None = no data."""
+    def handle_rest(self) -> HandleRest | None:
+        """The handle force in the last second; None = no data."""
         return self.measure()
 
 

@@ -52,7 +52,7 @@ class SetUp(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """A clean run: nothing of the one before stays but the handle zero."""
-        return Run(Phase.READY, self.setup, handle_zero=situation.run.handle_zero)
+        return replace(situation.run.cleared, phase=Phase.READY, setup=self.setup)
 
     @property
     def reason_given(self) -> str:

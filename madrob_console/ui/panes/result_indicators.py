@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import fitted
+from scoring.indicator_table import IndicatorName
 from scoring.result import value_text
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
-    from scoring.indicator_table import IndicatorName
-    from scoring.result import Indicator
+    from scoring.result import Indicator, Result
 
 _NAME = 28
 _ROOMY = 75
@@ -43,6 +43,8 @@ class IndicatorTable(View):
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
         for name, indicator in snapshot.result.indicators.items():
             lines += _rows(name, indicator, self._means(name), count, width)
+            if name is IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
+                lines += _drift(snapshot.result, snapshot.handle.touch_force)
         return lines if roomy else [*lines, line(Span(delay, Tone.DIM))]
 
     def _means(self, name: IndicatorName) -> tuple[float, int] | None:
@@ -70,6 +72,15 @@ def _rows(
             *compared(name, indicator.value, mean, count, width),
         )
     ]
+
+
+def _drift(result: Result, touch_force: float) -> list[Line]:
+    """How far the handle came to rest from its zero, where that is too far (section 11)."""
+    rest = result.rest
+    if rest is None or rest.drift is None or not rest.drifted(touch_force):
+        return []
+    head = line(Span(f"{'  at rest after, from zero':<{_NAME}}", Tone.WARN))
+    return [line(*head, Span(f"{rest.drift:>+10.2f} N", Tone.WARN))]
 
 
 def compared(

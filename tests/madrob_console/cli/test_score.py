@@ -70,6 +70,22 @@ def test_every_run_of_a_results_folder_is_scored_in_the_order_of_their_names(
     assert captured.err == ""
 
 
+def test_the_handle_at_rest_before_and_after_the_run_and_its_drift_are_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = recorded(Scenario.NOMINAL)
+    assert score(folder) == 0
+    words = r"handle at rest: 5\.\d{3} N before; 5\.\d{3} N after, drift [+-]\d\.\d{3} N"
+    assert re.search(words, capsys.readouterr().out)
+    (run,) = scored(capsys, folder)
+    assert run["rest"]["drift"] == run["rest"]["after"]["mean"] - stored_zero(folder)
+
+
+def stored_zero(folder: Path) -> float:
+    zero: float = json.loads((folder / "result.json").read_text())["handle_zero"]
+    return zero
+
+
 def test_what_a_decision_hangs_on_comes_before_the_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -94,7 +94,8 @@ class Desk(Drive):
         """Whether journal, result, recording and state say the same."""
         told = read_run_journal(self.run_folder).run
         run = self.engine.run
-        assert replace(told, journal=None, handle_zero=run.handle_zero) == run
+        told = replace(told, handle_zero=run.handle_zero, zero_samples=run.zero_samples)
+        assert replace(told, journal=None) == run
         assert check_run(RunPath(self.run_folder)) == ()
         assert self.listed.problem is None
         return True

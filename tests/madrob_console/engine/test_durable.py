@@ -394,7 +394,7 @@ def test_what_is_put_right_takes_effect_on_disk_or_never(hall: Hall, act: Act) -
     hall.disk.come_back()
     hall.pass_time(5.0)
     assert hall.engine.run == stood
-    assert rebuild(hall.journal(), stood.handle_zero) == stood
+    assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == stood
     hall.disk.held = True
     hall.submit(act)
     hall.pass_time(1.0)
@@ -402,7 +402,7 @@ def test_what_is_put_right_takes_effect_on_disk_or_never(hall: Hall, act: Act) -
     hall.pass_time(5.0)
     assert hall.told == [TOO_LONG, None]
     assert hall.engine.run != stood
-    assert rebuild(hall.journal(), stood.handle_zero) == hall.engine.run
+    assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == hall.engine.run
     folder = hall.engine.folder
     assert folder is not None
     assert check_run(RunPath(folder)) == ()

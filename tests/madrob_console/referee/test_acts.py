@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import pkgutil
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,7 @@ from madrob_console.referee.acts import (
     WithdrawIncident,
     ZeroHandle,
     act_details,
+    act_named,
     refusals,
 )
 from madrob_console.referee.journal import Entry, Origin
@@ -64,7 +66,9 @@ from scoring.protocol import (
     StartPose,
     Step,
 )
+from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName
+from tests.scoring.runs import resting
 
 SETUP = RunSetup(
     subject=3,
@@ -118,7 +122,7 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
 
 
 def situation(run: Run, *checks: Check) -> Situation:
-    return Situation(run, scored=True, look=lambda: checks, measure=lambda: 5.9)
+    return Situation(run, scored=True, look=lambda: checks, measure=lambda: resting(5.9))
 
 
 @dataclass(frozen=True)
@@ -230,9 +234,9 @@ def test_what_the_sensors_say_is_worked_out_only_for_who_needs_it() -> None:
         looked.append("checks")
         return (FAILED,)
 
-    def measure() -> float:
+    def measure() -> HandleRest:
         looked.append("force")
-        return 5.9
+        return resting(5.9)
 
     here = Situation(RUNNING, look=look, measure=measure)
     assert Abort("fire").refusal(here) is None
@@ -264,9 +268,11 @@ def test_a_countdown_is_never_shorter_than_the_pre_roll() -> None:
 
 
 def test_the_next_run_is_clean_but_for_the_handle_zero() -> None:
-    used = replace(STOPPED, handle_zero=5.9, pose_confirmed=True, issue=1)
+    used = replace(
+        STOPPED, handle_zero=5.9, zero_samples=resting(5.9), pose_confirmed=True, issue=1
+    )
     fresh = SetUp(SETUP).apply(situation(used), 200.0)
-    assert fresh == Run(Phase.READY, SETUP, handle_zero=5.9)
+    assert fresh == Run(Phase.READY, SETUP, handle_zero=5.9, zero_samples=resting(5.9))
 
 
 def test_another_name_than_the_lists_is_set_up_with_a_reason_only() -> None:
@@ -319,6 +325,27 @@ def test_an_act_without_its_reason_is_refused(act: Act, run: Run) -> None:
 
 def test_zeroing_needs_fresh_data() -> None:
     assert ZeroHandle().refusal(Situation(READY)) == "no fresh handle force"
+
+
+def test_a_handle_that_somebody_moves_gives_no_zero() -> None:
+    moved = Situation(READY, measure=lambda: resting(5.9, span=8.0), rest_force=0.98)
+    refused = ZeroHandle().refusal(moved)
+    assert refused == "the handle force is not steady: let go of it, wait a second"
+
+
+def test_the_zero_keeps_the_samples_that_were_measured_whatever_was_asked_for() -> None:
+    act = ZeroHandle(resting(20.0)).settled(situation(READY))
+    run = act.apply(situation(READY), 50.0)
+    assert (run.handle_zero, run.zero_samples) == (5.9, resting(5.9))
+    assert act.logged.startswith("zero the handle: 5.900 N, standard deviation 0.050 N")
+    again = act_named(act.name, json.loads(json.dumps(act_details(act))))
+    assert again == act
+
+
+def test_the_zero_of_an_earlier_version_has_no_samples() -> None:
+    old = act_named("zero the handle", {})
+    run = replace(READY, handle_zero=5.9)
+    assert old.apply(Situation(run), 50.0) == run
 
 
 def test_a_reissue_keeps_rulings_and_counts_up() -> None:

@@ -78,7 +78,7 @@ class Telling:
 
     def happens(self, change: Change, **details: object) -> None:
         entry = Entry(self.at, Origin.CLOCK, change.value, details=details)
-        self.run = after(self.run, entry, 0.0)
+        self.run = after(self.run, entry)
         self.entries.append(entry)
 
     def take_back(self) -> str | None:

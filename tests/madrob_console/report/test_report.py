@@ -193,6 +193,9 @@ def test_the_set_up_is_told(page: Page, scored: Scored) -> None:
         "R. Eferee",
     ):
         assert words in told
+    samples = scored.record.zero_samples
+    assert samples is not None
+    assert samples.scatter in told
 
 
 def test_the_outcome_is_told_in_words(page: Page) -> None:
@@ -214,6 +217,14 @@ def test_every_indicator_has_value_unit_and_explanation(page: Page, scored: Scor
         assert f"{shown} {unit}" in told
         assert name.spec.explanation in told
         assert name.replace("_", " ") in told
+
+
+def test_the_handle_at_rest_and_its_drift_are_told(page: Page, scored: Scored) -> None:
+    rest = scored.result.rest
+    assert rest is not None
+    assert rest.drift is not None
+    told = page.section("Indicators")
+    assert re.search(r"Handle at rest: 5\.\d{3} N before; 5\.\d{3} N after, drift [+-]0\.0", told)
 
 
 def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:

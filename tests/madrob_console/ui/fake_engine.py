@@ -60,7 +60,9 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import Quality, SignalQuality
+from scoring.rest import HandleRest
 from scoring.result import Indicator, Result
+from tests.scoring.runs import resting
 
 EPOCH = 1_700_000_000.0
 TOPICS = (
@@ -288,11 +290,14 @@ class FakeEngine:
             self.run,
             self.result is not None,
             self._checks,
-            lambda: self.force,
+            self._rest,
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
         )
+
+    def _rest(self) -> HandleRest | None:
+        return None if self.force is None else resting(self.force, self.now)
 
     def _checks(self) -> tuple[Check, ...]:
         force = None if self.force is None else self.force - self.run.handle_zero
@@ -302,6 +307,8 @@ class FakeEngine:
             closed_angle=0.03,
             force=force,
             rest_force=0.98,
+            zero=self.run.zero_samples,
+            drift=None,
             occupied=tuple(f"{side} {index}" for side, index in sorted(self.occupied)),
             skew=0.004,
             largest_skew=0.1,

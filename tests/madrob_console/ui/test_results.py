@@ -16,6 +16,7 @@ from madrob_console.ui.panes.run_marks import run_marks
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step
+from scoring.rest import RestForce
 from scoring.result import Indicator
 from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
@@ -82,6 +83,24 @@ def test_a_reason_stands_apart_from_the_name_of_its_indicator(
             await driver.settle()
             assert "smoothness of door actuation none: it never moved" in driver.text
             assert "smoothness of door actuation none: " in driver.console.panes.results.copied
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize(("drift", "shown"), [(-5.5373, True), (0.9, False), (None, False)])
+def test_a_drift_of_over_half_the_touch_threshold_stands_below_the_roughness(
+    engine: FakeEngine, drift: float | None, shown: bool
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await finished(driver)
+            assert engine.result is not None
+            engine.result = replace(engine.result, rest=RestForce(drift=drift))
+            await driver.settle()
+            rows = driver.rows()
+            below = next(n for n, row in enumerate(rows) if "roughness of door" in row) + 1
+            assert ("at rest after, from zero       -5.54 N" in rows[below]) is shown
+            assert ("at rest" in driver.text) is shown
 
     asyncio.run(drive())
 
