@@ -26,9 +26,11 @@ ALL = "all"
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
     *("subject", "team", "completed", "timeout", "invalid", "interrupted", "void"),
+    *("flagged", "undecided"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
 )
-"""Of the csv file."""
+"""Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
+wait for a decision of the referee: a number of theirs may still change."""
 
 _FORMULA = ("=", "+", "-", "@")
 

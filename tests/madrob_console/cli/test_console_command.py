@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from recorder.writer import BagWriter
+from tests.madrob_console.recorded_runs import completed
+from tests.recorder.samples import door_messages, door_topics
 from tests.terminal import Terminal
 
 PROGRAM = [sys.executable, "-m", "madrob_console.cli"]
@@ -24,6 +27,10 @@ pytestmark = pytest.mark.machine
         ("console --testbed replay EMPTY", "the folder holds no recording"),
         ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
         ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
+        ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
+        ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),
+        ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),
+        ("watch --testbed simulated", "no engine runs here to be watched"),
         ("console --settings /nowhere.toml", "no such settings file"),
         ("console --testbed simulated --from 3", "with `--testbed replay PATH` only"),
     ],
@@ -31,7 +38,13 @@ pytestmark = pytest.mark.machine
 def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
     arguments: str, words: str, tmp_path: Path
 ) -> None:
-    line = arguments.replace("EMPTY", str(tmp_path)).split()
+    if "RUN" in arguments:
+        arguments = arguments.replace("RUN", str(completed()))
+    foreign = tmp_path / "foreign"
+    if "FOREIGN" in arguments:
+        with BagWriter(foreign, door_topics(), {}) as writer:
+            writer.put(door_messages(rounds=1)[0])
+    line = arguments.replace("FOREIGN", str(foreign)).replace("EMPTY", str(tmp_path)).split()
     where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
     with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:
         assert terminal.wait_exit() == 2
