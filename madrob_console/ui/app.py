@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.client import EngineClient
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.cells.dialog import Dialog
-    from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList
     from madrob_console.ui.panes.plan_pane import PlanPane
     from madrob_console.ui.panes.runs_pane import RunsPane
@@ -562,11 +561,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.say(
                 "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
             )
-
-    def on_number_field_refused(self, event: NumberField.Refused) -> None:
-        """A letter typed into a number."""
-        what = f"'{event.letter}' is no number: Escape leaves the field, then letters are keys"
-        self._console.say(what, Tone.WARN)
 
     def _refuse_key(self, key: Key, why: str) -> None:
         """What would have been typed after a key is for nothing else, a text field included."""
