@@ -69,6 +69,12 @@ _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 
+async def _at_most(duration: float, over: asyncio.Event) -> None:
+    """Wait for an event, but not for longer, s."""
+    with suppress(TimeoutError):
+        await asyncio.wait_for(over.wait(), duration)
+
+
 def console_commands() -> type[Provider]:
     """The palette's commands, imported when they are wanted."""
     from madrob_console.ui.palette import ConsoleCommands
@@ -295,14 +301,25 @@ class MadrobApp(App[None], inherit_bindings=False):
                 over.set()
 
         self.run_worker(bring_about(), group="keys")
-        with suppress(TimeoutError):
-            await asyncio.wait_for(over.wait(), PATIENCE)
-        if not over.is_set():  # it may have come just now: then there are better words
-            durable = next((name for name, durable in self._awaited.items() if durable), None)
-            words = "no answer of the engine yet; the keys work"
-            if durable is not None:
-                what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
-            self._console.say(f"{what}: {words}", Tone.WARN)
+        await _at_most(PATIENCE, over)
+        if not over.is_set() and not self._tell_wait(what):  # it comes soon, or is asked later
+
+            async def tell() -> None:
+                while not (over.is_set() or self._tell_wait(what)):
+                    await _at_most(PATIENCE, over)
+
+            self.run_worker(tell(), group="keys")
+
+    def _tell_wait(self, what: str) -> bool:
+        """Say what is waited for; False where it is only for these screens to be painted."""
+        if not self._link.asking:
+            return False
+        durable = next((name for name, durable in self._awaited.items() if durable), None)
+        words = "no answer of the engine yet; the keys work"
+        if durable is not None:
+            what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
+        self._console.say(f"{what}: {words}", Tone.WARN)
+        return True
 
     def withdraw(self) -> bool:
         """Take back what waits for the disk; False where nothing does."""
