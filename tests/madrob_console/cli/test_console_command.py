@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -63,3 +64,19 @@ def test_screens_are_not_painted_into_a_pipe(command: str, tmp_path: Path) -> No
     assert (ran.returncode, ran.stdout) == (2, "")
     assert ran.stderr.startswith("madrob: input and output are no terminal: ")
     assert ran.stderr.count("\n") == 1
+
+
+def test_what_nothing_is_painted_of_yet_is_imported_after_the_first_paint(tmp_path: Path) -> None:
+    code = (
+        "import sys, madrob_console.ui.terminal as terminal\n"
+        "late = {'madrob_console.engine.shown.snapshot', 'madrob_console.archive.unfinished'}\n"
+        "terminal.check_terminal = lambda *_: None\n"
+        "terminal.run_console = lambda *_, **__: print(late & set(sys.modules)) or 0\n"
+        "from madrob_console.cli.main import main\n"
+        "main(['console', '--testbed', 'simulated', '--results', sys.argv[1]])\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], env=os.environ | {"HOME": str(tmp_path)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert ran.stdout == "set()\n"
