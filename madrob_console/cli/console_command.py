@@ -111,7 +111,7 @@ def show(
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
     if _replays(arguments):
         _check_replay(arguments, begin_at)
-    elif role is Role.WATCH:
+    if role is Role.WATCH:
         demand_engine(arguments, settings)
     if arguments.teams is not None:
         options.team_list(arguments, settings)

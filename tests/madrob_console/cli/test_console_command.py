@@ -31,6 +31,7 @@ pytestmark = pytest.mark.machine
         ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
         ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),
         ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),
+        ("watch --testbed replay RUN", "no engine runs here to be watched"),
         ("watch --testbed simulated", "no engine runs here to be watched"),
         ("console --settings /nowhere.toml", "no such settings file"),
         ("console --testbed simulated --from 3", "with `--testbed replay PATH` only"),
