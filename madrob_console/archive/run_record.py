@@ -6,7 +6,9 @@ journal, on `/madrob/referee/event`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 import msgspec
@@ -93,3 +95,13 @@ class RunRecord:
             lock_detection=self.setup.lock_detection,
             handle_zero=self.handle_zero,
         )
+
+
+def demand_record(records: Mapping[str, object], path: Path) -> None:
+    """A bag with these metadata records is of a run.
+
+    Raises:
+        MadrobError: it is of none.
+    """
+    if RECORD_NAME not in records:
+        raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")

@@ -40,6 +40,11 @@ _ANSWERING_TIME = 5.0
 
 _PERIOD = 0.02
 
+_NOTHING_TO_WATCH = (
+    "no engine runs here to be watched: `madrob console` starts one, `madrob engine status` lists "
+    "them"
+)
+
 
 def who_am_i() -> str:
     """This console, for the people at the others."""
@@ -87,10 +92,7 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
     if (engine := _running(owned, role, who)) is not None:
         return _checked(engine, arguments, settings)
     if role is Role.WATCH:
-        raise MadrobError(
-            "no engine runs here to be watched: `madrob console` starts one, `madrob engine "
-            "status` lists them"
-        )
+        raise MadrobError(_NOTHING_TO_WATCH)
     place = place_of(owned)
     process = _start(arguments, place)
     end = time.monotonic() + STARTING_TIME
@@ -102,6 +104,17 @@ def attach(arguments: argparse.Namespace, settings: Settings, role: Role) -> Rem
             raise MadrobError(_last_words(place))
         time.sleep(_PERIOD)
     raise MadrobError(f"the engine did not start within {STARTING_TIME:g} s: see {place.log}")
+
+
+def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
+    """There is an engine of the testbed, or something that looks like one.
+
+    Raises:
+        MadrobError: nothing of the kind runs.
+    """
+    owned = owned_testbed(arguments, settings)
+    if found_at(owned.testbed, _ANSWERING_TIME) is None and not _listens(place_of(owned).socket):
+        raise MadrobError(_NOTHING_TO_WATCH)
 
 
 def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
@@ -124,6 +137,12 @@ def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
         return RemoteEngine(place_of(owned).socket, role, who)  # of an older version, if at all
     except OSError:
         return None
+
+
+def _listens(path: Path) -> bool:
+    """Whether somebody listens on a socket: an engine of an older version has no other name."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        return connection.connect_ex(str(path)) == 0
 
 
 def _socket_of(found: FoundEngine) -> Path | None:
@@ -187,7 +206,7 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
                 "madrob_console.cli.main",
                 "engine",
                 "serve",
-                *_testbed_options(arguments),
+                *engine_options(arguments),
             ],
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -198,11 +217,11 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
         os.close(log)
 
 
-def _testbed_options(arguments: argparse.Namespace) -> list[str]:
-    """The options of the testbed, as they were given."""
+def engine_options(arguments: argparse.Namespace) -> list[str]:
+    """The options of the engine: testbed and lists, as they were given."""
     words: list[str] = []
-    names = ("scenario", "seed", "speed", "domain", "results", "settings", "teams", "idle_time")
-    for name in names:
+    names = ("scenario", "seed", "speed", "domain", "results", "settings")
+    for name in (*names, "teams", "plan", "idle_time"):
         value = getattr(arguments, name)
         if value is not None:
             words.append(f"--{name.replace('_', '-')}={value}")

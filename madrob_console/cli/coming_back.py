@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from madrob_console.cli import options
 from madrob_console.cli.parsing import Parser
 from madrob_console.cli.problems import BAD_INPUT, complain
-from madrob_console.cli.running_engines import status_line
 from madrob_console.engine.process.engines import FoundEngine, all_engines
 
 _NAMING = ("testbed", "domain", "results", "settings", "scenario", "seed", "speed")
@@ -40,6 +39,8 @@ def ask_which(engines: Sequence[FoundEngine], command: str) -> int:
         engines: them.
         command: that is to attach, `console` or `watch`.
     """
+    from madrob_console.cli.running_engines import status_line
+
     complain(f"{len(engines)} engines run: type the line of the one that you mean")
     for one in engines:
         print(f"  {status_line(one)}\n    {one.attach_line(command)}", file=sys.stderr)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator
 from enum import StrEnum
+from itertools import dropwhile
 from pathlib import Path
 from typing import TypeAlias
 
@@ -97,7 +98,13 @@ def main(arguments: argparse.Namespace) -> int:
         elif action.type is Path:
             kind = shtab.DIRECTORY if action.metavar == "FOLDER" else shtab.FILE
             action.complete = kind  # type: ignore[attr-defined]
-    print(shtab.complete(parser, arguments.shell.value), _REPLAY[arguments.shell], sep="\n")
+    script = shtab.complete(parser, arguments.shell.value).splitlines()
+    if script[0].startswith("#compdef"):  # zsh takes only the first line for that
+        print(script[0])
+    lines = dropwhile(lambda line: not line or line.startswith("#"), script)  # shtab's other places
+    print("# Made with shtab; `madrob completion --help` says where it goes.\n")
+    print(*lines, sep="\n")
+    print(_REPLAY[arguments.shell])
     return 0
 
 

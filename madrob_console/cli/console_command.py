@@ -58,6 +58,7 @@ def add(commands: options.Commands) -> None:
 def add_look_options(parser: argparse.ArgumentParser) -> None:
     """Who is on the screens and how they look."""
     options.add_teams(parser)
+    options.add_plan(parser)
     options.add_choice(parser, "--theme", ThemeName, None, "colours; else setting `console.theme`")
     parser.add_argument(
         "--ascii", action="store_true", default=None, help="draw with ASCII characters only"
@@ -93,7 +94,7 @@ def show(
     with imports_kept():
         from msgspec.structs import replace
 
-        from madrob_console.cli.attaching import attach, owned_testbed
+        from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
         from madrob_console.cli.coming_back import ask_which, engines_meant, mean
         from madrob_console.config import load_settings
         from madrob_console.engine.shown.requests import Role
@@ -109,15 +110,19 @@ def show(
     results = options.results_folder(arguments, settings)
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
     if _replays(arguments):
-        from recorder.reader import read_bag
-
-        read_bag(Path(arguments.testbed[1]).expanduser())
+        _check_replay(arguments, begin_at)
+    if role is Role.WATCH:
+        demand_engine(arguments, settings)
     if arguments.teams is not None:
         options.team_list(arguments, settings)
+    if arguments.plan is not None:
+        from madrob_console.referee.competition_plan import read_plan
+
+        read_plan(arguments.plan.expanduser(), "correct --plan")
 
     def open_client() -> EngineClient:
         client = attach(arguments, settings, role)
-        _check_teams(client, arguments, settings)
+        check_lists(client, arguments, settings)
         if role is Role.REFEREE:
             _move(client, None if engines else arguments.speed, begin_at)
         return client
@@ -132,20 +137,46 @@ def show(
     return run_console(open_client, _defaults(arguments, settings, results), look, wall=wall)
 
 
-def _check_teams(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
-    """The list of teams is the engine's: another one can only be named when it starts.
+def _check_replay(arguments: argparse.Namespace, begin_at: float | None) -> None:
+    """There is a run to be replayed, and it goes on at that time.
 
     Raises:
-        MadrobError: it has another one than the command line names.
+        MadrobError, RecorderError: it cannot be replayed, or not from there.
+    """
+    from madrob_console.archive.run_record import demand_record
+    from recorder.reader import read_bag
+
+    path = Path(arguments.testbed[1]).expanduser()
+    demand_record(read_bag(path).records, path)
+    if begin_at is not None:
+        from madrob_console.engine.live.replay import Replay
+        from madrob_console.engine.shown.playback import JumpTo
+        from madrob_console.messages.codec import MessageTypes
+
+        refused = Replay(path, MessageTypes()).control(JumpTo(begin_at))
+        if refused is not None:
+            raise MadrobError(f"--from {begin_at:g}: {refused}")
+
+
+def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
+    """The lists of teams and the plan are the engine's: others can only be named when it starts.
+
+    Raises:
+        MadrobError: it has others than the command line names.
     """
     snapshot = client.snapshot()
-    if arguments.teams is None or snapshot.playback is not None:
+    if snapshot.playback is not None:
         return
-    wanted = options.team_source(arguments, settings).file_words
-    if snapshot.teams.file != wanted:
+    teams, plan = snapshot.teams.file, snapshot.plan.file
+    for option, what, there, source in (
+        ("teams", "teams file", teams, options.team_source(arguments, settings)),
+        ("plan", "plan's file", plan, options.plan_source(arguments, settings)),
+    ):
+        if getattr(arguments, option) is None or there == source.file_words:
+            continue
         client.close()
         raise MadrobError(
-            f"--teams {wanted}: the engine that runs has {snapshot.teams.file or 'no teams file'}; "
+            f"--{option} {source.file_words}: the engine that runs has {there or f'no {what}'}; "
             "leave the option out, or end the engine first with `madrob engine stop`"
         )
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.process.server import EngineServer
     from madrob_console.engine.process.service import ServiceManager
     from madrob_console.engine.process.troubles import FallenThreads
+    from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.teams import TeamSource
 
 FAILED = 1
@@ -76,6 +77,7 @@ def add(commands: options.Commands) -> None:
     )
     options.add_testbed(parser)
     options.add_teams(parser)
+    options.add_plan(parser)
     options.add_idle_time(parser)
 
 
@@ -137,7 +139,12 @@ def serve(arguments: argparse.Namespace) -> int:
         raise_handles()
         fallen = _fallen_threads()
         engine = open_engine(arguments, settings, ScoringProcess)
-        _follow_lists(options.team_source(arguments, settings), settings, engine, stack)
+        _follow_lists(
+            options.team_source(arguments, settings),
+            options.plan_source(arguments, settings),
+            engine,
+            stack,
+        )
         reporting = Reporting(
             aside.COMMAND,
             lambda: engine.busy,
@@ -174,12 +181,12 @@ def _fallen_threads() -> FallenThreads:
     return fallen
 
 
-def _follow_lists(teams: TeamSource, settings: Settings, engine: Engine, stack: ExitStack) -> None:
+def _follow_lists(teams: TeamSource, plan: PlanSource, engine: Engine, stack: ExitStack) -> None:
     """The engine hears of the teams and of the plan, and of every change in their files."""
     from madrob_console.engine.process.list_watch import ListWatch
 
     stack.callback(ListWatch(teams, engine.hear_of_teams).close)
-    stack.callback(ListWatch(settings.plan.source, engine.hear_of_plan).close)
+    stack.callback(ListWatch(plan, engine.hear_of_plan).close)
 
 
 def _where(arguments: argparse.Namespace, settings: Settings) -> list[str]:

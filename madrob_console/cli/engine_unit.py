@@ -76,6 +76,8 @@ def unit_lines(
     idle = "inf" if arguments.idle_time is None else f"{arguments.idle_time:g}"
     teams = options.team_source(arguments, settings).file if arguments.teams else None
     listed = [] if teams is None else [f"--teams={teams}"]
+    plan = options.plan_source(arguments, settings).file if arguments.plan else None
+    listed += [] if plan is None else [f"--plan={plan}"]
     serve = [*madrob, "engine", "serve", *testbed, *listed, f"--idle-time={idle}"]
     yield f"ExecStart={_quoted(serve)}"
     yield f"ExecStop={_quoted([*madrob, 'engine', 'stop', '--force', *testbed])}"

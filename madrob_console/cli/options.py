@@ -16,6 +16,7 @@ from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
+    from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.teams import TeamList, TeamSource
 
 
@@ -201,6 +202,27 @@ def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
     if arguments.teams is not None and source.file is not None:
         read_teams(source.file, source.remedy)
     return source.read()
+
+
+def add_plan(parser: argparse.ArgumentParser) -> None:
+    """The competition's plan."""
+    parser.add_argument(
+        "--plan",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="the competition's plan, csv lines of subject,condition,attempts; else the settings'",
+    )
+
+
+def plan_source(arguments: argparse.Namespace, settings: Settings) -> PlanSource:
+    """Where the competition's plan comes from; a file that is named, or the settings' own."""
+    from madrob_console.referee.competition_plan import PlanSource
+
+    named: Path | None = arguments.plan
+    if named is None:
+        return settings.plan.source
+    return PlanSource((), named.expanduser().absolute(), "correct --plan")
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

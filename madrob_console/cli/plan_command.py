@@ -14,8 +14,7 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.config import Settings
-    from madrob_console.referee.competition_plan import Plan
+    from madrob_console.referee.competition_plan import Plan, PlanSource
 
 _STDOUT = Path("-")
 
@@ -32,9 +31,7 @@ def add(commands: options.Commands) -> None:
         "others count.",
         examples=("madrob plan", "madrob plan --plan tomorrow.csv --teams teams.csv"),
     )
-    parser.add_argument(
-        "--plan", type=Path, default=None, metavar="FILE", help="another plan than the settings'"
-    )
+    options.add_plan(parser)
     parser.add_argument(
         "--json",
         type=Path,
@@ -60,7 +57,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.version import software_version
 
     settings = load_settings(arguments.settings)
-    plan = _plan(arguments.plan, settings)
+    plan = _plan(options.plan_source(arguments, settings))
     teams = options.team_list(arguments, settings).names
     competition = settings.competition.name
     runs = History(options.results_folder(arguments, settings)).refresh()
@@ -82,17 +79,14 @@ def main(arguments: argparse.Namespace) -> int:
     return BAD_INPUT if plan.problems else 0
 
 
-def _plan(named: Path | None, settings: Settings) -> Plan:
-    """The plan that is named, or that of the settings.
+def _plan(source: PlanSource) -> Plan:
+    """The plan that is named, or that of the settings, as it is now.
 
     Raises:
         MadrobError: there is none, or it cannot be read.
     """
     from madrob_console.referee.competition_plan import Plan, read_plan
 
-    source = settings.plan.source
-    if named is not None:
-        return read_plan(named.expanduser(), "correct --plan")
     if source.file is not None:
         return read_plan(source.file, source.remedy)
     if not source.lines:

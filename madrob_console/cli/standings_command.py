@@ -35,7 +35,7 @@ def add(commands: options.Commands) -> None:
         examples=("madrob standings", "madrob standings --best 3 --html hall.html"),
     )
     for kind, text in (
-        ("csv", "a row for each team, condition and indicator"),
+        ("csv", "a row for each team, condition and indicator, with how many runs are flagged"),
         ("json", "everything, with units and reasons"),
         ("html", "a page for phone and paper"),
     ):

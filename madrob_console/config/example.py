@@ -14,7 +14,8 @@ from madrob_console.config.shape import description, fields, plain
 from scoring.protocol import Signal
 
 _LISTS_HELP = """\
-# The teams, by subject number. One that stands here counts, whatever the teams file says.
+# The teams, by subject number. One that stands here counts, whatever the teams file says. A change
+# here counts from the engine's next start on; the teams file is read again whenever it changes.
 #[[teams]]
 #subject = 3
 #name = "Team Walker"

@@ -46,7 +46,9 @@ class Competition(SettingsTable, frozen=True):
 
     name: Annotated[str, Meta(description="stands on screens and in reports")] = ""
     referee: Annotated[str, Meta(description="the referee's name, proposed at set-up")] = ""
-    teams_file: Annotated[str, Meta(description="CSV file with lines `subject,team`")] = ""
+    teams_file: Annotated[
+        str, Meta(description="CSV file with lines `subject,team`, read again when it changes")
+    ] = ""
     best_runs: Annotated[
         int, Meta(ge=0, le=100, description="how many of the best runs count; 0 = all of them")
     ] = 0
@@ -74,11 +76,18 @@ class PlanSettings(SettingsTable, frozen=True):
     """[plan]: who runs which condition how often, in order; see `referee/competition_plan.py`."""
 
     file: Annotated[
-        str, Meta(description="CSV file with lines `subject,condition,attempts`, in order")
+        str,
+        Meta(
+            description="CSV file with lines `subject,condition,attempts`, in order, read again "
+            "when it changes"
+        ),
     ] = ""
     runs: Annotated[
         tuple[_Planned, ...],
-        Meta(max_length=MOST_LINES, description="the same without a file: [[3, 1, 2], [4, 1, 2]]"),
+        Meta(
+            max_length=MOST_LINES,
+            description="the same without a file, read at the start: [[3, 1, 2], [4, 1, 2]]",
+        ),
     ] = ()
 
     def __post_init__(self) -> None:

@@ -251,6 +251,11 @@ class PlanSource:
     file: Path | None = None
     remedy: str = CORRECT_SETTINGS
 
+    @property
+    def file_words(self) -> str:
+        """The path of the file, for people; empty = there is none."""
+        return "" if self.file is None else terminal_safe(str(self.file))
+
     def read(self, before: Plan | None = None) -> Plan:
         """The plan as it is now.
 
@@ -271,7 +276,7 @@ class PlanSource:
 
     def _kept(self, before: Plan, problem: str) -> Plan:
         stays = "; the plan stays as it was" if before.lines else ""
-        return Plan(before.lines, (f"{problem}{stays}",), terminal_safe(str(self.file)))
+        return Plan(before.lines, (f"{problem}{stays}",), self.file_words)
 
 
 def read_plan(path: Path, remedy: str = CORRECT_SETTINGS) -> Plan:

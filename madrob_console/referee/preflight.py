@@ -19,6 +19,11 @@ class CheckState(StrEnum):
     WAIVED = "waived"
 
 
+_NO_ZERO = (
+    "this engine has none yet, and one of before may be of a sensor that was switched off since"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Check:
     """One pre-start check.
@@ -87,7 +92,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     found = (
         _topics(readings),
         _door(readings),
-        _handle(readings),
+        _handle(readings, run),
         *_zero(readings),
         _doorway(readings),
         _clock(readings),
@@ -139,12 +144,13 @@ def _door(r: Readings) -> Check:
     )
 
 
-def _handle(r: Readings) -> Check:
+def _handle(r: Readings, run: Run) -> Check:
     if r.force is None:
         return _no_data(CheckName.HANDLE, "handle force")
     at_rest = abs(r.force) <= r.rest_force
     text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
-    return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: zero the handle")
+    remedy = "zero the handle" if run.handle_zero else f"zero the handle; {_NO_ZERO}"
+    return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: {remedy}")
 
 
 def _zero(r: Readings) -> Iterator[Check]:

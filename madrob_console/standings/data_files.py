@@ -26,10 +26,12 @@ ALL = "all"
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
     *("subject", "team", "completed", "timeout", "invalid", "interrupted", "void"),
+    *("flagged", "undecided"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
     *("expanded_uncertainty", "doubts", "not_distinguishable_from"),
 )
-"""Of the csv file."""
+"""Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
+wait for a decision of the referee: a number of theirs may still change."""
 
 _FORMULA = ("=", "+", "-", "@")
 

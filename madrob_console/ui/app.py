@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.client import EngineClient
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.cells.dialog import Dialog
-    from madrob_console.ui.cells.field import NumberField
     from madrob_console.ui.panes.checklist import CheckList
     from madrob_console.ui.panes.plan_pane import PlanPane
     from madrob_console.ui.panes.runs_pane import RunsPane
@@ -68,6 +67,12 @@ LATEST = 1.0
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
+
+
+async def _at_most(duration: float, over: asyncio.Event) -> None:
+    """Wait for an event, but not for longer, s."""
+    with suppress(TimeoutError):
+        await asyncio.wait_for(over.wait(), duration)
 
 
 def console_commands() -> type[Provider]:
@@ -296,14 +301,25 @@ class MadrobApp(App[None], inherit_bindings=False):
                 over.set()
 
         self.run_worker(bring_about(), group="keys")
-        with suppress(TimeoutError):
-            await asyncio.wait_for(over.wait(), PATIENCE)
-        if not over.is_set():  # it may have come just now: then there are better words
-            durable = next((name for name, durable in self._awaited.items() if durable), None)
-            words = "no answer of the engine yet; the keys work"
-            if durable is not None:
-                what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
-            self._console.say(f"{what}: {words}", Tone.WARN)
+        await _at_most(PATIENCE, over)
+        if not over.is_set() and not self._tell_wait(what):  # it comes soon, or is asked later
+
+            async def tell() -> None:
+                while not (over.is_set() or self._tell_wait(what)):
+                    await _at_most(PATIENCE, over)
+
+            self.run_worker(tell(), group="keys")
+
+    def _tell_wait(self, what: str) -> bool:
+        """Say what is waited for; False where it is only for these screens to be painted."""
+        if not self._link.asking:
+            return False
+        durable = next((name for name, durable in self._awaited.items() if durable), None)
+        words = "no answer of the engine yet; the keys work"
+        if durable is not None:
+            what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
+        self._console.say(f"{what}: {words}", Tone.WARN)
+        return True
 
     def withdraw(self) -> bool:
         """Take back what waits for the disk; False where nothing does."""
@@ -562,11 +578,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.say(
                 "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
             )
-
-    def on_number_field_refused(self, event: NumberField.Refused) -> None:
-        """A letter typed into a number."""
-        what = f"'{event.letter}' is no number: Escape leaves the field, then letters are keys"
-        self._console.say(what, Tone.WARN)
 
     def _refuse_key(self, key: Key, why: str) -> None:
         """What would have been typed after a key is for nothing else, a text field included."""

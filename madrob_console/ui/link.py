@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.requests import Request, T
     from madrob_console.engine.shown.snapshot import Snapshot
 
-NOT_YET = "the engine is starting"
+NOT_YET = "this screen is not attached to the engine yet"
 
 LATELY = 1.0
 """What an act brings about may be seen so long after its answer, s."""
@@ -108,6 +108,11 @@ class EngineLink:
             return answer.result()
         finally:
             self._asked[name] = self._monotonic()
+
+    @property
+    def asking(self) -> bool:
+        """Whether something is asked and not answered yet."""
+        return math.inf in self._asked.values()
 
     def asked_lately(self, *names: str) -> bool:
         """Whether this screen asks, or asked a moment ago, for one of these acts or commands."""

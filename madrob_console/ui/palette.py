@@ -7,11 +7,15 @@ from functools import partial
 from typing import NamedTuple, cast
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.content import Content
 
 from madrob_console.kinds import ThemeName
 from madrob_console.ui.keys.console_app import ConsoleApp
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
+
+_TEXT = 22
+"""Cells of a command before what it means."""
 
 
 class ConsoleCommands(Provider):
@@ -20,7 +24,7 @@ class ConsoleCommands(Provider):
     async def discover(self) -> Hits:
         """All of them, in the order of the keys; those that are not possible now come last."""
         for text, command, help_text, _possible in _commands(self._console_app):
-            yield DiscoveryHit(text, command, help=help_text)
+            yield DiscoveryHit(_row(Content(text), help_text), command, text)
 
     async def search(self, query: str) -> Hits:
         """Those that match what is typed."""
@@ -28,12 +32,8 @@ class ConsoleCommands(Provider):
         for text, command, help_text, possible in _commands(self._console_app):
             score = max(matcher.match(text), matcher.match(help_text) / 2)
             if score > 0:
-                yield Hit(
-                    score if possible else score / 4,
-                    matcher.highlight(text),
-                    command,
-                    help=help_text,
-                )
+                row = _row(matcher.highlight(text), help_text)
+                yield Hit(score if possible else score / 4, row, command, text)
 
     @property
     def _console_app(self) -> ConsoleApp:
@@ -47,6 +47,11 @@ class _Command(NamedTuple):
     command: Callable[[], object]
     help: str
     possible: bool = True
+
+
+def _row(text: Content, help_text: str) -> Content:
+    """A command and what it means on one row, as many of them as the terminal has rows."""
+    return Content.assemble(text.pad_right(max(1, _TEXT - text.cell_length)), (help_text, "dim"))
 
 
 def _commands(app: ConsoleApp) -> list[_Command]:

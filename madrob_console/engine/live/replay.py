@@ -11,7 +11,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from madrob_console.archive.comparison import Comparison, compared, stored_result
-from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.archive.run_record import demand_record
 from madrob_console.archive.scored import (
     keep_stored_remarks,
     read_recorded_run,
@@ -82,8 +82,7 @@ class Replay:
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
         self.source = RecordedBag(path, types, speed, monotonic, wait)
-        if RECORD_NAME not in self.source.records:
-            raise MadrobError(f"{path}: a bag without a MADROB run cannot be replayed")
+        demand_record(self.source.records, path)
         try:
             self.recorded = read_recorded_run(path)
         except RecorderError as error:

@@ -47,10 +47,11 @@ class NumberField(Field):
     """A field that takes no letter: one typed by mistake is told, not taken."""
 
     class Refused(Message):
-        """A letter was typed."""
+        """A letter was typed into the field of that name."""
 
-        def __init__(self, letter: str) -> None:
+        def __init__(self, field: str, letter: str) -> None:
             super().__init__()
+            self.field = field
             self.letter = letter
 
     async def _on_key(self, event: events.Key) -> None:
@@ -58,6 +59,6 @@ class NumberField(Field):
         if event.is_printable and char is not None and char not in _OF_NUMBERS:
             event.prevent_default()
             event.stop()
-            self.post_message(self.Refused(char))
+            self.post_message(self.Refused((self.id or "").replace("-", " "), char))
             return
         await super()._on_key(event)

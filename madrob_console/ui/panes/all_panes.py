@@ -49,7 +49,7 @@ class Panes:
         self.live = LivePane()
         self.results = ResultsPane(history.refresh)
         self.figures = FiguresPane(lambda: link.ask(GiveCurves()))
-        self.history = HistoryPane(history.refresh)
+        self.history = HistoryPane(history.refresh, defaults.competition)
         self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs)
         self.help = HelpPane()

@@ -35,6 +35,8 @@ one that is not valid, +1 one out of plan, L the best level, > what is next. Ent
 marked run, x sets it up, v changes what a cell says.
 Standings (s): Enter shows the runs behind a row; c changes mean, median, std, smallest, largest; \
 b all runs or the best, where the settings say how many; v official or practice.
+The line on top: the testbed; rec, the recording with its messages, size and what was dropped; \
+age, how old the newest message of the most silent topic is; the room on the disk; the time.
 A dim key is not possible now: press it and the line above the keys says why.
 F8 and F9 ask for a reason and then for y. The clock runs on. Escape closes a question or goes \
 back to the pane before, and never does more. Keys typed within 0.3 s of a change that came by \

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from operator import attrgetter
 
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.kinds import SourceKind
@@ -37,8 +38,8 @@ _OUTCOME = 12
 """Cells of the outcome with its signs; `completed*!!` has so many."""
 
 
-def columns() -> list[Column[RunSummary]]:
-    """Every column, the most important first."""
+def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Column[RunSummary]]:
+    """Every column, the most important first; `name` is what the team of a run is called now."""
     indicators = {name: _indicator(name) for name in IndicatorName}
     first = [
         indicators.pop(IndicatorName.CAPABILITY_LEVEL),
@@ -51,7 +52,7 @@ def columns() -> list[Column[RunSummary]]:
             falling=True,
         ),
         number_column("subj", "subject", lambda r: r.subject, 4),
-        text_column("team", "team", lambda r: r.team, 9, ample=18),
+        text_column("team", "team", name, 9, ample=18),
         number_column("run", "run number", lambda r: r.run_number, 4),
         number_column("cond", "condition", lambda r: r.condition, 5),
         text_column("task", "task", lambda r: condition_words(r.condition).way, 20, comfort=True),

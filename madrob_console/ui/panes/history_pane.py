@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from msgspec.structs import replace
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -21,6 +22,9 @@ from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.runs_pane import Load, RunsPane
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import Snapshot
 
 KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, ! flags, ? doubted"
 
@@ -61,7 +65,12 @@ class FilterField(Field):
 
 
 class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
-    """Newest first; a filter and `v` choose which."""
+    """Newest first; a filter and `v` choose which.
+
+    Args:
+        load: as for every pane of runs.
+        competition: its runs' teams are called what the list of teams calls them.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", show=False),
@@ -69,8 +78,11 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         Binding("escape", "unfilter", show=False),
     ]
 
-    def __init__(self, load: Load) -> None:
-        super().__init__(load, Table(columns(), lambda run: run.folder, fixed=5), id="history")
+    def __init__(self, load: Load, competition: str = "") -> None:
+        table = Table(columns(self._called), lambda run: run.folder, fixed=5)
+        super().__init__(load, table, id="history")
+        self._competition = competition
+        self._listed: Mapping[int, str] = {}
         self._runs: Sequence[RunSummary] = ()
         self._which = RunFilter.ALL
         self._field = FilterField(id="history-filter")
@@ -89,6 +101,16 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
         self._field.value = text
         self._which = RunFilter.ALL
         self._show_rows()
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Read again when a result has come or changed, or the list of teams."""
+        self._listed = snapshot.teams.names
+        super().show(snapshot)
+
+    def _called(self, run: RunSummary) -> str:
+        """The team as the list has it; for runs of other competitions, and without one, as then."""
+        listed = self._listed.get(run.subject, "") if run.competition == self._competition else ""
+        return listed or run.team
 
     def prepare(self, runs: Sequence[RunSummary]) -> Sequence[RunSummary]:
         """Newest first, where nothing else decides."""
@@ -138,12 +160,19 @@ class HistoryPane(RunsPane[Sequence[RunSummary], RunSummary]):
     def words_about(self, row: RunSummary) -> tuple[str, Tone]:
         """The condition of a run, and what is wrong with it."""
         odd = row.problem is not None or row.outcome is None or undecided(row.flags)
-        return about(row), Tone.WARN if odd else Tone.DIM
+        return about(row, self._called(row)), Tone.WARN if odd else Tone.DIM
+
+    def _passes(self, run: RunSummary, text: str) -> bool:
+        """Under either of its team's names."""
+        if matches(run, text):
+            return True
+        name = self._called(run)
+        return name != run.team and matches(replace(run, team=name), text)
 
     def _show_rows(self, *, from_top: bool = True) -> None:
         text = self._field.value
         problem = filter_problem(text)
-        shown = [run for run in self._runs if self._which.takes(run) and matches(run, text)]
+        shown = [run for run in self._runs if self._which.takes(run) and self._passes(run, text)]
         self.table.empty = "no run passes the filter" if self._runs else "no runs yet"
         if problem is not None:
             self.table.empty = problem
@@ -168,8 +197,13 @@ def summary(runs: Sequence[RunSummary]) -> str:
     return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
 
 
-def about(run: RunSummary) -> str:
-    """One run in words: what its condition asks, what is wrong with it, where it lies."""
+def about(run: RunSummary, name: str | None = None) -> str:
+    """One run in words: what its condition asks, what is wrong with it, where it lies.
+
+    Args:
+        run: it.
+        name: what its team is called now; None = as it was recorded.
+    """
     if run.problem is not None:
         return f"{run.problem} (folder {run.folder})"
     task = ", ".join(word for word in condition_words(run.condition) if word)
@@ -178,6 +212,8 @@ def about(run: RunSummary) -> str:
         told.append(run.never_ran or "it goes on, or it was cut off")
     else:
         told += [f"issue {run.issue}", run.closing, run.ruleset]
-    team = f"{run.team}: " if run.team else ""
+    name = run.team if name is None else name
+    recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
+    team = f"{name}{recorded}: " if name else ""
     flagged = "; ".join(f.words for f in run.flags if f.kind is not FlagKind.PRACTICE)
     return f"{flagged}{'; ' if flagged else ''}{team}{'; '.join(told)}; {run.folder}"

@@ -31,6 +31,7 @@ class PlanReader:
         self._seen: object = None
         self._asked = 0
         self._answered = 0
+        self._wanted = 0
         self.progress = PlanProgress()
         self.problem = ""
         self.version = 0
@@ -39,7 +40,14 @@ class PlanReader:
         """Whether to read again; says so once for each change."""
         seen = (snapshot.plan, results_state(snapshot))
         old, self._seen = seen != self._seen, seen
+        if old:
+            self._wanted = self._asked + 1
         return old
+
+    @property
+    def behind(self) -> bool:
+        """Whether something has changed since the latest answer."""
+        return self._answered < self._wanted
 
     async def read(self) -> None:
         """Ask; the answer to the latest question counts."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import TypeVar
 
@@ -19,7 +19,7 @@ from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
 from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.keys.asks import OtherName, ask_other_name
 from madrob_console.ui.look.words import shortened
@@ -30,6 +30,30 @@ from scoring.rulesets import RulesetName
 
 E_ = TypeVar("E_", bound=StrEnum)
 _OWN_POSE = "numbers below"
+
+_WHO = ("Subject", "Team", "Referee", "Opening side", "Starting side", "Benchmark", "Condition")
+_HOW = ("Run is", "Start pose", "x, y, yaw", "Timeout", "Countdown", "Ruleset", "Lock by")
+_LISTED = "Team (/ list)"
+
+
+class FieldNames(Lines):
+    """The names of the fields beside them, one a row.
+
+    A widget for each would be a third of all on the screen, and each costs whoever presses F2.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__()
+        self._names = tuple(names)
+
+    def say(self, names: Sequence[str]) -> None:
+        """Other names."""
+        self._names = tuple(names)
+        self.redraw()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The names, however narrow it is."""
+        return [line(Span(name, Tone.DIM)) for name in self._names]
 
 
 class SetupForm(Horizontal):
@@ -42,7 +66,7 @@ class SetupForm(Horizontal):
         self.subject = NumberField(id="subject")
         self.team = Field(id="team")
         self.listed = TeamLine(id="listed-team")
-        self._team_name = Label("Team")
+        self._names = FieldNames(_WHO)
         self._teams = NO_TEAMS
         self._other: OtherName | None = None
         self.use_list(NO_TEAMS)
@@ -67,24 +91,31 @@ class SetupForm(Horizontal):
 
     def compose(self) -> ComposeResult:
         """Who and in which condition, the rest, the pose seen from above."""
-        yield Vertical(
-            _row("Subject", self.subject, "  run ", self.run_number),
-            _row(self._team_name, self.team, self.listed, shared=False),
-            _row("Referee", self.referee),
-            _row("Opening side", self.opening),
-            _row("Starting side", self.starting),
-            _row("Benchmark", self.benchmark),
-            _row("Condition", self.condition_label),
+        yield Horizontal(
+            self._names,
+            Vertical(
+                _row(self.subject, "  run ", self.run_number),
+                self.team,
+                self.listed,
+                self.referee,
+                self.opening,
+                self.starting,
+                self.benchmark,
+                self.condition_label,
+            ),
             classes="who",
         )
-        yield Vertical(
-            _row("Run is", self.practice),
-            _row("Start pose", self.preset),
-            _row("  x, y, yaw", self.x, self.y, self.yaw),
-            _row("Timeout", self.timeout, " s"),
-            _row("Countdown", self.countdown, " s"),
-            _row("Ruleset", self.ruleset),
-            _row("Lock by", self.lock_detection),
+        yield Horizontal(
+            FieldNames(_HOW),
+            Vertical(
+                self.practice,
+                self.preset,
+                _row(self.x, self.y, self.yaw),
+                _row(self.timeout, " s"),
+                _row(self.countdown, " s"),
+                self.ruleset,
+                self.lock_detection,
+            ),
             classes="how",
         )
         yield self.top_view
@@ -118,7 +149,7 @@ class SetupForm(Horizontal):
         """Take the team's name from a list; without one it is typed."""
         self._teams = teams
         there = bool(teams.names)
-        self._team_name.say("Team (/ list)" if there else "Team", Tone.DIM)
+        self._names.say([_LISTED if there and name == "Team" else name for name in _WHO])
         if there and self.team.has_focus:  # before it goes: or any other field would get it
             self.screen.set_focus(self.listed)
         self.team.display, self.listed.display = not there, there
@@ -249,22 +280,14 @@ def _choice(
     return Choice([(label(v.value), v) for v in values], value, id=name)
 
 
-def _row(name: str | Label, *parts: Widget | str, shared: bool = True) -> Widget:
-    """A name, and fields with words between them.
-
-    A lone field takes all the room, and so does each that is not `shared`: others are hidden.
-    """
-    label = Label(name) if isinstance(name, str) else name
-    label.add_class("name")
+def _row(*parts: Widget | str) -> Widget:
+    """Short fields with words between them."""
     widgets: list[Widget] = []
     for part in parts:
         widget = Label(part) if isinstance(part, str) else part
-        if isinstance(part, str):
-            widget.add_class("unit")
-        elif len(parts) > 1 and shared:
-            widget.add_class("short")
+        widget.add_class("unit" if isinstance(part, str) else "short")
         widgets.append(widget)
-    return Horizontal(label, *widgets, classes="field")
+    return Horizontal(*widgets, classes="row")
 
 
 def _whole(field: Field, name: str) -> int:

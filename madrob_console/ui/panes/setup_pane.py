@@ -16,22 +16,20 @@ from textual.widgets import Input
 from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.shown.requests import NextRunNumber, Perform
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import SetUp, Start
+from madrob_console.referee.acts import SetUp
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.questions import Ask
 from madrob_console.referee.run import Phase, RunSetup
-from madrob_console.referee.teams import TeamList
-from madrob_console.standings.plan_table import task_words
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.push_button import PushButton
 from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.keys.asks import OtherName
 from madrob_console.ui.link import NOT_YET, EngineLink
 from madrob_console.ui.panes.checklist import CheckList
 from madrob_console.ui.panes.setup_form import SetupForm
+from madrob_console.ui.panes.setup_words import OPEN, Focus, SetupWords, task_of
 from madrob_console.ui.panes.team_line import TeamLine
 from madrob_console.ui.panes.team_picker import TeamPicker
 from scoring.protocol import Condition
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.panes.plan_reader import PlanReader
 
-_OPEN = (Phase.IDLE, Phase.READY)
 _DRAFTED = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
 _ASKING = "asking"
 """What waits for the engine; the latest takes the place of those before."""
@@ -89,6 +86,7 @@ class SetupPane(Vertical):
         self._on_its_way = False
         self._problem = ""
         self._no_number = ""
+        self._letter = ""
         self._untouched: RunSetup | str = ""
         self._form = SetupForm(defaults)
         self._button = PushButton("Set up this run", id="set-up")
@@ -137,8 +135,8 @@ class SetupPane(Vertical):
         """Show a newer snapshot."""
         self.follow(snapshot)
         run = snapshot.run
-        self._button.say("Set up this run" if run.phase in _OPEN else "Set up the next run")
-        self._state.say(*self._state_text(snapshot))
+        self._button.say("Set up this run" if run.phase in OPEN else "Set up the next run")
+        self._say_state()
         self._checks.show(snapshot)
 
     def commit(self) -> None:
@@ -152,7 +150,7 @@ class SetupPane(Vertical):
         if self._snapshot is None:
             return NOT_YET
         run = self._snapshot.run
-        if run.phase not in _OPEN:
+        if run.phase not in OPEN:
             return None  # a draft for the next run
         if isinstance(setup, str):
             return setup
@@ -174,7 +172,7 @@ class SetupPane(Vertical):
     async def commit_edits(self) -> str | None:
         """Before an act on a run that is set up: what has been typed since counts."""
         snapshot = self._link.snapshot()
-        if snapshot is None or snapshot.run.phase not in _OPEN:
+        if snapshot is None or snapshot.run.phase not in OPEN:
             return None
         if snapshot.run.phase is Phase.READY or self.display:  # what is seen is meant
             self.workers.cancel_group(self, _ASKING)
@@ -232,15 +230,11 @@ class SetupPane(Vertical):
 
     @property
     def next_words(self) -> str:
-        """What x sets up, where that is the plan's next run; else empty."""
-        following, setup = self._plan.progress.next, self._form.read()
-        if isinstance(setup, str) or setup != self._untouched or self._snapshot is None:
+        """What x sets up, where that is the plan's next run; empty while that is not known."""
+        now = self._snapshot
+        if now is None or now.result is None or self._plan.behind:
             return ""
-        if following is None or task_of(setup) != following.task or setup.practice:
-            return ""
-        task = task_words(following.task, self._snapshot.teams.names)
-        attempt = f"attempt {following.number} of {following.planned}"
-        return f"x: {task}, {attempt}. X repeats, p shows the plan."
+        return self._words(now).next if self._form.read() == self._untouched else ""
 
     async def draft(self) -> RunSetup | str:
         """The set-up in the fields with the next run number, or what is wrong with it."""
@@ -254,10 +248,9 @@ class SetupPane(Vertical):
 
     def on_input_changed(self, _event: Input.Changed) -> None:
         """Check while typing."""
-        self._problem = ""
+        self._problem = self._letter = ""
         self._form.show_derived()
-        if self._snapshot is not None:
-            self._state.say(*self._state_text(self._snapshot))
+        self._say_state()
 
     def on_input_blurred(self, _event: Input.Blurred) -> None:
         """A field that is left counts, where something was typed."""
@@ -266,8 +259,8 @@ class SetupPane(Vertical):
 
     def on_descendant_focus(self) -> None:
         """What the keys do depends on where they go."""
-        if self._snapshot is not None:
-            self._state.say(*self._state_text(self._snapshot))
+        self._letter = ""
+        self._say_state()
 
     def on_choice_changed(self, event: Choice.Changed) -> None:
         """A choice counts at once."""
@@ -284,10 +277,14 @@ class SetupPane(Vertical):
         self.commit()
 
     def on_number_field_refused(self, event: NumberField.Refused) -> None:
-        """No number has a slash in it: it asks for the list, there, too."""
+        """Say it below the fields; a slash asks for the list, from there, too."""
+        event.stop()
         if event.letter == "/":
-            event.stop()
             self.action_search()
+            return
+        what = f"{event.field}: '{event.letter}' is no number"
+        self._letter = f"{what}. Escape, then letters are keys."
+        self._say_state()
 
     def on_team_line_typed(self, event: TeamLine.Typed) -> None:
         """Look for a team; what is typed fast comes from the line, too."""
@@ -324,7 +321,7 @@ class SetupPane(Vertical):
 
     def on_push_button_pressed(self, _event: PushButton.Pressed) -> None:
         """Set up, or ask for the next run."""
-        if self._snapshot is not None and self._snapshot.run.phase in _OPEN:
+        if self._snapshot is not None and self._snapshot.run.phase in OPEN:
             self.commit()
         else:
             self.post_message(self.NextRun())
@@ -374,7 +371,7 @@ class SetupPane(Vertical):
         if setup is not None:
             self._free_names[setup.subject] = setup.team
             self._proposed = (setup.subject, setup.condition.number, setup.practice)
-        if setup is None or not (snapshot.run.active or snapshot.run.phase in _OPEN):
+        if setup is None or not (snapshot.run.active or snapshot.run.phase in OPEN):
             self.propose_again()
 
     def _first_setup(self) -> RunSetup:
@@ -435,64 +432,19 @@ class SetupPane(Vertical):
             if form.run_number.value == typed:
                 form.run_number.value = proposed
 
-    def _state_text(self, snapshot: Snapshot) -> tuple[str, Tone]:
-        run = snapshot.run
-        if snapshot.playback is not None:
-            return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
-        if snapshot.pulse.gone:
-            return f"x {snapshot.pulse.gone}", Tone.BAD
-        if snapshot.right.only_watches:
-            return "This screen only watches. F3 shows the run.", Tone.PLAIN
-        if run.active:
-            return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
-        setup = self._read()
-        if isinstance(setup, str) or self._problem or self._no_number:
-            wrong = setup if isinstance(setup, str) else self._problem or self._no_number
-            return f"x {wrong}", Tone.BAD
-        if run.phase not in _OPEN:
-            what = f"run {setup.run_number} of subject {setup.subject}{self._planned(setup)}"
-            told = f"Draft of {what}: {self._next_key}."
-            return told + self._team_text(setup, snapshot.teams), Tone.PLAIN
-        if setup != run.setup:
-            told = f"Not set up yet{self._planned(setup)}: Enter, here or in a field."
-            return told + self._team_text(setup, snapshot.teams), Tone.WARN
-        refused = snapshot.refusal(Start.name)
-        then = "F5 starts." if refused is None else "See the checks."
-        if not run.pose_confirmed:
-            then = "F6 confirms its pose."
-        what = f"Run {setup.run_number} of subject {setup.subject}{self._planned(setup)}"
-        told = f"{what} is set up. {then}{self._team_text(setup, snapshot.teams)}"
-        return told, Tone.WARN if setup.out_of_plan else Tone.GOOD
+    def _say_state(self) -> None:
+        """Say what becomes of what the fields say."""
+        if self._snapshot is not None:
+            words = self._words(self._snapshot)
+            told = self._problem or self._no_number
+            wrong = words.setup if isinstance(words.setup, str) else told
+            self._state.say(*words.state(self._letter or wrong))
 
-    @property
-    def _next_key(self) -> str:
-        """What sets a draft up, from where the focus is."""
-        if isinstance(self.screen.focused, Input | TeamLine):
-            return "Escape, then x sets it up"
-        return "x or Enter sets it up" if self._button.has_focus else "x sets it up"
-
-    def _team_text(self, setup: RunSetup, teams: TeamList) -> str:
-        """What is odd about the team's name, and how to change it."""
-        here = self._form.listed.has_focus
-        if setup.team_reason:
-            clears = " Del takes the list's." if here else ""
-            return f" Other name than the list's: {setup.team_reason}.{clears}"
-        if teams.names and setup.subject not in teams.names:
-            return f" Subject {setup.subject} is not in the list of teams!"
-        return " Type to look for a team." if here else ""
-
-    def _planned(self, setup: RunSetup) -> str:
-        """Which attempt of the plan it is, in words; empty where it is none."""
-        if setup.out_of_plan:
-            return ", OUT OF PLAN"
-        of = next((one for one in self._plan.progress.tasks if one.task == task_of(setup)), None)
-        if setup.practice or of is None or not of.planned:
-            return ""
-        if not of.left:
-            return ", an attempt repeated"
-        return f", attempt {of.done + 1} of {of.planned}"
-
-
-def task_of(setup: RunSetup) -> Task:
-    """The team and the condition of a set-up."""
-    return Task(setup.subject, setup.condition.number)
+    def _words(self, snapshot: Snapshot) -> SetupWords:
+        focused = self.screen.focused
+        focus = Focus.FIELD if isinstance(focused, Input) else Focus.ELSEWHERE
+        if focused is self._form.listed:
+            focus = Focus.TEAM
+        elif focused is self._button:
+            focus = Focus.BUTTON
+        return SetupWords(snapshot, self._read(), self._plan.progress, focus)

@@ -90,3 +90,17 @@ def test_tab_starts_no_program(shell: Terminal, tmp_path: Path) -> None:
     shell.send("--be\t")
     shell.wait_for("--best")
     assert not called.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "first"), [("bash", "# "), ("zsh", "#compdef madrob"), ("fish", "# ")]
+)
+def test_the_script_sends_nobody_to_another_place_than_the_help_does(
+    name: str, first: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["completion", name]) == 0
+    script = capsys.readouterr().out
+    assert script.startswith(first)
+    assert "madrob completion --help" in script.partition("\n\n")[0]
+    assert ".local/share" not in script
+    assert ".bashrc" not in script

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from recorder.writer import BagWriter
+from tests.madrob_console.recorded_runs import completed
+from tests.recorder.samples import door_messages, door_topics
 from tests.terminal import Terminal
 
 PROGRAM = [sys.executable, "-m", "madrob_console.cli"]
@@ -24,6 +28,11 @@ pytestmark = pytest.mark.machine
         ("console --testbed replay EMPTY", "the folder holds no recording"),
         ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
         ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
+        ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
+        ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),
+        ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),
+        ("watch --testbed replay RUN", "no engine runs here to be watched"),
+        ("watch --testbed simulated", "no engine runs here to be watched"),
         ("console --settings /nowhere.toml", "no such settings file"),
         ("console --testbed simulated --from 3", "with `--testbed replay PATH` only"),
     ],
@@ -31,7 +40,13 @@ pytestmark = pytest.mark.machine
 def test_nothing_is_painted_before_the_command_line_is_known_to_be_good(
     arguments: str, words: str, tmp_path: Path
 ) -> None:
-    line = arguments.replace("EMPTY", str(tmp_path)).split()
+    if "RUN" in arguments:
+        arguments = arguments.replace("RUN", str(completed()))
+    foreign = tmp_path / "foreign"
+    if "FOREIGN" in arguments:
+        with BagWriter(foreign, door_topics(), {}) as writer:
+            writer.put(door_messages(rounds=1)[0])
+    line = arguments.replace("FOREIGN", str(foreign)).replace("EMPTY", str(tmp_path)).split()
     where = {"XDG_CONFIG_HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
     with Terminal([*PROGRAM, *line], columns=200, env=where) as terminal:
         assert terminal.wait_exit() == 2
@@ -50,3 +65,19 @@ def test_screens_are_not_painted_into_a_pipe(command: str, tmp_path: Path) -> No
     assert (ran.returncode, ran.stdout) == (2, "")
     assert ran.stderr.startswith("madrob: input and output are no terminal: ")
     assert ran.stderr.count("\n") == 1
+
+
+def test_what_nothing_is_painted_of_yet_is_imported_after_the_first_paint(tmp_path: Path) -> None:
+    code = (
+        "import sys, madrob_console.ui.terminal as terminal\n"
+        "late = {'madrob_console.engine.shown.snapshot', 'madrob_console.archive.unfinished'}\n"
+        "terminal.check_terminal = lambda *_: None\n"
+        "terminal.run_console = lambda *_, **__: print(late & set(sys.modules)) or 0\n"
+        "from madrob_console.cli.main import main\n"
+        "main(['console', '--testbed', 'simulated', '--results', sys.argv[1]])\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], env=os.environ | {"HOME": str(tmp_path)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert ran.stdout == "set()\n"

@@ -245,6 +245,17 @@ def test_runs_that_count_are_listed_with_what_a_decision_on_them_hangs_on() -> N
     assert not any("with flags" in line for line in standings_lines(found(timed(10.0))))
 
 
+def test_the_csv_says_how_many_of_a_teams_runs_are_flagged_and_wait_for_a_decision() -> None:
+    denied = Flag(FlagKind.DENIED_STEP, "step 4 denied", FlagWeight.CAUTION)
+    of = found(
+        timed(10.0, run_number=1, flags=(UNDECIDED_START,)),
+        timed(20.0, run_number=2, flags=(denied,)),
+        timed(30.0, subject=2, run_number=1),
+    )
+    told = {row["subject"]: (row["flagged"], row["undecided"]) for row in rows(of)}
+    assert told == {"3": ("2", "1"), "2": ("0", "0")}
+
+
 def test_the_json_has_format_units_and_whole_numbers() -> None:
     of = document(found())
     assert (of["format"], of["software"], of["made"]) == (1, "madrob-console 9.9", EPOCH)

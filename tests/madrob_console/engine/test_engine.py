@@ -158,6 +158,22 @@ def test_the_handle_zero_makes_the_touch_right(tmp_path: Path) -> None:
     assert touched > 1.0
 
 
+def test_an_engine_that_was_started_again_says_why_it_wants_a_zero_again(tmp_path: Path) -> None:
+    def handle(drive: Drive) -> str:
+        checks = drive.engine.snapshot().checks
+        return next(check.reason for check in checks if check.name is CheckName.HANDLE)
+
+    first = Drive(tmp_path)
+    first.whole_run(make_setup())
+    first.engine.close()
+    again = Drive(tmp_path)
+    again.wait(1.5)
+    assert "zero the handle; this engine has none yet" in handle(again)
+    again.act(ZeroHandle())
+    again.wait(0.1)
+    assert "zero the handle" not in handle(again)
+
+
 def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
     drive.prepare(make_setup(countdown=6.0))

@@ -24,6 +24,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.referee.teams import TeamList
 from madrob_console.ui import app
 from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.panes.history_pane import HistoryPane
 from scoring.protocol import Outcome
@@ -170,8 +171,8 @@ def test_the_palette_finds_every_command_and_says_why_one_is_not_possible(
             await driver.pilot.pause(0.3)
             await driver.type("abort")
             await driver.pilot.pause(0.5)
-            assert "F8  ABORT" in driver.text
-            assert "not now: no run is set up yet" in driver.text
+            (row,) = (row for row in driver.rows() if "F8  ABORT" in row)  # one row a command
+            assert "not now: no run is set up yet" in row
             await driver.press("escape", "ctrl+p")
             await driver.type("live")
             await driver.pilot.pause(0.5)
@@ -400,7 +401,9 @@ def test_the_screens_are_there_before_the_engine_and_keys_say_so() -> None:
         async with app.run_test(size=(80, 24)) as pilot:
             driver = Driver(app, engine, pilot, Hand())
             await driver.press("f5")
-            assert driver.console.status == "Refused: start: the engine is starting"
+            assert driver.console.status == (
+                "Refused: start: this screen is not attached to the engine yet"
+            )
             ready.set()
             await app.workers.wait_for_complete()
             await driver.settle()
@@ -422,6 +425,31 @@ def test_without_an_engine_the_screens_end_and_the_reason_is_kept() -> None:
 
     app = asyncio.run(drive())
     assert str(app.failure) == "no testbed on ROS domain 7: start it"
+
+
+def test_a_question_that_takes_long_to_paint_is_not_put_down_to_the_engine(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mounted = asyncio.Event()
+    opens = ConsoleScreen.open
+
+    async def slowly(*what: Any) -> None:  # noqa: ANN401  as it is called
+        await mounted.wait()
+        await opens(*what)
+
+    monkeypatch.setattr(ConsoleScreen, "open", slowly)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            await driver.press("f8")
+            assert "no answer" not in driver.console.status
+            mounted.set()
+            await driver.app.workers.wait_for_complete()
+            await driver.settle()
+            assert "ABORT the run" in driver.text
+
+    asyncio.run(drive())
 
 
 def test_the_keys_go_on_while_an_act_waits_for_its_answer(slow_engine: SlowEngine) -> None:

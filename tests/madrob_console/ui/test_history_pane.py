@@ -9,6 +9,7 @@ import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.errors import MadrobError
+from madrob_console.referee.teams import TeamList
 from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.history_pane import HistoryPane, about
 from madrob_console.ui.panes.history_pane import summary as head_line
@@ -265,5 +266,30 @@ def test_it_reads_again_when_a_result_comes_or_changes_and_not_otherwise(
                 pane.show(changed)
                 await shown.settle()
                 assert results.readings == readings
+
+    asyncio.run(drive())
+
+
+def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark(
+    engine: FakeEngine,
+) -> None:
+    runs = (
+        summary(3, 1, 1, hour=0, team="Delft Wlkers"),
+        summary(3, 1, 2, hour=1, team="Rotterdam", competition="Spring Cup"),  # no team of the list
+    )
+
+    async def drive() -> None:
+        pane = HistoryPane(Results(runs).load, "Autumn Cup")
+        async with showing(pane, LARGE) as shown:
+            engine.teams = TeamList({3: "Delft Walkers"})
+            pane.show(engine.snapshot())
+            await shown.press("r", "down")
+            assert [" Rotterdam " in row for row in shown.rows() if " Nov " in row] == [True, False]
+            assert [" Delft W" in row for row in shown.rows() if " Nov " in row] == [False, True]
+            assert "Delft Walkers (recorded as Delft Wlkers): " in shown.text
+            for name in ("walkers", "wlkers"):
+                pane.look_for(f"team:{name}")
+                await shown.settle()
+                assert teams(shown) == ["3"]
 
     asyncio.run(drive())

@@ -218,6 +218,29 @@ def test_after_a_result_the_screen_says_what_x_sets_up(planned: FakeEngine) -> N
     asyncio.run(drive())
 
 
+def test_until_the_plan_knows_of_a_run_nothing_is_said_of_what_x_sets_up(
+    planned: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(planned) as driver:
+            await ready(driver)
+            await driver.press("f2", "enter", "f6", "f5")
+            await driver.let_pass(6.0)
+            planned.finish()
+            result, planned.result = planned.result, None  # it is recorded on, and not scored
+            await ready(driver)
+            await driver.press("down")
+            assert planned.run.phase is Phase.STOPPED
+            assert driver.console.status == ""
+            planned.result = result
+            planned.history.append(summary(1, 1, 1, source="ros"))
+            await ready(driver)
+            await driver.press("down")
+            assert driver.console.status.startswith("x: 2 ")
+
+    asyncio.run(drive())
+
+
 def test_what_the_referee_has_chosen_is_not_changed_by_the_plan(planned: FakeEngine) -> None:
     async def drive() -> None:
         async with driving(planned) as driver:

@@ -567,3 +567,25 @@ def test_the_place_in_a_list_stands_only_beside_a_choice_of_more_than_two(
             assert f"1/{len(BenchmarkType)}" in driver.text
 
     asyncio.run(drive())
+
+
+def test_a_letter_in_a_number_is_told_below_the_fields_until_it_is_mended(
+    engine: FakeEngine,
+) -> None:
+    words = "x subject: 'x' is no number. Escape, then letters are keys."
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f2", "x")
+            assert words in shown(driver)
+            assert "no number" not in driver.console.status
+            await driver.press("4")
+            assert "no number" not in driver.text
+            await driver.press("x")
+            assert words in shown(driver)
+            await driver.press("tab")
+            assert "no number" not in driver.text
+            await driver.press("shift+tab", "x", "f3", "f2")
+            assert "no number" not in driver.text
+
+    asyncio.run(drive())
