@@ -14,7 +14,6 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from madrob_console.archive.grades import Grade
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
 from madrob_console.cli.problems import BAD_INPUT, Complaints
@@ -24,15 +23,13 @@ from madrob_console.names import terminal_safe
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
+    from madrob_console.archive.grades import Grade
     from madrob_console.archive.run_paths import RunPath
     from madrob_console.archive.scored import ScoredPath
     from scoring.result import Result
 
 DIFFERENCES = 1
 """Exit code of `--check` where a result is not what its recording gives."""
-
-_COUNTED = {Grade.SAME: "same digits", Grade.CLOSE: "equal to 1e-9", Grade.DIFFERS: "differ"}
-"""What is said of how many."""
 
 _ALL = "all"
 """Every ruleset, side by side."""
@@ -128,6 +125,7 @@ class _Write(argparse.Action):
 
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
+    from madrob_console.archive.grades import Grade
     from madrob_console.archive.run_paths import runs_at
     from madrob_console.cli.batch import in_order
 
@@ -144,7 +142,8 @@ def main(arguments: argparse.Namespace) -> int:
     with closing(scored) as texts, progress("runs") as tell:
         bad, grades = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
-        counts = (f"{grades[grade]} {_COUNTED[grade]}" for grade in Grade)
+        told = {Grade.DIFFERS: "differ"}
+        counts = (f"{grades[grade]} {told.get(grade, grade)}" for grade in Grade)
         print(f"{', '.join(counts)}, {bad} could not be checked")
     if grades[Grade.DIFFERS]:
         return DIFFERENCES
@@ -161,7 +160,8 @@ def _print(
     runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
 ) -> tuple[int, Counter[Grade | None]]:
     """Print what is said of each run as soon as it is; how many were bad, and of each grade."""
-    grades, printed = Counter[Grade | None](), 0
+    grades: Counter[Grade | None] = Counter()
+    printed = 0
     if as_json:
         print('{\n  "runs": [', end="")
     tell(0, len(runs))

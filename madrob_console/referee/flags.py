@@ -15,7 +15,7 @@ from typing import Annotated, Protocol
 from msgspec import Meta
 
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.doubts import doubted_words, waiting_doubts
+from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
 from madrob_console.referee.run import (
     AcceptedDoubts,
     Closure,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
-from madrob_console.referee.doubts import Doubts, doubted_words, waiting_doubts
+from madrob_console.referee.doubt_answers import Doubts, doubted_words, waiting_doubts
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
 from madrob_console.referee.run import AcceptedDoubts, DecisionKind, Phase, Run
 

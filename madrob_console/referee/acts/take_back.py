@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.doubts import doubted_words
+from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
 from madrob_console.referee.transitions import opened_again

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.doubts import doubted_words
+from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import cut_inside

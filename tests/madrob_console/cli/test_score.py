@@ -181,16 +181,16 @@ def test_a_bar_shows_how_far_work_is_where_somebody_looks(
     assert capsys.readouterr().out == ""
 
 
-def test_both_rulesets_stand_side_by_side_with_their_differences(
+def test_all_rulesets_stand_side_by_side_with_their_differences(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
-    both = scored(capsys, "--ruleset", "all", *runs)
+    beside = scored(capsys, "--ruleset", "all", *runs)
     for name in RulesetName:
         alone = scored(capsys, "--ruleset", name, *runs)
         for key in ("path", "flags"):
-            assert [run[key] for run in both] == [run.pop(key) for run in alone]
-        assert [run["rulesets"][name] for run in both] == alone
+            assert [run[key] for run in beside] == [run.pop(key) for run in alone]
+        assert [run["rulesets"][name] for run in beside] == alone
 
 
 TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
@@ -212,7 +212,7 @@ def test_both_rulesets_are_a_table_for_people() -> None:
     text = "\n".join(describe_run(run, TWO).text for run in runs)
     assert len(re.findall(r"^ +protocol eurobench-2020 +difference$", text, re.MULTILINE)) == 2
     assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
-    assert re.search(r"^  time to handle +(\d\.\d{6}) +\1 +=  s$", text, re.MULTILINE)
+    assert re.search(r"^  time to handle +(\d\.\d\d) +\1 +=  s$", text, re.MULTILINE)
     assert re.search(r"^  passage time +- +- +-  s$", text, re.MULTILINE)
     for name in TWO:
         assert f"\n  passage time, {name}: " in text
@@ -232,7 +232,7 @@ def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first
 def test_an_unknown_ruleset_is_refused_with_those_that_there_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    allowed = f"use {', '.join(RulesetName)} or both"
+    allowed = f"use {', '.join(RulesetName)} or all"
     assert allowed in refusal(capsys, "--ruleset", "best", tmp_path)
 
 
@@ -400,7 +400,11 @@ def test_files_by_another_ruleset_score_as_the_recordings_do_by_it(
     from_files = scored(capsys, "--ruleset", "eurobench-2020", written)
     from_bags = scored(capsys, "--ruleset", "eurobench-2020", results)
     for files, bag in zip(from_files, from_bags, strict=True):
-        assert (files["indicators"], files["events"]) == (bag["indicators"], bag["events"])
+        values = (
+            {name: i["value"] for name, i in one["indicators"].items()} for one in (files, bag)
+        )
+        assert next(values) == next(values)
+        assert files["events"] == bag["events"]
     for folder in folders:
         assert len(list(folder.glob("*.yaml"))) == 10
         assert "ruleset: eurobench-2020" in next(folder.glob("run_info_*")).read_text()

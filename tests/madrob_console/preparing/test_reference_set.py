@@ -110,12 +110,18 @@ def test_a_wrong_threshold_is_named_with_its_value(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    right = RunRecord.assessment
+    right = RunRecord.assessed_by
 
-    def spoilt(record: RunRecord, start: float, rules: RulesetName | None = None) -> Assessment:
-        return right(replace(record, thresholds=replace(Thresholds(), **wrong)), start, rules)
+    def spoilt(
+        record: RunRecord,
+        kind: type[Assessment],
+        start: float,
+        rules: RulesetName | None = None,
+    ) -> Assessment:
+        spoilt_record = replace(record, thresholds=replace(Thresholds(), **wrong))
+        return right(spoilt_record, kind, start, rules)
 
-    monkeypatch.setattr(RunRecord, "assessment", spoilt)
+    monkeypatch.setattr(RunRecord, "assessed_by", spoilt)
     told_off(capsys, off)
 
 

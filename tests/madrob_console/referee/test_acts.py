@@ -39,7 +39,7 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.doubts import Doubts
+from madrob_console.referee.doubt_answers import Doubts
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.questions import Ask, Option, Pick

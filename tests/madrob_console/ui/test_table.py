@@ -14,7 +14,7 @@ from textual.screen import Screen
 from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_out
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Span, Tone, width_of
 from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.run_columns import indicator_column, number_text
+from madrob_console.ui.panes.run_columns import Shown, indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 
 Pair = tuple[str, int | None]
@@ -235,7 +235,7 @@ def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis() -> None:
         (300.0, "300.00"),
         (86400.0, "8.6e+04"),
         (0.0012, "1.2e-03"),
-        (1e300, "1.0e+300"),
+        (1e300, "1e+300"),
     ],
 )
 def test_a_number_is_short_and_never_a_false_zero(value: float, shown: str) -> None:
@@ -243,13 +243,13 @@ def test_a_number_is_short_and_never_a_false_zero(value: float, shown: str) -> N
 
 
 def indicator(name: IndicatorName) -> Column[Pair]:
-    return indicator_column(name, lambda pair: pair[1])
+    return indicator_column(name, lambda pair: Shown(pair[1]))
 
 
 def test_an_indicator_column_says_what_it_is_and_in_which_unit() -> None:
     column = indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
     assert column.meaning == "unsafety of door operation (rad/s^2)"
-    assert column.cell(("a", None)) == Span("-", Tone.DIM)
+    assert column.cell(("a", None)) == Span("- ", Tone.DIM)
     assert column.value(("a", None)) is None
 
 

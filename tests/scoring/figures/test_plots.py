@@ -24,7 +24,7 @@ from scoring.figures.drawing import MOST_POINTS
 from scoring.figures.event_labels import EventLabel, labels_of, rows_of
 from scoring.figures.plots import figures_of, missing_figures, png, svg
 from scoring.figures.stretches import stretches
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, unit_text
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
 from scoring.result import Ending, EventRecord, Result
@@ -141,7 +141,7 @@ def test_the_marked_maximum_is_the_indicator(
     assert abs(value) == result.indicators[indicator].value
     assert value == signal[np.flatnonzero(signal_time - START == time)[0]]
     assert f"maximum {abs(value):.4f}" in words(figure)
-    assert f"{result.indicators[indicator].value:.4f}" in figure.texts[0].get_text()
+    assert unit_text(result.indicators[indicator].text) in figure.texts[0].get_text()
 
 
 def test_the_largest_force_may_be_negative(nominal: Scored) -> None:

@@ -1,0 +1,221 @@
+"""How often doubts fire: on clean runs of random robots, and on runs with one fault each.
+
+`pytest -m slow tests/madrob_console/engine/test_doubts_of_random_runs.py --runs 1000 -n 2 -rP`
+runs the full count; of the faults a fifth of that.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import pytest
+from msgspec.structs import replace as changed
+
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.archive.scored import read_recorded_run
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, MessageTypes
+from madrob_console.testbeds.simulated import Scenario
+from scoring.indicator_table import IndicatorName as Name
+from scoring.protocol import Condition, EventName, Outcome, Side
+from scoring.result import Ending, Result
+from scoring.samples import DoorSample, HandleSample, Sample
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.scoring.clean_run import Fault, door_fault, force_fault, late, lost, passage_fault
+from tests.scoring.runs import START
+
+TIMEOUT = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A run of a random robot: its result, and its samples with the start at `START`."""
+
+    result: Result
+    record: RunRecord
+    ending: Ending
+    samples: list[Sample]
+
+    def at(self, name: EventName) -> float | None:
+        """When something happened last, s since the start."""
+        times = [event.since_start for event in self.result.events if event.event is name]
+        return times[-1] if times else None
+
+    def spoilt(self, fault: Fault) -> Result:
+        """The result with a fault in the samples."""
+        assessment = self.record.assessment(START)
+        for sample in fault(self.samples):
+            assessment.feed(sample)
+        done = assessment.procedure().completed
+        ending = self.ending
+        if ending.outcome is Outcome.COMPLETED and done is None:
+            ending = Ending(Outcome.TIMEOUT, "time over", START + TIMEOUT)
+        elif done is not None:
+            ending = Ending(Outcome.COMPLETED, "all six steps done", done)
+        return assessment.result(ending)[0]
+
+
+def record(results: Path, seed: int) -> Recorded:
+    """A run of the robot with that seed."""
+    drive = Drive(results, Scenario.RANDOM, seed)
+    drive.whole_run(make_setup(Condition.from_number(1 + seed % 20), timeout=TIMEOUT))
+    scored, folder = drive.engine.scored, drive.engine.folder
+    assert scored is not None
+    assert folder is not None
+    drive.engine.close()
+    recorded = read_recorded_run(folder)
+    shift = scored.result.start - START
+    decoder = Decoder(DEFAULT_MAPPINGS, MessageTypes())
+    decoded = (decoder.decode(message) for message in recorded.bag.messages())
+    samples: list[Sample] = [
+        changed(s, time=s.time - shift, log_time=s.log_time - shift)
+        for s in decoded
+        if s is not None
+    ]
+    run = scored.run.ending
+    stop = None if run.stop is None else run.stop - shift
+    ending = Ending(run.outcome, run.reason, stop)
+    return Recorded(scored.result, recorded.record, ending, samples)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(2))
+def test_clean_runs_are_seldom_doubted(
+    part: int, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    runs = request.config.getoption("--runs")
+    fired: Counter[str] = Counter()
+    doubted = 0
+    for seed in range(part, runs, 2):
+        doubts = record(tmp_path / str(seed), seed).result.doubts
+        doubted += bool(doubts)
+        fired.update(kind_of(words) for words in doubts)
+    count = len(range(part, runs, 2))
+    print(f"{doubted} of {count} clean runs are doubted: {dict(fired)}")
+    for kind, times in fired.items():
+        assert times <= max(1, 0.01 * count), kind
+
+
+def kind_of(words: str) -> str:
+    """A doubt without its numbers."""
+    return " ".join(part for part in words.split() if not any(c.isdigit() for c in part))
+
+
+FAULTS = ("touch", "spike", "losses", "clipped", "stuck", "drift", "gap", "delay", "blip")
+
+
+def fault_in(  # noqa: C901 - one case a fault
+    run: Recorded, kind: str, random: Random
+) -> tuple[Fault, Name] | None:
+    """A fault at a random place, and an indicator that it spoils; None where it spoils none."""
+    touched, closed = run.at(EventName.HANDLE_IS_TOUCHED), run.at(EventName.DOOR_CLOSES)
+    opened = run.at(EventName.DOOR_OPENS)
+    roughness = run.result.indicators[Name.ROUGHNESS_OF_DOOR_ACTUATION].value or 0.0
+    zero, end = run.result.handle_zero, (run.result.stop or START) - run.result.start
+    match kind:
+        case "touch" if touched is not None and touched > 0.5:
+            at = random.uniform(0.2, touched - 0.2)
+            return one_force(at, lambda _: zero + random.choice((-1, 1)) * 6.0), Name.TIME_TO_HANDLE
+        case "spike" if opened is not None and closed is not None:
+            at = random.uniform(0.2, end - 0.2)
+            by = random.choice((-1, 1)) * 0.6
+            return one_angle(at, lambda angle: angle + by), Name.SMOOTHNESS_OF_DOOR_ACTUATION
+        case "losses" if opened is not None and closed is not None and closed - opened > 1.5:
+            part = random.uniform(0.02, 0.1)
+            losing = Random(random.random())
+            return (
+                door_fault(lambda _, angle: None if losing.random() < part else angle),
+                Name.UNSAFETY_OF_DOOR_OPERATION,
+            )
+        case "clipped" if touched is not None and roughness > abs(zero) + 6.0:
+            top = abs(zero) + random.uniform(0.3, 0.6) * (roughness - abs(zero))
+            return (
+                force_fault(lambda _, f: max(-top, min(f, top))),
+                Name.ROUGHNESS_OF_DOOR_ACTUATION,
+            )
+        case "stuck":
+            since = random.uniform(0.0, end - 0.7)
+            kept: list[float] = []
+
+            def hold(t: float, force: float) -> float:
+                if not since <= t < since + 0.65:
+                    return force
+                kept.append(force)
+                return kept[0]
+
+            return force_fault(hold), Name.ROUGHNESS_OF_DOOR_ACTUATION
+        case "drift" if run.result.rest is not None and run.result.rest.drift is not None:
+            by = random.choice((-1, 1)) * random.uniform(1.2, 6.0)
+            since = end - 0.1
+            return (
+                force_fault(lambda t, f: f + by if t > since else f),
+                Name.ROUGHNESS_OF_DOOR_ACTUATION,
+            )
+        case "gap" if touched is not None and touched > 0.2:
+            since = touched - random.uniform(0.01, 0.1)
+            return lost(since, since + 0.09, HandleSample), Name.TIME_TO_HANDLE
+        case "delay" if run.result.indicators[Name.PASSAGE_TIME].value is not None:
+            return late(DoorSample, random.uniform(0.03, 0.09)), Name.PASSAGE_TIME
+        case "blip" if run.ending.outcome is Outcome.COMPLETED:
+            starting = run.record.setup.condition.starting_side
+            return blip(starting, end + random.uniform(-0.5, -0.1)), Name.CAPABILITY_LEVEL
+    return None
+
+
+def one_force(at: float, change: Callable[[float], float]) -> Fault:
+    """One sample of the handle at about `at` s is another."""
+    done: list[float] = []
+
+    def spoil(t: float, force: float) -> float:
+        if t >= at and not done:
+            done.append(t)
+            return change(force)
+        return force
+
+    return force_fault(spoil)
+
+
+def one_angle(at: float, change: Callable[[float], float]) -> Fault:
+    """One sample of the door at about `at` s is another."""
+    done: list[float] = []
+
+    def spoil(t: float, angle: float) -> float:
+        if t >= at and not done:
+            done.append(t)
+            return change(angle)
+        return angle
+
+    return door_fault(spoil)
+
+
+def blip(side: Side, at: float) -> Fault:
+    """Something is under one sensor of a side for one sample."""
+    return passage_fault(side, at, at + 0.02, there=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(2))
+def test_every_fault_is_doubted(part: int, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    wanted = max(len(FAULTS), request.config.getoption("--runs") // 5)
+    tried: Counter[str] = Counter()
+    silent = []
+    seed = 50_000 + part
+    while sum(tried.values()) < wanted // 2:
+        random = Random(seed)
+        run = record(tmp_path / str(seed), seed)
+        kind = FAULTS[sum(tried.values()) % len(FAULTS)]
+        order = sorted(FAULTS, key=lambda each: (each != kind, random.random()))
+        found = next((f for each in order if (f := fault_in(run, each, random))), None)
+        kind = next(each for each in order if fault_in(run, each, Random(seed)) is not None)
+        if found is not None:
+            fault, spoils = found
+            tried[kind] += 1
+            result = run.spoilt(fault)
+            if not result.indicators[spoils].doubts:
+                silent.append((seed, kind, spoils))
+        seed += 2
+    print(f"{sum(tried.values())} faults, {dict(tried)}, not doubted: {silent}")
+    assert not silent
