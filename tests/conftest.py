@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Generator
 
@@ -12,6 +13,9 @@ from tests import rings
 # else each worker and each process that a test starts compiles everything anew
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# a suite that a shell starts in the background would hand on that Ctrl+C is ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # textual reads these when it is imported
 for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):

@@ -88,13 +88,16 @@ def test_clean_runs_are_seldom_doubted(
 ) -> None:
     runs = request.config.getoption("--runs")
     fired: Counter[str] = Counter()
-    doubted = 0
+    doubted = beyond = 0
     for seed in range(part, runs, 2):
-        doubts = record(tmp_path / str(seed), seed).result.doubts
-        doubted += bool(doubts)
-        fired.update(kind_of(words) for words in doubts)
-    count = len(range(part, runs, 2))
-    print(f"{doubted} of {count} clean runs are doubted: {dict(fired)}")
+        result = record(tmp_path / str(seed), seed).result
+        if any(signal.impossible for signal in result.quality.signals):
+            beyond += 1  # the robot pulls harder than the load cell can say: doubted with reason
+            continue
+        doubted += bool(result.doubts)
+        fired.update(kind_of(words) for words in result.doubts)
+    count = len(range(part, runs, 2)) - beyond
+    print(f"{doubted} of {count} clean runs are doubted: {dict(fired)}; beyond 20 kgf: {beyond}")
     for kind, times in fired.items():
         assert times <= max(1, 0.01 * count), kind
 
@@ -212,8 +215,11 @@ def test_every_fault_is_doubted(part: int, tmp_path: Path, request: pytest.Fixtu
         kind = next(each for each in order if fault_in(run, each, Random(seed)) is not None)
         if found is not None:
             fault, spoils = found
-            tried[kind] += 1
             result = run.spoilt(fault)
+            if kind == "blip" and result.events == run.spoilt(list).events:
+                seed += 2  # under a panel that masks it
+                continue
+            tried[kind] += 1
             if not result.indicators[spoils].doubts:
                 silent.append((seed, kind, spoils))
         seed += 2
