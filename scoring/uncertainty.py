@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +33,10 @@ from scoring.result import Indicator, Uncertainty
 DRAWS = 100
 """Draws of each value."""
 
-_BLOCK = 1_500_000
-"""Numbers that are drawn at once: memory stays small in a run of hours."""
-
 _NEAR_TOP = 0.9
 """Forces from this part of the largest on can be the largest in a draw."""
 
-_MOST_TOPS = 64
+_MOST_TOPS = 48
 """So many of the largest values are drawn."""
 
 _SAME_STEP = 1e-9
@@ -109,7 +105,7 @@ def _times(
     shares = random.random_sample((2, DRAWS, len(timed)))
     for shifts in shares[0] * widths + (shares[1] - 0.5) * counted:
         of_time = {edge.time: float(by) for edge, by in zip(timed, shifts, strict=True)}
-        moved = [replace(e, time=e.time - of_time.get(e.time, 0.0)) for e in events]
+        moved = [Event(e.time - of_time.get(e.time, 0.0), e.name) for e in events]
         for name, indicator in times(moved).items():
             if indicator.value is not None:
                 draws.setdefault(name, []).append(float(indicator.value))
@@ -155,35 +151,44 @@ def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array
     smooth = smoothed(joint, ruleset, thresholds)
     low_passed = low_pass(smooth, ruleset, thresholds)
     first, last = (int(row) for row in np.searchsorted(joint.time, (window[0], window[-1])))
-    before, after = jerk_rows(joint, ruleset, thresholds)
-    inside = (after >= first) & (after <= last) & np.isfinite(smooth.acceleration[before])
-    inside &= np.isfinite(smooth.acceleration[after])
-    rows = before[inside], after[inside]
-    tops = _tops(low_passed[first : last + 1]) + first
     response = low_pass_response(joint, ruleset, thresholds, kernel)
-    reach = max(kernel.size, response.size) // 2 + 1
+    reach = max(kernel.size, response.size) + 1
     part = slice(max(0, first - reach), min(joint.time.size, last + reach + 1))
-    errors = _angle_errors(grounds, smooth, part, random)
-    jerks, accelerations = [], []
-    for error in errors:
-        jerks.append(_mean_jerks(smooth, error, kernel, rows, part.start))
-        peaks = [
-            np.abs(_filtered_at(error, response, int(top) - part.start) + low_passed[top])
-            for top in tops
-        ]
-        accelerations.append(np.max(peaks, axis=0) if peaks else np.full(len(error), np.nan))
-    with np.errstate(divide="ignore"):
-        smoothness = SMOOTHNESS_SCALE / np.concatenate(jerks)
+    after = _jerks_in(grounds, smooth, first, last)
+    change_of_noise = np.convolve(kernel, (1, -1))
+    later = after - part.start + kernel.size // 2  # in a full convolution
+    intervals = joint.time[after] - joint.time[after - 1]
+    jerk = (smooth.acceleration[after] - smooth.acceleration[after - 1]) / intervals
+    tops = _tops(low_passed[first : last + 1]) + first
+    near = tops[:, None] - part.start + np.arange(response.size)[::-1] - response.size // 2
+    near = near.clip(0, part.stop - part.start - 1)
+    drawn = np.full((2, DRAWS), np.nan)
+    for draw, error in enumerate(_angle_errors(grounds, smooth, part, random)):
+        if after.size:
+            noise = np.convolve(error, change_of_noise)[later] / intervals
+            mean = float(np.abs(jerk + noise).mean())
+            drawn[0, draw] = SMOOTHNESS_SCALE / mean if mean else np.nan
+        if tops.size:
+            drawn[1, draw] = np.abs(low_passed[tops] + error[near] @ response).max()
     return {
-        Name.SMOOTHNESS_OF_DOOR_ACTUATION: smoothness,
-        Name.UNSAFETY_OF_DOOR_OPERATION: np.concatenate(accelerations),
+        Name.SMOOTHNESS_OF_DOOR_ACTUATION: drawn[0],
+        Name.UNSAFETY_OF_DOOR_OPERATION: drawn[1],
     }
+
+
+def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:
+    """The later rows of the quotients that are jerk, in the run, of neighbours; shape (m,)."""
+    before, after = jerk_rows(grounds.joint, grounds.ruleset, grounds.thresholds)
+    kept = (after >= first) & (after <= last) & (before == after - 1)
+    known = np.isfinite(smooth.acceleration)
+    kept &= known[after] & known[before]
+    return np.compress(kept, after)
 
 
 def _angle_errors(
     grounds: Grounds, smooth: JointState, part: slice, random: np.random.RandomState
 ) -> Iterator[Array]:
-    """What the encoder makes of a smooth motion, less the motion, rad: blocks of (draws, rows).
+    """What the encoder makes of a smooth motion, less the motion, rad, shape (rows,), each draw.
 
     Its steps are not noise: a slow panel stays on one for several samples. So each draw has the
     motion sampled a part of an interval later, by an encoder that stands a part of a count
@@ -195,42 +200,13 @@ def _angle_errors(
     interval = float(regular.mean()) if regular.size else 0.0
     jitter = float(regular.std()) / math.sqrt(2) if regular.size else 0.0
     angle, speed = smooth.position[part], np.nan_to_num(grounds.joint.velocity[part])
-    size = max(1, _BLOCK // max(1, angle.size))
-    for begin in range(0, DRAWS, size):
-        draws = min(size, DRAWS - begin)
-        moved = angle + interval * (random.random_sample((draws, 1)) - 0.5) * speed
-        moved += count * random.random_sample((draws, 1))
-        errors: Array = np.rint(moved / count)
-        errors *= count
-        errors -= moved
+    for phase, begins in random.random_sample((DRAWS, 2)):  # one by one: they stay in the cache
+        moved = angle + interval * (phase - 0.5) * speed + count * begins
+        error: Array = np.rint(moved / count) * count - moved
         if jitter > _LEAST_JITTER:
-            noise = random.random_sample(errors.shape) - 0.5
-            errors += math.sqrt(12) * jitter * speed * noise
-        yield errors
-
-
-def _mean_jerks(
-    smooth: JointState,
-    errors: Array,
-    kernel: Array,
-    rows: tuple[NDArray[np.intp], NDArray[np.intp]],
-    low: int,
-) -> Array:
-    """The mean absolute jerk of each draw, rad/s^3, shape (draws,)."""
-    before, after = rows
-    if not after.size:
-        return np.full(errors.shape[0], np.nan)
-    from scipy import ndimage
-
-    margin = kernel.size
-    part = slice(max(0, int(before[0]) - low - margin), int(after[-1]) - low + margin)
-    off = ndimage.convolve1d(errors[:, part], kernel, axis=1, mode="nearest")
-    shift = low + part.start
-    change = off[:, after - shift] - off[:, before - shift]
-    change += smooth.acceleration[after] - smooth.acceleration[before]
-    change /= smooth.time[after] - smooth.time[before]
-    jerks: Array = np.abs(change).mean(axis=1)
-    return jerks
+            noise = random.random_sample(error.size) - 0.5
+            error += math.sqrt(12) * jitter * speed * noise
+        yield error
 
 
 def _tops(values: Array) -> NDArray[np.intp]:
@@ -240,15 +216,6 @@ def _tops(values: Array) -> NDArray[np.intp]:
     if known.size > _MOST_TOPS:
         known = known[np.argpartition(size[known], -_MOST_TOPS)[-_MOST_TOPS:]]
     return known
-
-
-def _filtered_at(noise: Array, response: Array, column: int) -> Array:
-    """Filtered noise at one column, of each draw, shape (draws,)."""
-    half = response.size // 2
-    low, high = max(0, column - half), min(noise.shape[1], column + half + 1)
-    # symmetric or not: a sample before the column meets the response after its middle
-    weights = response[::-1][low - column + half : high - column + half]
-    return noise[:, low:high] @ weights
 
 
 # ---------------------------------------------------------------------------------- force
