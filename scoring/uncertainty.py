@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,9 @@ from scoring.result import Indicator, Uncertainty
 
 DRAWS = 100
 """Draws of each value."""
+
+_TRIED = 8
+"""Draws that tell how much jerk encoder and stamps add."""
 
 _NEAR_TOP = 0.9
 """Forces from this part of the largest on can be the largest in a draw."""
@@ -158,15 +162,22 @@ def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array
     change_of_noise = np.convolve(kernel, (1, -1))
     later = after - part.start + kernel.size // 2  # in a full convolution
     intervals = joint.time[after] - joint.time[after - 1]
+
+    def quotients(noise: Array) -> Array:
+        jerks: Array = np.convolve(noise, change_of_noise)[later] / intervals
+        return jerks
+
     jerk = (smooth.acceleration[after] - smooth.acceleration[after - 1]) / intervals
+    lost = (joint.acceleration[after] - joint.acceleration[after - 1]) / intervals - jerk
+    tried = islice(_angle_errors(grounds, smooth, part, random), _TRIED)
+    jerk += _share_of_motion(lost, [quotients(error) for error in tried]) * lost
     tops = _tops(low_passed[first : last + 1]) + first
     near = tops[:, None] - part.start + np.arange(response.size)[::-1] - response.size // 2
     near = near.clip(0, part.stop - part.start - 1)
     drawn = np.full((2, DRAWS), np.nan)
     for draw, error in enumerate(_angle_errors(grounds, smooth, part, random)):
         if after.size:
-            noise = np.convolve(error, change_of_noise)[later] / intervals
-            mean = float(np.abs(jerk + noise).mean())
+            mean = float(np.abs(jerk + quotients(error)).mean())
             drawn[0, draw] = SMOOTHNESS_SCALE / mean if mean else np.nan
         if tops.size:
             drawn[1, draw] = np.abs(low_passed[tops] + error[near] @ response).max()
@@ -174,6 +185,16 @@ def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array
         Name.SMOOTHNESS_OF_DOOR_ACTUATION: drawn[0],
         Name.UNSAFETY_OF_DOOR_OPERATION: drawn[1],
     }
+
+
+def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
+    """How much of the jerk that smoothing took is motion, and not what encoder and stamps add.
+
+    A robot that trembles is not to be taken for a smooth one.
+    """
+    power = float(np.square(lost).sum())
+    noise = sum(float(np.square(each).sum()) for each in noises) / len(noises)
+    return math.sqrt(max(0.0, 1 - noise / power)) if power else 0.0
 
 
 def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:

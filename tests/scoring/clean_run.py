@@ -43,6 +43,7 @@ class Motion:
         opens: the panel begins to open.
         swing: how far, within `swing_time` each way.
         closes: it begins to close.
+        tremble: of the open panel, 8 times a second.
         arrives, through: on the starting side; on the destination side, until `left`.
     """
 
@@ -56,6 +57,7 @@ class Motion:
     arrives: float = 5.6
     through: float = 5.9
     left: float = 6.315
+    tremble: float = 0.0
 
     def angle(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of the panel, rad."""
@@ -65,7 +67,9 @@ class Motion:
             height: NDArray[np.float64] = 10 * part**3 - 15 * part**4 + 6 * part**5
             return height
 
-        angle: NDArray[np.float64] = self.swing * (risen(self.opens) - risen(self.closes))
+        height = risen(self.opens) - risen(self.closes)
+        trembling = self.tremble * np.sin(16 * np.pi * time)
+        angle: NDArray[np.float64] = (self.swing + trembling) * height
         return angle
 
     def force(self, time: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ MOTIONS: dict[str, Motion] = {
     "slam": Motion(swing_time=1.2, closes=8.0),
     "weak and short pull": Motion(pull=20.0, pull_time=0.12),
     "strong and long pull": Motion(pull=90.0, pull_time=1.0),
-    "late touch": Motion(touch=2.31),
+    "late touch": Motion(touch=2.31, tremble=0.002),
     "long in the doorway": Motion(arrives=5.55, left=8.1),
     "short in the doorway": Motion(arrives=5.61, through=5.8, left=6.05),
     "closes at once": Motion(closes=6.4, left=6.33),
@@ -125,6 +125,14 @@ def test_a_timeouts_own_time_is_exact_and_a_level_has_no_spread() -> None:
         known = indicators[name].uncertainty
         assert known is not None
         assert known.expanded == 0
+
+
+def test_a_trembling_robot_is_not_taken_for_a_smooth_one() -> None:
+    known = scored(clean(Motion(tremble=0.004))).indicators[Name.SMOOTHNESS_OF_DOOR_ACTUATION]
+    assert known.value is not None
+    assert known.uncertainty is not None
+    assert known.value < 4
+    assert known.uncertainty.expanded < 0.1 * known.value
 
 
 def test_a_coarser_encoder_and_a_slower_rate_are_less_certain() -> None:
