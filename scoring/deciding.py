@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from scoring.indicator_table import IndicatorName as Name
-from scoring.protocol import PassageSensor, Signal
+from scoring.protocol import PassageSensor, Side, Signal
 from scoring.signals import BinarySignal, edges_until
 
 _LOOKED_AT = 0.2
@@ -36,6 +36,7 @@ class EdgeKind(Enum):
             Name.CAPABILITY_LEVEL,
         ),
     )
+    LOCKING = ("the locking", (Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL))
 
     def __init__(self, words: str, indicators: tuple[Name, ...]) -> None:
         self.words = words
@@ -135,6 +136,31 @@ def passage_edge(
     if not arrives:
         readings = min(readings, level.held(index).readings)
     return DecidingEdge(kind, Signal.of_strip(sensor.strip), edge.time, edge.since, readings, alone)
+
+
+def departure(
+    levels: Mapping[PassageSensor, BinarySignal], time: float, side: Side
+) -> DecidingEdge | None:
+    """The leaving on a side at `time`, s since the epoch: a last fall, or the stop.
+
+    At the stop something is still there: it rests on what is seen of that until then and later.
+    """
+    here = {sensor: level for sensor, level in levels.items() if sensor.side is side}
+    for sensor, level in here.items():
+        known = edges_until(level.edges, time)
+        if known and level.edges[known - 1].time == time and not level.edges[known - 1].value:
+            return passage_edge(EdgeKind.DEPARTURE, levels, sensor, time)
+    there = [
+        (level.held(edges_until(level.edges, time) - 1), sensor)
+        for sensor, level in here.items()
+        if level.at(time)
+    ]
+    if not there:
+        return None
+    held, sensor = max(there, key=lambda one: one[0].readings)
+    alone = held.seconds if len(there) == 1 else None
+    signal = Signal.of_strip(sensor.strip)
+    return DecidingEdge(EdgeKind.DEPARTURE, signal, time, None, held.readings, alone)
 
 
 def _presences(

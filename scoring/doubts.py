@@ -18,6 +18,7 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.kinematics import Array
 from scoring.protocol import Signal, Thresholds
 from scoring.quality import QualityCounter
+from scoring.rest import FEWEST_SAMPLES
 
 Doubt = tuple[tuple[Name, ...], str]
 """The indicators that are doubted, and why, in a sentence."""
@@ -25,25 +26,26 @@ Doubt = tuple[tuple[Name, ...], str]
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 _FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
 _CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
-_NOISE_LOOKED_AT = 25
-"""Samples before a force that stands still, in which it had noise or not."""
+_FILTER_REACH = 1.0
+"""The filters of the door angle reach so far out of the run, s."""
 
 
 def all_doubts(grounds: Grounds) -> dict[Name, tuple[str, ...]]:
     """Every doubt on a run, by indicator; those without any are missing."""
-    found = (
-        *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
-        *_gaps_near_edges(grounds),
-        *_gaps_near_maxima(grounds),
-        *_missing_samples(grounds),
-        *_spikes(grounds),
-        *_clipped(grounds),
-        *_stuck(grounds),
-        *_drift(grounds),
-        *_chatter(grounds),
-        *_delays(grounds),
-        *_rate(grounds),
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
+        found = (
+            *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
+            *_gaps_near_edges(grounds),
+            *_gaps_near_maxima(grounds),
+            *_missing_samples(grounds),
+            *_spikes(grounds),
+            *_clipped(grounds),
+            *_stuck(grounds),
+            *_drift(grounds),
+            *_chatter(grounds),
+            *_delays(grounds),
+            *_rate(grounds),
+        )
     return by_indicator(found)
 
 
@@ -77,7 +79,13 @@ def edge_doubts(
 
 def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
     for edge in g.edges:
-        gap = _gap_near(_holes(g, edge.signal), edge.time, g.thresholds.doubt.gap_reach)
+        limits, counter = g.thresholds.doubt, g.counters.get(edge.signal)
+        gap = _gap_near(_holes(g, edge.signal), edge.time, limits.gap_reach)
+        usual = counter.interval if counter is not None else None
+        unreadable = counter is not None and counter.no_reading > 0
+        if gap is None and unreadable and usual is not None and edge.since is not None:
+            unread = edge.time - edge.since  # samples came and said nothing
+            gap = unread if unread > limits.gap_intervals * usual else None
         if gap is not None:
             near = f"near {edge.kind.words}"
             yield edge.kind.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"
@@ -129,41 +137,47 @@ def _open_intervals(g: Grounds) -> Array:
     is_open = np.abs(g.door_angle) > g.thresholds.closed_angle
     within = (g.door_time >= g.start) & (g.door_time <= g.end)
     counted = is_open & within
-    return np.diff(g.door_time)[counted[1:] & counted[:-1]]
+    return np.diff(g.door_time)[counted[1:] | counted[:-1]]
 
 
 def _missing_samples(g: Grounds) -> Iterator[Doubt]:
     intervals, limits = _open_intervals(g), g.thresholds.doubt
     if not intervals.size:
         return
-    usual = float(np.median(intervals))
+    usual, nominal = float(np.median(intervals)), 1 / g.thresholds.rate
+    if usual >= limits.gap_intervals * nominal:  # so many are missing that it is the usual
+        usual = nominal
     steps = np.round(intervals / usual)
     missing, expected = int((steps - 1).clip(0).sum()), int(steps.clip(1).sum())
     if missing > limits.missing * expected:
         yield _MOTION, f"{missing} of {expected} samples of the open door are missing"
     regular = intervals[intervals < limits.gap_intervals * usual]
-    jitter = float(regular.std())
+    jitter = float(regular.std()) if regular.size else 0.0
     if jitter > limits.jitter:
         yield _MOTION, f"the door's stamps jitter by {1000 * jitter:.1f} ms"
 
 
 def _spikes(g: Grounds) -> Iterator[Doubt]:
     steps = np.diff(g.door_angle)
-    with np.errstate(over="ignore"):
-        speeds = steps / np.diff(g.door_time)
+    speeds = steps / np.diff(g.door_time)
     fast = np.abs(speeds) > g.thresholds.doubt.spike_velocity
     back = fast[1:] & fast[:-1] & (np.sign(speeds[1:]) != np.sign(speeds[:-1]))
-    for index in np.flatnonzero(back):
-        time = float(g.door_time[index + 1])
-        if not g.start <= time <= g.end:
-            continue
-        words = (
-            f"the door angle steps by {abs(steps[index]):.2g} rad and back, "
-            f"{time - g.start:.2f} s after the start"
-        )
-        made = float(g.door_time[index + 1]), float(g.door_time[index + 2])
-        edges = (e.kind.indicators for e in g.edges if e.signal is Signal.DOOR and e.time in made)
-        yield (*_MOTION, *(name for names in edges for name in names)), words
+    places = np.flatnonzero(back)
+    if g.ruleset.cut_rows:
+        at = g.door_time[places + 1]
+        near = (at >= g.start - _FILTER_REACH) & (at <= g.end + _FILTER_REACH)
+        places = places[near]
+    if not places.size:
+        return
+    largest, first = float(np.abs(steps[places]).max()), float(g.door_time[places[0] + 1])
+    count = f"{places.size} times, first" if places.size > 1 else "once,"
+    when = f"{first - g.start:.2f} s after the start"
+    yield _MOTION, f"the door angle steps by up to {largest:.2g} rad and back, {count} {when}"
+    made = {float(time) for index in places for time in g.door_time[index + 1 : index + 3]}
+    for edge in g.edges:
+        if edge.signal is Signal.DOOR and edge.time in made:
+            words = f"{edge.kind.words} is a step of one sample and back"
+            yield edge.kind.indicators, words
 
 
 def _clipped(g: Grounds) -> Iterator[Doubt]:
@@ -180,12 +194,13 @@ def _clipped(g: Grounds) -> Iterator[Doubt]:
 
 def _stuck(g: Grounds) -> Iterator[Doubt]:
     still = np.diff(g.force) == 0
+    at_rest = still[g.force_time[1:] < g.start]
+    if at_rest.size < FEWEST_SAMPLES or at_rest.mean() >= 0.5:
+        return  # its steps are coarser than its noise
     longest = 0.0
     for run in _runs(still):
         since, until = g.force_time[run.start], g.force_time[run.stop]
-        before = still[max(0, run.start - _NOISE_LOOKED_AT) : run.start]
-        noisy = before.size > 0 and before.mean() < 0.5
-        if noisy and since < g.end and until > g.start:
+        if since < g.end and until > g.start:
             longest = max(longest, float(until - since))
     if longest >= g.thresholds.doubt.stuck_time:
         yield _FORCE, f"the handle force does not change for {longest:.1f} s"

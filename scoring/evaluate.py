@@ -51,6 +51,11 @@ def completed_by_settling(ending: Ending, procedure: Procedure) -> bool:
     return settled and ending.outcome is Outcome.COMPLETED
 
 
+def _steps_by(ruleset: Ruleset) -> Ruleset:
+    """Whose rules find the steps of a run that is scored by a ruleset."""
+    return ruleset if ruleset.own_steps else PROTOCOL
+
+
 class LiveAssessment:
     """Follows one run: what is known of it while it goes on. It keeps no series of numbers.
 
@@ -62,6 +67,7 @@ class LiveAssessment:
         thresholds: the testbed's numbers.
         lock_detection: what decides step 6.
         handle_zero: N, as set by the referee.
+        stopped_by: whose rules stopped the run, where they were others.
     """
 
     def __init__(
@@ -73,6 +79,7 @@ class LiveAssessment:
         thresholds: Thresholds | None = None,
         lock_detection: LockDetection = LockDetection.AUTO,
         handle_zero: float = 0.0,
+        stopped_by: Ruleset | None = None,
     ) -> None:
         self.condition = condition
         self.start = start
@@ -80,7 +87,8 @@ class LiveAssessment:
         self._thresholds = thresholds or Thresholds()
         self._lock_detection = lock_detection
         self._zero = handle_zero
-        steps_by = ruleset if ruleset.own_steps else PROTOCOL
+        steps_by = _steps_by(ruleset)
+        self._stopped_by_others = stopped_by is not None and _steps_by(stopped_by) is not steps_by
         self._live = EventDetector(condition, start, self._thresholds, steps_by, handle_zero)
         self._largest_angle = ruleset.largest_angle(self._thresholds)
         self._largest_force = ruleset.largest_force(self._thresholds)
@@ -329,18 +337,23 @@ class Assessment(LiveAssessment):
     def _stopped_by_these_rules(
         self, ending: Ending, rulings: Sequence[Ruling]
     ) -> tuple[Ending, tuple[str, ...]]:
-        """A run that other rules completed stops when these do, if the recording has it."""
-        stop = ending.stop
-        if ending.outcome is not Outcome.COMPLETED or stop is None:
+        """A run that other rules completed stops when these do, if the recording has it.
+
+        What the referee has ruled since moves no stop, and no outcome is decided anew.
+        """
+        stop, name = ending.stop, self._ruleset.name
+        if not self._stopped_by_others or stop is None or rulings:
             return ending, ()
-        if self.procedure(rulings, stop).completed is not None:
+        completed = self.procedure().completed
+        if completed is None or completed == stop:
             return ending, ()
-        completed = self.procedure(rulings).completed
-        if completed is None or completed <= stop:
-            return ending, ()
-        remark = (
-            f"by the rules of {self._ruleset.name} the run stops {completed - stop:.3f} s later"
-        )
+        if ending.outcome is not Outcome.COMPLETED:
+            if completed > stop or ending.outcome is not Outcome.TIMEOUT:
+                return ending, ()
+            done = f"all six steps are done {completed - self.start:.3f} s after the start"
+            return ending, (f"by the rules of {name} {done}: the outcome is that of the run",)
+        when = f"{abs(completed - stop):.3f} s {'later' if completed > stop else 'earlier'}"
+        remark = f"by the rules of {name} the run stops {when}"
         return replace(ending, stop=completed), (remark,)
 
     def _end(self, ending: Ending) -> float:

@@ -11,7 +11,14 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from scoring.deciding import DecidingEdge, EdgeKind, door_edges, first_rise, passage_edge
+from scoring.deciding import (
+    DecidingEdge,
+    EdgeKind,
+    departure,
+    door_edges,
+    first_rise,
+    passage_edge,
+)
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -26,7 +33,7 @@ from scoring.protocol import (
 from scoring.quality import all_in_range, is_reading
 from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-from scoring.signals import BinarySignal, Edge, edges_until
+from scoring.signals import BinarySignal, Edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +116,7 @@ class EventDetector:
         self._latch: list[Edge] = []
         self._latch_events: list[Event] = []
         self._latch_before_start = False
+        self._latch_seen: float | None = None
 
     @property
     def angle(self) -> float | None:
@@ -203,7 +211,8 @@ class EventDetector:
         return any(level.state for s, level in self._sensors.items() if s.side is side)
 
     def _feed_latch(self, sample: LatchSample) -> None:
-        previous = self.latch_engaged
+        previous, before = self.latch_engaged, self._latch_seen
+        self._latch_seen = sample.time
         if sample.time < self._start:
             self._latch_before_start = True
             self.changes += 1
@@ -212,7 +221,7 @@ class EventDetector:
         if previous is sample.engaged:
             return
         self.changes += 1
-        self._latch.append(Edge(sample.time, sample.engaged))
+        self._latch.append(Edge(sample.time, sample.engaged, before))
         if previous is not None:
             name = EventName.DOOR_IS_LOCKED if sample.engaged else EventName.DOOR_IS_UNLOCKED
             self._latch_events.append(Event(sample.time, name))
@@ -281,15 +290,16 @@ class EventDetector:
         if rises:
             time, sensor = min(rises, key=lambda rise: rise[0])
             found.append(passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time))
+        locked = next((e for e in reversed(self._latch) if e.value and e.time <= end), None)
+        if locked is not None and locked.since is not None:
+            # one that speaks only when it changes was looked at in between
+            since = max(locked.since, locked.time - 1 / self._thresholds.rate)
+            often = self._thresholds.doubt.least_readings
+            found.append(DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked.time, since, often))
+        edges = [edge for edge in found if edge is not None and edge.time <= end]
         left = self._leaves(stop)
-        if left is not None:
-            time, side = left
-            for sensor, level in self._sensors.items():
-                known = edges_until(level.edges, time)
-                if sensor.side is side and known and level.edges[known - 1].time == time:
-                    found.append(passage_edge(EdgeKind.DEPARTURE, self._sensors, sensor, time))
-                    break
-        return tuple(edge for edge in found if edge is not None and edge.time <= end)
+        last = None if left is None else departure(self._sensors, *left)
+        return tuple(edges) if last is None else (*edges, last)
 
     def _passage_events(self, stop: float | None) -> list[Event]:
         rises = [

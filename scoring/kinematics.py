@@ -209,7 +209,8 @@ def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Joi
     for stretch in _stretches(joint.time, every, _gap(ruleset, thresholds)):
         if stretch.stop - stretch.start > 2 * half:
             inner = slice(stretch.start + half, stretch.stop - half)
-            position[inner] = filters.moving_average(joint.position[stretch])
+            average = filters.moving_average(joint.position[stretch])
+            position[inner] = np.where(np.isfinite(average), average, position[inner])
     return joint_state(joint.time, position, replace(ruleset, onto_grid=False), thresholds)
 
 
@@ -311,10 +312,14 @@ def _on_grid(time: Array, position: Array, interval: float, gap: float) -> tuple
     """A grid from the first reading on, of the rows between readings that are close enough."""
     if time.size < 2:
         return time, position
-    grid = time[0] + interval * np.arange(1 + math.floor((time[-1] - time[0]) / interval))
-    after = np.searchsorted(time, grid, side="left").clip(1, time.size - 1)
-    close = time[after] - time[after - 1] <= gap
-    return grid[close], np.interp(grid[close], time, position)
+    parts = []
+    for stretch in _stretches(time, np.ones(time.size, dtype=np.bool_), gap):
+        first, last = time[stretch.start] - time[0], time[stretch.stop - 1] - time[0]
+        if last > first:
+            rows = np.arange(math.ceil(first / interval), 1 + math.floor(last / interval))
+            parts.append(time[0] + interval * rows)
+    grid = np.concatenate(parts) if parts else time[:0]
+    return grid, np.interp(grid, time, position)
 
 
 def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:

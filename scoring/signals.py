@@ -19,7 +19,8 @@ class Edge:
         value: what it became.
         since: time of the reading before, which did not say so yet, s since the epoch; None =
             there was none, or the edge is no reading's (a signal that is up at the start).
-        reading: number of its first reading, counted from 1.
+        reading: number of its first reading, counted from 1; of an edge at the start the first
+            one that said so, before it.
     """
 
     time: float
@@ -63,7 +64,7 @@ class BinarySignal:
         newest: time of the last one, s since the epoch; None before any.
     """
 
-    __slots__ = ("_hold", "_pending", "begun", "edges", "newest", "readings", "state")
+    __slots__ = ("_began", "_hold", "_pending", "begun", "edges", "newest", "readings", "state")
 
     def __init__(self, hold: float = 0.0) -> None:
         self.state: bool | None = None
@@ -73,6 +74,7 @@ class BinarySignal:
         self.newest: float | None = None
         self._hold = hold
         self._pending: Edge | None = None
+        self._began = 0  # number of the first reading of this state
 
     def update(self, time: float, value: bool, start: float) -> bool:
         """The signal is `value` at `time`; `start` is the start of the run.
@@ -98,7 +100,7 @@ class BinarySignal:
             self._pending = None
         if self.begun and not (self.state is None and not value):
             self._note(first, start)
-        self.state = value
+        self.state, self._began = value, first.reading
         return True
 
     def _note(self, edge: Edge, start: float) -> None:
@@ -107,14 +109,14 @@ class BinarySignal:
         elif self.edges:  # held since before the start: then it was not up at the start
             self.edges.pop()
         else:
-            self.edges.append(Edge(start, edge.value))
+            self.edges.append(Edge(start, edge.value, None, edge.reading))
 
     def begin(self, start: float) -> None:
         """The run has started: a signal that was up rises now. Later calls do nothing."""
         if not self.begun:
             self.begun = True
             if self.state:
-                self.edges.append(Edge(start, value=True))
+                self.edges.append(Edge(start, True, None, self._began))
 
     def at(self, time: float) -> bool:
         """Whether it was up at `time`, by its edges."""

@@ -34,6 +34,9 @@ from scoring.result import Indicator, Uncertainty
 DRAWS = 100
 """Draws of each value."""
 
+_FEWEST_STEPS = 10
+"""Steps of the door angle that tell its encoder's count."""
+
 _TRIED = 8
 """Draws that tell how much jerk encoder and stamps add."""
 
@@ -55,20 +58,23 @@ _LEAST_JITTER = 1e-5
 
 def uncertainties(
     grounds: Grounds, times: Callable[[Sequence[Event]], Mapping[Name, Indicator]]
-) -> dict[Name, Uncertainty]:
+) -> dict[Name, Uncertainty | None]:
     """The uncertainty of every indicator; 0 where nothing that is drawn moves it.
+
+    None where it is beyond the range of numbers.
 
     Args:
         grounds: what the values rest on.
         times: the time indicators of other events.
     """
     random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
-    draws = {
-        **_times(grounds, times, random),
-        **_motion(grounds, random),
-        Name.ROUGHNESS_OF_DOOR_ACTUATION: _roughness(grounds, random),
-    }
-    return {name: _spread(draws.get(name)) for name in Name}
+    with np.errstate(over="ignore", invalid="ignore"):
+        draws = {
+            **_times(grounds, times, random),
+            **_motion(grounds, random),
+            Name.ROUGHNESS_OF_DOOR_ACTUATION: _roughness(grounds, random),
+        }
+        return {name: _spread(draws.get(name)) for name in Name}
 
 
 def _seed(grounds: Grounds) -> list[int]:
@@ -79,9 +85,11 @@ def _seed(grounds: Grounds) -> list[int]:
     return [int(word) for word in np.frombuffer(digest.digest(), dtype=np.uint32)]
 
 
-def _spread(draws: Array | None) -> Uncertainty:
+def _spread(draws: Array | None) -> Uncertainty | None:
     finite = np.empty(0) if draws is None else draws[np.isfinite(draws)]
     u = float(finite.std(ddof=1)) if finite.size > 1 else 0.0
+    if not math.isfinite(2 * u):  # of forces and angles that only `eurobench-2020` believes
+        return None
     return Uncertainty(_two_digits(u), _two_digits(2 * u))
 
 
@@ -118,7 +126,7 @@ def _times(
 
 def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
     """How long the panel takes for one encoder count at an edge of the door, s."""
-    if edge.signal is not Signal.DOOR:
+    if edge.signal is not Signal.DOOR or not grounds.joint.time.size:
         return 0.0
     row = int(np.searchsorted(grounds.joint.time, edge.time).clip(0, grounds.joint.time.size - 1))
     speed = abs(float(grounds.joint.velocity[row]))
@@ -127,11 +135,10 @@ def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
 
 
 def _encoder_count(grounds: Grounds) -> float:
-    """The smallest step of the door angle, rad; at most what the settings say."""
+    """The smallest step of the door angle, rad; what the settings say where few are seen."""
     steps = np.abs(np.diff(grounds.door_angle))
-    return min(
-        float(steps[steps > _SAME_STEP].min(initial=np.inf)), grounds.thresholds.encoder_count
-    )
+    steps = steps[steps > _SAME_STEP]
+    return float(steps.min()) if steps.size >= _FEWEST_STEPS else grounds.thresholds.encoder_count
 
 
 def _looked_at(events: Sequence[Event]) -> Iterator[Event]:

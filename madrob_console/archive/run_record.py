@@ -94,6 +94,7 @@ class RunRecord:
             thresholds=self.thresholds,
             lock_detection=self.setup.lock_detection,
             handle_zero=self.handle_zero,
+            stopped_by=ruleset(self.setup.ruleset),
         )
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as changed
 
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
-from scoring.protocol import EventName, Side, Thresholds
-from scoring.result import Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, ruleset
-from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.protocol import EventName, Outcome, Side, Thresholds
+from scoring.result import Ending, Result
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,
@@ -167,6 +169,84 @@ def test_a_touch_that_did_not_hold_is_doubted_while_the_run_goes_on() -> None:
     assert 0.5 < doubted_at[0] < 0.8
     assert doubted_at[-1] == pytest.approx(15.7, abs=0.1)  # until the recording ends
     assert "the touch of the handle rests on 1 sample" in run.provisional_doubts()[TOUCH]
+
+
+@pytest.mark.parametrize("value", [1e160, 1e200, -1.7e308])
+@pytest.mark.parametrize("kind", [spike, force_spike])
+def test_numbers_that_only_the_published_rules_believe_lose_no_result(
+    kind: Callable[[float, float], Fault], value: float
+) -> None:
+    result = scored(kind(7.0, value)(clean()), EUROBENCH_2020)
+    for indicator in result.indicators.values():
+        assert indicator.text
+        if indicator.uncertainty is not None:
+            assert math.isfinite(indicator.uncertainty.expanded)
+
+
+def test_angles_that_alternate_beyond_all_bounds_lose_no_result() -> None:
+    wild = door_fault(lambda t, _: 1.7e308 if int(t * RATE) % 2 else -1.7e308)
+    assert len(scored(wild(clean()), EUROBENCH_2020).indicators) == len(Name)
+
+
+@pytest.mark.parametrize("rules", [PROTOCOL, EUROBENCH_2020, ROBUST_2026], ids=lambda r: r.name)
+@pytest.mark.parametrize("rate", [5.0, 9.0, 400.0])
+def test_a_rate_far_from_the_testbeds_loses_no_result(rules: Ruleset, rate: float) -> None:
+    result = scored(clean(rate=rate), rules)
+    assert SMOOTHNESS in doubted(result)
+
+
+def test_a_force_that_is_up_for_one_sample_before_the_start_is_doubted() -> None:
+    pressed = force_fault(lambda t, force: 5.0 if -0.02 <= t < 0 else force)
+    assert TOUCH in doubted(scored(pressed(clean())))
+
+
+def test_one_sample_over_the_stop_is_doubted() -> None:
+    never_closed = clean(Motion(closes=99.0))
+    over_the_stop = passage_fault(Side.CCW, 14.485, 14.51, there=True)
+    assert LEVEL in doubted(scored(over_the_stop(never_closed)))
+
+
+def test_a_slam_that_falls_into_a_gap_is_doubted() -> None:
+    slam = clean(Motion(swing_time=1.2, closes=8.0))
+    assert {UNSAFETY, SMOOTHNESS} <= doubted(scored(lost(8.9, 9.2)(slam)))
+
+
+def test_readings_that_say_nothing_near_an_edge_are_doubted() -> None:
+    def blind(samples: list[Sample]) -> list[Sample]:
+        return [
+            changed(s, ranges=(math.nan,) * 4)
+            if isinstance(s, PassageSample) and 6.2 < s.time - START < 6.7
+            else s
+            for s in samples
+        ]
+
+    assert OCCUPATION in doubted(scored(blind(clean())))
+
+
+def test_a_spike_just_before_the_start_is_doubted_and_many_are_one_sentence() -> None:
+    assert UNSAFETY in doubted(scored(spike(-0.06, 1.0)(clean())))
+    many = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))
+    doubts = scored(many(clean())).indicators[UNSAFETY].doubts
+    assert len([words for words in doubts if "steps by" in words]) == 1
+
+
+def test_a_coarse_or_silent_load_cell_is_not_stuck() -> None:
+    assert not doubted(scored(clean(noise=0.0)))
+    coarse = force_fault(lambda _, force: round(force / 0.1) * 0.1)
+    assert TOUCH not in doubted(scored(coarse(clean(noise=0.015))))
+
+
+def test_a_run_scored_by_other_rules_stops_where_these_say() -> None:
+    samples = clean()
+    own = {r.name: scored(samples, r) for r in (PROTOCOL, ROBUST_2026)}
+    for by, others in ((PROTOCOL, ROBUST_2026), (ROBUST_2026, PROTOCOL)):
+        run = Assessment(CONDITION, START, ruleset=others, stopped_by=by)
+        for sample in samples:
+            run.feed(sample)
+        stop = own[by.name].stop
+        result = run.result(Ending(Outcome.COMPLETED, "all six steps done", stop))[0]
+        assert result.stop == own[others.name].stop
+        assert any(f"by the rules of {others.name}" in words for words in result.quality.remarks)
 
 
 def test_doubts_change_no_value() -> None:

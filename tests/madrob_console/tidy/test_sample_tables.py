@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -31,8 +33,13 @@ def samples(*arguments: object) -> int:
         return int(end.code or 0)
 
 
+_EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
+"""Older versions round the last digit of what they read."""
+
+
 def read(folder: Path, run: Path, table: str) -> pd.DataFrame:
-    return pd.read_csv(folder / f"{run.name}_{table}.csv")
+    read_exactly = partial(pd.read_csv, **_EXACTLY)
+    return cast(pd.DataFrame, read_exactly(folder / f"{run.name}_{table}.csv"))
 
 
 def filled(cells: pd.Series) -> list[object]:
