@@ -26,6 +26,7 @@ Doubt = tuple[tuple[Name, ...], str]
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 _FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
 _CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
+_UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
 _FILTER_REACH = 1.0
 """The filters of the door angle reach so far out of the run, s."""
 
@@ -86,6 +87,12 @@ def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
         if gap is None and unreadable and usual is not None and edge.since is not None:
             unread = edge.time - edge.since  # samples came and said nothing
             gap = unread if unread > limits.gap_intervals * usual else None
+        if edge.kind in _UNDER_SENSORS:
+            # where the panel is decides which sensors it masks
+            blind = _gap_near(_holes(g, Signal.DOOR), edge.time, limits.gap_reach)
+            if blind is not None:
+                words = f"door angle: no sample for {blind:.3f} s near {edge.kind.words}"
+                yield edge.kind.indicators, words
         if gap is not None:
             near = f"near {edge.kind.words}"
             yield edge.kind.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"

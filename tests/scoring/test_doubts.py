@@ -223,6 +223,10 @@ def test_readings_that_say_nothing_near_an_edge_are_doubted() -> None:
     assert OCCUPATION in doubted(scored(blind(clean())))
 
 
+def test_a_robot_that_comes_while_the_door_says_nothing_may_be_the_panel() -> None:
+    assert OCCUPATION in doubted(scored(lost(5.4, 5.9)(clean())))
+
+
 def test_a_spike_just_before_the_start_is_doubted_and_many_are_one_sentence() -> None:
     assert UNSAFETY in doubted(scored(spike(-0.06, 1.0)(clean())))
     many = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))

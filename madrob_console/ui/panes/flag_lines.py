@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from madrob_console.referee.flags import Flag, FlagWeight, worst
+from madrob_console.referee.flags import Flag, FlagWeight, undecided, worst
 from madrob_console.ui.cells.lines import Line, Span, Tone, width_of
 from madrob_console.ui.look.words import wrapped
 
@@ -18,8 +18,9 @@ _BETWEEN = Span("; ", Tone.DIM)
 
 
 def flag_sign(found: Iterable[Flag]) -> str:
-    """The heaviest of some flags in two cells; empty where none weighs."""
-    return _SIGNS[worst(found)]
+    """The heaviest of some flags in two cells, `!!` with one undecided; empty if none weighs."""
+    flags = tuple(found)
+    return _SIGNS[FlagWeight.ALARM if undecided(flags) else worst(flags)]
 
 
 def flag_lines(
