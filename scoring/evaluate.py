@@ -262,7 +262,7 @@ class Assessment(LiveAssessment):
             events, end = (), -math.inf
             problem = problem or "the run never started"
         procedure = self.procedure(rulings, end)
-        rest = self._rest()
+        rest = self._rest(ending)
         joint, whole = self._rows(rest)
         rows = self._cut(whole, ending, procedure)
         if problem is not None:
@@ -361,11 +361,15 @@ class Assessment(LiveAssessment):
             return ending.stop
         return -math.inf if self._newest is None else self._newest
 
-    def _rest(self) -> RestForce:
+    def _rest(self, ending: Ending) -> RestForce:
         times, forces, known = self._force_time, self._force, self._thresholds
-        return rest_force(
+        rest = rest_force(
             times, forces, self.start, zero=self._zero, end=self._newest, thresholds=known
         )
+        if ending.outcome is Outcome.COMPLETED:
+            return rest
+        why = "the run was not completed, the robot may hold the handle"
+        return replace(rest, after=None, drift=None, no_after=why)
 
     def _rows(self, rest: RestForce) -> tuple[JointState, Rows]:
         joint = joint_state(

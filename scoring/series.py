@@ -106,7 +106,7 @@ class SeriesAssessment(Assessment):
             end += self._thresholds.settle_time
         whole = not self._ruleset.cut_rows
         return WholeSeries(
-            rows=self._rows(self._rest())[1],
+            rows=self._rows(self._rest(ending))[1],
             rows_from=-math.inf if whole else self.start,
             rows_until=math.inf if whole else end,
             passage=PassageSeries(
