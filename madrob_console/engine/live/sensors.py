@@ -29,7 +29,7 @@ from scoring.protocol import (
     Signal,
     Thresholds,
 )
-from scoring.rest import HandleRest, rest_of
+from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
 from scoring.samples import HandleSample, PassageSample, Sample
 
 _ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
@@ -118,9 +118,15 @@ class Sensors:
         return self._force if self._fresh(Signal.HANDLE, now) else None
 
     def handle_rest(self, now: float) -> HandleRest | None:
-        """Raw handle force of the last second, by the time of reception; None unless fresh."""
+        """Raw handle force of the last second, by the time of reception.
+
+        None unless fresh, and while there is next to nothing of it yet.
+        """
         recent = [each for each in self._forces if each[0] >= now - self.limits.averaging]
         if not recent or not self._fresh(Signal.HANDLE, now):
+            return None
+        began = recent[-1][0] - recent[0][0] < self.limits.averaging / 2
+        if began and len(recent) < FEWEST_SAMPLES:
             return None
         return rest_of(*zip(*recent, strict=True))
 
