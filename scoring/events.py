@@ -88,7 +88,7 @@ class EventDetector:
         ruleset: Ruleset = PROTOCOL,
         handle_zero: float = 0.0,
     ) -> None:
-        self._condition = condition
+        self._starting, self._destination = condition.starting_side, condition.destination_side
         self._start = start
         self._thresholds = thresholds
         self._ruleset = ruleset
@@ -110,6 +110,7 @@ class EventDetector:
             strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
             for strip in Strip
         }
+        self._occupied = dict.fromkeys(Side, 0)  # so many sensors of each side have something below
         self._falls: list[tuple[float, Side]] = []
         self._newest_fall: tuple[float, Side] | None = None
         self._crossed_since: float | None = None
@@ -181,6 +182,7 @@ class EventDetector:
             known, before = len(level.edges), level.state
             if level.update(sample.time, present, self._start):
                 self.changes += 1
+                self._occupied[sensor.side] += bool(level.state) - bool(before)
                 if present is not before or len(level.edges) > known:
                     self._follow_sensor(sensor, level.edges[known:], sample.time)
 
@@ -196,19 +198,13 @@ class EventDetector:
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
-        destination = self._condition.destination_side
-        fall = self._newest_fall
-        fell_there = fall is not None and fall[1] is destination
-        holds = not self._side_occupied(self._condition.starting_side) and (
-            fell_there or self._side_occupied(destination)
-        )
+        fall, occupied = self._newest_fall, self._occupied
+        fell_there = fall is not None and fall[1] is self._destination
+        holds = not occupied[self._starting] and (fell_there or occupied[self._destination] > 0)
         if not holds:
             self._crossed_since = None
         elif self._crossed_since is None:
             self._crossed_since = time
-
-    def _side_occupied(self, side: Side) -> bool:
-        return any(level.state for s, level in self._sensors.items() if s.side is side)
 
     def _feed_latch(self, sample: LatchSample) -> None:
         previous, before = self.latch_engaged, self._latch_seen
@@ -234,7 +230,7 @@ class EventDetector:
         crossed = self._crossed_since
         if stop is not None:
             left = self._leaves(stop)
-            reached = left is not None and left[1] is self._condition.destination_side
+            reached = left is not None and left[1] is self._destination
             crossed = left[0] if left is not None and reached else None
             touch = touch if touch is not None and touch <= stop else None
         return Evidence(
@@ -321,9 +317,8 @@ class EventDetector:
         if self._ruleset.passage_events_to_end:
             return self._newest_fall
         if stop is None:
-            occupied = any(level.state for level in self._sensors.values())
-            return None if occupied else self._newest_fall
-        starting, destination = self._condition.starting_side, self._condition.destination_side
+            return None if any(self._occupied.values()) else self._newest_fall
+        starting, destination = self._starting, self._destination
         at_stop = {side: self._occupied_at(side, stop) for side in Side}
         if all(at_stop.values()):
             cleared = {side: self._cleared_after(side, stop) for side in Side}

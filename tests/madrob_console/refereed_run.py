@@ -46,13 +46,12 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.take_back import last_decision
-from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.rebuild import Change, act_of
 from madrob_console.referee.run import Phase, TeamWord
 from scoring.protocol import Condition
-from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.drive import make_setup, signed
 from tests.madrob_console.engine_process import BY_HAND, ZERO_NEEDS, EngineProcess
 from tests.watching import until
 
@@ -155,10 +154,13 @@ class Referee:
         self._disk_back = disk_back
         self._number = 0
 
-    def _finalise(self, number: int) -> Finalise:
-        """With what is undecided named: a busy machine leaves gaps, and gaps are doubts."""
-        left = tuple(flag.words for flag in undecided(self._engine.snapshot().flags))
-        return Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee", f"first, {number}", left)
+    def sign(self, word: TeamWord, note: str) -> None:
+        """Finalise, as soon as it is possible.
+
+        Raises:
+            EngineGoneError: the engine ended.
+        """
+        self.insist(lambda n: signed(self.snapshot(), word, f"{note}, {n}"))
 
     def whole_run(self) -> None:
         """From the set-up to the second issue.
@@ -169,14 +171,14 @@ class Referee:
         self.start()
         self.insist(lambda n: AddNote(f"in the run, {n}"))
         self.until(lambda s: s.result is not None)
-        self.insist(self._finalise)
+        self.sign(TeamWord.ACKNOWLEDGED, "first")
         self.insist(lambda n: Reissue(f"the protest, {n}"))
         self.insist(lambda n: AddNote(f"after it, {n}"))
         self.insist(lambda n: Void(f"unsafe, {n}"))
         self.until(lambda s: Finalise.name not in s.refusals)
         self.insist(lambda n: Correct(_SUBJECT, _OTHER_WAY, f"typed wrongly, {n}"))
         self.take_back()
-        self.insist(lambda n: Finalise(TeamWord.PROTESTED, "R. Eferee", f"second, {n}"))
+        self.sign(TeamWord.PROTESTED, "second")
         self.until(lambda s: not any("NOT on disk" in f or "journal" in f for f in s.faults))
 
     def start(self, **setup: float) -> None:
@@ -374,12 +376,12 @@ def _not_closed(engine: EngineProcess) -> Iterator[str]:
     """Each run that was cut off can be opened, scored and finalised."""
     cut_off = {run.folder for run in find_unfinished(engine.results)}
     until(lambda: cut_off <= {run.folder for run in engine.snapshot().unfinished})
-    final = Finalise(TeamWord.ABSENT, "R. Eferee", "closed later")
     for run in engine.snapshot().unfinished:
         try:
             refused = engine.client.ask(OpenRun(run.folder, invalid=run.started is None))
             if refused is None:
-                engine.wait_for(lambda s: s.result is not None and final.name not in s.refusals)
+                engine.wait_for(lambda s: s.result is not None and Finalise.name not in s.refusals)
+                final = signed(engine.snapshot(), TeamWord.ABSENT, "closed later")
                 refused = engine.client.ask(Perform.of(final))
         except (MadrobError, AssertionError) as error:
             refused = str(error)

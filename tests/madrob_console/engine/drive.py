@@ -12,9 +12,11 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.scorer import Scorer
+from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
-from madrob_console.referee.run import CheckName, Phase, RunSetup
+from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
+from madrob_console.referee.flags import undecided
+from madrob_console.referee.run import CheckName, Phase, RunSetup, TeamWord
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -143,3 +145,9 @@ def make_setup(
         ruleset=ruleset,
         lock_detection=lock_detection,
     )
+
+
+def signed(snapshot: Snapshot, word: TeamWord = TeamWord.ACKNOWLEDGED, note: str = "") -> Finalise:
+    """With what is undecided named: a robot at random or a busy machine brings doubts."""
+    left = tuple(flag.words for flag in undecided(snapshot.flags))
+    return Finalise(word, "R. Eferee", note, left)

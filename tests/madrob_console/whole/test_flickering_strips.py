@@ -23,31 +23,34 @@ SHOWN = 0.1  # s between two states for the screens
 STRIPS = [m.topic for m in DEFAULT_MAPPINGS if "/passage/" in m.topic]
 
 
-def flickering() -> Edit:
-    """Somebody is there in each second message."""
-    heights = cycle([1.2, 3.0])
-    return lambda message: set_value(message, next(heights))
+NOBODY, SOMEBODY = 3.0, 1.2  # m to what is below
 
 
-@pytest.mark.slow
-def test_strips_that_flicker_for_five_minutes_hold_nothing_up(tmp_path: Path) -> None:
-    assert len(STRIPS) == 4
-    drive = FaultyDrive(tmp_path)
-    drive.act(SetUp(make_setup(timeout=LASTING, countdown=1.0)))
+def ranges(*heights: float) -> Edit:
+    """These in turn."""
+    turn = cycle(heights)
+    return lambda message: set_value(message, next(turn))
+
+
+def lasting_run(results: Path, timeout: float, *heights: float) -> tuple[list[float], float]:
+    """A run that ends by its timeout: processor time of the engine, s a second of each part of it,
+    and of scoring the bag again, s a second of the run."""
+    drive = FaultyDrive(results)
+    drive.act(SetUp(make_setup(timeout=timeout, countdown=1.0)))
     drive.wait(2.1)
     drive.act(ZeroHandle(), ConfirmPose())
     drive.begin()
     for topic in STRIPS:
-        drive.faulty.fake(topic, flickering())
+        drive.faulty.fake(topic, ranges(*heights))
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     parts = []
     for _ in range(PARTS):
         drive.faulty.handed.clear()
         began = time.process_time()
-        for _ in range(round((LASTING - 2.0) / PARTS / SHOWN)):
+        for _ in range(round((timeout - 2.0) / PARTS / SHOWN)):
             drive.wait(SHOWN)
             drive.engine.snapshot()
-        parts.append(time.process_time() - began)
+        parts.append((time.process_time() - began) / (timeout / PARTS))
     result = drive.result()
     assert result.outcome is Outcome.TIMEOUT
     folder = drive.engine.folder
@@ -55,13 +58,21 @@ def test_strips_that_flicker_for_five_minutes_hold_nothing_up(tmp_path: Path) ->
     drive.engine.close()
     began = time.process_time()
     again = next(score(folder)).result
-    scoring = time.process_time() - began
-    print(
-        f"\nall strips flickering for {LASTING:g} s: the engine took "
-        f"{', '.join(f'{part:.2f}' for part in parts)} s for each {LASTING / PARTS:g} s; scoring "
-        f"the bag again {scoring:.2f} s"
-    )
+    scoring = (time.process_time() - began) / timeout
     assert again == result
+    return parts, scoring
+
+
+@pytest.mark.slow
+def test_strips_that_flicker_for_five_minutes_hold_nothing_up(tmp_path: Path) -> None:
+    assert len(STRIPS) == 4
+    quiet, scoring_quiet = lasting_run(tmp_path / "quiet", LASTING / 3, NOBODY)
+    parts, scoring = lasting_run(tmp_path / "flickering", LASTING, SOMEBODY, NOBODY)
+    print(
+        f"\nall strips flickering for {LASTING:g} s, processor time a second of the run: engine "
+        f"{', '.join(f'{1e3 * part:.0f}' for part in parts)} ms ({1e3 * max(quiet):.0f} without), "
+        f"scoring again {1e3 * scoring:.1f} ms ({1e3 * scoring_quiet:.1f} without)"
+    )
     assert max(parts) <= 1.5 * min(parts)
-    assert sum(parts) <= 0.5 * LASTING
-    assert scoring <= LASTING / 100
+    assert max(parts) <= 2.0 * max(quiet)
+    assert scoring <= 2.0 * scoring_quiet

@@ -24,6 +24,7 @@ from madrob_console.referee.run import Phase, TeamWord
 from recorder.reader import read_bag
 from scoring.protocol import POST_ROLL, Outcome
 from scoring.result import Result
+from tests.madrob_console.engine.drive import signed
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.fault_table import Row, fault_table
 from tests.madrob_console.refereed_run import Referee, what_is_wrong
@@ -244,7 +245,7 @@ def finalised(case: Case, referee: Referee, frozen: Frozen, seen: Seen) -> None:
     referee.start()
     referee.until(lambda s: s.result is not None)
     pressed(case, frozen)
-    refused = referee.do(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee", "first"))
+    refused = referee.do(signed(referee.snapshot(), note="first"))
     seen.delays["answered"] = referee.notes.slowest(Finalise)
     seen.expect(
         seen.delays["answered"] <= ANSWERED, f"answered after {seen.delays['answered']:.2f} s"
@@ -254,10 +255,10 @@ def finalised(case: Case, referee: Referee, frozen: Frozen, seen: Seen) -> None:
         time.sleep(1.0)
         phase = referee.snapshot().run.phase
         seen.expect(phase is Phase.STOPPED, f"refused, and then {phase}")
-        referee.insist(lambda n: Finalise(TeamWord.PROTESTED, "R. Eferee", f"second, {n}"))
+        referee.sign(TeamWord.PROTESTED, "second")
     frozen.wait_thawed()
     referee.insist(lambda n: Reissue(f"the protest, {n}"))
-    referee.insist(lambda n: Finalise(TeamWord.PROTESTED, "R. Eferee", f"third, {n}"))
+    referee.sign(TeamWord.PROTESTED, "third")
 
 
 _HOW = {

@@ -24,18 +24,17 @@ from madrob_console.engine.shown.requests import Role
 from madrob_console.referee.acts import (
     Abort,
     DeclareTimeout,
-    Finalise,
     MarkIncident,
     Reissue,
     Rule,
 )
 from madrob_console.referee.journal import Journal
-from madrob_console.referee.run import IncidentKind, TeamWord
+from madrob_console.referee.run import IncidentKind
 from madrob_console.testbeds.simulated import Scenario
 from recorder.writer import BagWriter
 from scoring.evaluate import Assessment
 from scoring.protocol import Condition, Step
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine_process import EngineProcess
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -95,7 +94,7 @@ class Day:
             drive.wait(0.1)
             engine.snapshot()  # as often as screens look
         drive.act(Rule(Step.CROSS, confirmed=True, reason="seen"))
-        drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
+        drive.act(signed(engine.snapshot()))
         assert engine.result_problem is None
         assert engine.folder is not None
         folder = engine.folder
