@@ -54,6 +54,7 @@ class DecidingEdge:
         since: time of the reading before, s since the epoch; None where it is no reading's.
         readings: on so many consecutive ones it rests, before or after it, whichever is less.
         alone: it rests on one passage sensor only, for so long, s; None = on more, or on others.
+        also: indicators that use it besides those of its kind, by the rules of the run.
     """
 
     kind: EdgeKind
@@ -62,6 +63,12 @@ class DecidingEdge:
     since: float | None
     readings: int
     alone: float | None = None
+    also: tuple[Name, ...] = ()
+
+    @property
+    def indicators(self) -> tuple[Name, ...]:
+        """All that use it."""
+        return (*self.kind.indicators, *self.also)
 
 
 def first_rise(

@@ -69,13 +69,13 @@ def edge_doubts(
     for edge in edges:
         if edge.readings < limits.least_readings:
             samples = f"{edge.readings} sample{'s' if edge.readings != 1 else ''}"
-            yield edge.kind.indicators, f"{edge.kind.words} rests on {samples}"
+            yield edge.indicators, f"{edge.kind.words} rests on {samples}"
             continue
         counter = counters.get(edge.signal)
         tolerance = (counter.interval or 0.0) / 2 if counter is not None else 0.0
         if edge.alone is not None and edge.alone + tolerance < limits.least_hold:
             alone = f"one passage sensor for {1000 * edge.alone:.0f} ms"
-            yield edge.kind.indicators, f"{edge.kind.words} rests on {alone}"
+            yield edge.indicators, f"{edge.kind.words} rests on {alone}"
 
 
 def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
@@ -92,10 +92,10 @@ def _gaps_near_edges(g: Grounds) -> Iterator[Doubt]:
             blind = _gap_near(_holes(g, Signal.DOOR), edge.time, limits.gap_reach)
             if blind is not None:
                 words = f"door angle: no sample for {blind:.3f} s near {edge.kind.words}"
-                yield edge.kind.indicators, words
+                yield edge.indicators, words
         if gap is not None:
             near = f"near {edge.kind.words}"
-            yield edge.kind.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"
+            yield edge.indicators, f"{edge.signal.value}: no sample for {gap:.3f} s {near}"
 
 
 def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
@@ -184,7 +184,7 @@ def _spikes(g: Grounds) -> Iterator[Doubt]:
     for edge in g.edges:
         if edge.signal is Signal.DOOR and edge.time in made:
             words = f"{edge.kind.words} is a step of one sample and back"
-            yield edge.kind.indicators, words
+            yield edge.indicators, words
 
 
 def _clipped(g: Grounds) -> Iterator[Doubt]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scoring.deciding import (
     DecidingEdge,
@@ -285,7 +285,8 @@ class EventDetector:
         rises = [(v.edges[0].time, s) for s, v in self._sensors.items() if v.edges]
         if rises:
             time, sensor = min(rises, key=lambda rise: rise[0])
-            found.append(passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time))
+            arrival = passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time)
+            found.append(replace(arrival, also=self._ruleset.capability.arrival_decides))
         locked = next((e for e in reversed(self._latch) if e.value and e.time <= end), None)
         if locked is not None and locked.since is not None:
             # one that speaks only when it changes was looked at in between

@@ -77,6 +77,12 @@ class CapabilityRule(Enum):
     STEPS_IN_ORDER = auto()
     EVENTS_IN_ANY_ORDER = auto()
 
+    @property
+    def arrival_decides(self) -> tuple[IndicatorName, ...]:
+        """The level counts the arrival under the passage sensors only as an event."""
+        counted = self is CapabilityRule.EVENTS_IN_ANY_ORDER
+        return (IndicatorName.CAPABILITY_LEVEL,) if counted else ()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ruleset:

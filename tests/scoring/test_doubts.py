@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import EventName, Outcome, Side, Thresholds
-from scoring.result import Ending, Result
+from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.samples import PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,
@@ -22,92 +21,24 @@ from tests.scoring.clean_run import (
     clean,
     door_fault,
     force_fault,
-    late,
     lost,
-    one_sample,
     passage_fault,
     scored,
 )
+from tests.scoring.disturbances import (
+    DISTURBANCES,
+    EXECUTION,
+    LEVEL,
+    OCCUPATION,
+    PASSAGE,
+    ROUGHNESS,
+    SMOOTHNESS,
+    TOUCH,
+    UNSAFETY,
+    force_spike,
+    spike,
+)
 from tests.scoring.runs import CONDITION, START
-
-LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
-OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
-UNSAFETY, SMOOTHNESS = Name.UNSAFETY_OF_DOOR_OPERATION, Name.SMOOTHNESS_OF_DOOR_ACTUATION
-ROUGHNESS = Name.ROUGHNESS_OF_DOOR_ACTUATION
-
-
-def spike(at: float, value: float) -> Fault:
-    since, until = one_sample(round(at * RATE))
-    return door_fault(lambda t, angle: value if since <= t < until else angle)
-
-
-def force_spike(at: float, value: float) -> Fault:
-    since, until = one_sample(round(at * RATE))
-    return force_fault(lambda t, force: value if since <= t < until else force)
-
-
-def some_lost(part: float) -> Fault:
-    random = np.random.RandomState(3)
-    return door_fault(lambda _, angle: None if random.random_sample() < part else angle)
-
-
-def jittered(deviation: float) -> Fault:
-    random = np.random.RandomState(4)
-
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if isinstance(sample, DoorSample):
-                time = sample.time + float(deviation * random.standard_normal())
-                spoilt.append(DoorSample(time, sample.log_time, sample.angle))
-            else:
-                spoilt.append(sample)
-        return spoilt
-
-    return spoil
-
-
-def quivering(t: float, angle: float) -> float:
-    """Closed, but one count about 0.03 rad for 1 s."""
-    return (0.0305 if int(t * RATE) % 2 else 0.0288) if 12.0 < t < 13.0 else angle
-
-
-CASES: dict[str, tuple[Fault, set[Name]]] = {
-    "one sample on the starting side after the crossing": (
-        passage_fault(Side.CCW, *one_sample(375), there=True),
-        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
-    ),
-    "one sample on the destination side before": (
-        passage_fault(Side.CW, *one_sample(50), there=True),
-        {OCCUPATION},
-    ),
-    "one sample on the starting side at 1 s": (
-        passage_fault(Side.CCW, *one_sample(50), there=True),
-        {OCCUPATION},
-    ),
-    "one force sample of 5 N": (force_spike(0.5, 5.0), {TOUCH, PASSAGE, LEVEL}),
-    "one angle spike of 0.5 rad": (spike(7.0, 0.5), {SMOOTHNESS, UNSAFETY}),
-    "one angle spike after the closing": (
-        spike(11.7, 0.5),
-        {SMOOTHNESS, UNSAFETY, EXECUTION, PASSAGE, LEVEL},
-    ),
-    "5 % of door samples lost": (some_lost(0.05), {SMOOTHNESS, UNSAFETY}),
-    "1 % of door samples lost": (some_lost(0.01), {SMOOTHNESS, UNSAFETY}),
-    "stamps jitter by 2 ms": (jittered(0.002), {SMOOTHNESS, UNSAFETY}),
-    "force clipped at 20 N": (force_fault(lambda _, f: min(f, 20.0)), {ROUGHNESS}),
-    "force stuck after the touch": (
-        force_fault(lambda t, f: f if t < 2.1 else 11.0),
-        {ROUGHNESS, TOUCH},
-    ),
-    "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
-    "zero drifts by 1.5 N": (
-        force_fault(lambda t, f: f + (1.5 if t > 3 else 0.0)),
-        {ROUGHNESS, TOUCH},
-    ),
-    "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),
-    "door lost over its closing": (lost(11.0, 11.3), {EXECUTION, PASSAGE, LEVEL}),
-    "handle's stamps 50 ms behind": (late(HandleSample, 0.05), {PASSAGE}),
-}
 
 
 def doubted(result: Result) -> set[Name]:
@@ -121,13 +52,45 @@ def test_a_clean_run_has_no_doubts() -> None:
             assert not doubted(result), result.indicators
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", DISTURBANCES)
 def test_what_a_fault_spoils_is_doubted(case: str) -> None:
-    fault, expected = CASES[case]
+    fault, expected = DISTURBANCES[case]
     result = scored(fault(clean()))
     assert expected <= doubted(result)
     for indicator in result.indicators.values():
         assert all(words and words.isprintable() for words in indicator.doubts)
+
+
+REAL = {"door quivers about 0.03 rad": {SMOOTHNESS}, "handle's stamps 50 ms behind": {TOUCH}}
+"""What moves and is no fault by the rules: a door that does quiver is less smooth; no second topic
+tells that all stamps of the handle are late."""
+STAYS_OPEN = {EXECUTION, PASSAGE}
+"""A door that quivers is not closed under rules with a hysteresis."""
+
+
+@pytest.mark.parametrize("rules", [PROTOCOL, EUROBENCH_2020, ROBUST_2026], ids=lambda r: r.name)
+def test_a_value_that_a_fault_moves_is_never_without_a_doubt(rules: Ruleset) -> None:
+    """Moved: by more than both uncertainties. With `-s` it prints what moves."""
+    plain = scored(clean(), rules).indicators
+    print(f"\n| {rules.name}: disturbance | moves |\n| -- | -- |")
+    for case, (fault, _) in DISTURBANCES.items():
+        spoilt = scored(fault(clean()), rules).indicators
+        moved = {name for name in Name if not agree(plain[name], spoilt[name])}
+        told = (
+            f"{name} {plain[name].text} -> {spoilt[name].text}" for name in Name if name in moved
+        )
+        print(f"| {case} | {'; '.join(told)} |")
+        real = REAL.get(case, set())
+        if rules is ROBUST_2026 and SMOOTHNESS in real:
+            real = real | STAYS_OPEN
+        assert not [n for n in moved - real if not spoilt[n].doubts], case
+
+
+def agree(one: Indicator, other: Indicator) -> bool:
+    if one.value is None or other.value is None:
+        return one.value is other.value
+    worth = [v.uncertainty.expanded if v.uncertainty else 0.0 for v in (one, other)]
+    return abs(one.value - other.value) <= math.hypot(*worth) + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -141,7 +104,10 @@ def test_what_a_fault_spoils_is_doubted(case: str) -> None:
 )
 def test_one_bad_sample_turns_no_decision_of_the_robust_rules(case: str) -> None:
     samples = clean()
-    plain, spoilt = scored(samples, ROBUST_2026), scored(CASES[case][0](samples), ROBUST_2026)
+    plain, spoilt = (
+        scored(samples, ROBUST_2026),
+        scored(DISTURBANCES[case][0](samples), ROBUST_2026),
+    )
     for name in (LEVEL, EXECUTION, TOUCH, OCCUPATION, PASSAGE):
         assert spoilt.indicators[name].value == pytest.approx(
             plain.indicators[name].value, abs=0.05
@@ -150,7 +116,7 @@ def test_one_bad_sample_turns_no_decision_of_the_robust_rules(case: str) -> None
 
 
 def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
-    spoilt = CASES["door quivers about 0.03 rad"][0](clean())
+    spoilt = DISTURBANCES["door quivers about 0.03 rad"][0](clean())
     openings = [
         sum(event.event is EventName.DOOR_OPENS for event in scored(spoilt, rules).events)
         for rules in (PROTOCOL, ROBUST_2026)
@@ -162,7 +128,7 @@ def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
 def test_a_touch_that_did_not_hold_is_doubted_while_the_run_goes_on() -> None:
     run = Assessment(CONDITION, START)
     doubted_at = []
-    for sample in CASES["one force sample of 5 N"][0](clean()):
+    for sample in DISTURBANCES["one force sample of 5 N"][0](clean()):
         run.feed(sample)
         if TOUCH in run.provisional_doubts():
             doubted_at.append(sample.time - START)
@@ -260,7 +226,7 @@ def test_doubts_change_no_value() -> None:
         spike_velocity=1e9, clipped=10**6, stuck_time=1e9, drift=1e9, chatter=10**6,
         delay_intervals=1e9, rate=1e9,
     )  # fmt: skip
-    for fault, _ in CASES.values():
+    for fault, _ in DISTURBANCES.values():
         samples = fault(clean())
         with_doubts, without = scored(samples), scored(samples, thresholds=Thresholds(doubt=never))
         assert not doubted(without)

@@ -375,17 +375,20 @@ def test_reading_runs_needs_no_numeric_library() -> None:
 
 
 @pytest.mark.slow
-def test_10000_runs_come_from_the_index_within_a_fifth_of_a_second(tmp_path: Path) -> None:
+def test_10000_runs_come_from_the_index_ten_times_as_fast_as_from_their_results(
+    tmp_path: Path,
+) -> None:
     count = 10_000
     for number in range(count):
         write(tmp_path, summary(number // 200 + 1, number % 20 + 1, number // 20 % 10 + 1))
-    History(tmp_path).refresh()
-    took = []
-    for _ in range(5):
-        before = time.perf_counter()
+
+    def took() -> float:
+        before = time.process_time()
         assert len(History(tmp_path).refresh()) == count
-        took.append(time.perf_counter() - before)
-    assert min(took) < 0.2
+        return time.process_time() - before
+
+    first = took()
+    assert min(took() for _ in range(5)) < first / 10
 
 
 # ---------------------------------------------------------------- which runs

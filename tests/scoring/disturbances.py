@@ -1,0 +1,98 @@
+"""Disturbances of a recording, and the indicators that each of them spoils (section 11)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scoring.indicator_table import IndicatorName as Name
+from scoring.protocol import Side
+from scoring.samples import DoorSample, HandleSample, Sample
+from tests.scoring.clean_run import (
+    RATE,
+    Fault,
+    door_fault,
+    force_fault,
+    late,
+    lost,
+    one_sample,
+    passage_fault,
+)
+
+LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
+OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
+UNSAFETY, SMOOTHNESS = Name.UNSAFETY_OF_DOOR_OPERATION, Name.SMOOTHNESS_OF_DOOR_ACTUATION
+ROUGHNESS = Name.ROUGHNESS_OF_DOOR_ACTUATION
+
+
+def spike(at: float, value: float) -> Fault:
+    since, until = one_sample(round(at * RATE))
+    return door_fault(lambda t, angle: value if since <= t < until else angle)
+
+
+def force_spike(at: float, value: float) -> Fault:
+    since, until = one_sample(round(at * RATE))
+    return force_fault(lambda t, force: value if since <= t < until else force)
+
+
+def some_lost(part: float) -> Fault:
+    random = np.random.RandomState(3)
+    return door_fault(lambda _, angle: None if random.random_sample() < part else angle)
+
+
+def jittered(deviation: float) -> Fault:
+    random = np.random.RandomState(4)
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt: list[Sample] = []
+        for sample in samples:
+            if isinstance(sample, DoorSample):
+                time = sample.time + float(deviation * random.standard_normal())
+                spoilt.append(DoorSample(time, sample.log_time, sample.angle))
+            else:
+                spoilt.append(sample)
+        return spoilt
+
+    return spoil
+
+
+def quivering(t: float, angle: float) -> float:
+    """Closed, but one count about 0.03 rad for 1 s."""
+    return (0.0305 if int(t * RATE) % 2 else 0.0288) if 12.0 < t < 13.0 else angle
+
+
+DISTURBANCES: dict[str, tuple[Fault, set[Name]]] = {
+    "one sample on the starting side after the crossing": (
+        passage_fault(Side.CCW, *one_sample(375), there=True),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "one sample on the destination side before": (
+        passage_fault(Side.CW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one sample on the starting side at 1 s": (
+        passage_fault(Side.CCW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one force sample of 5 N": (force_spike(0.5, 5.0), {TOUCH, PASSAGE, LEVEL}),
+    "one angle spike of 0.5 rad": (spike(7.0, 0.5), {SMOOTHNESS, UNSAFETY}),
+    "one angle spike after the closing": (
+        spike(11.7, 0.5),
+        {SMOOTHNESS, UNSAFETY, EXECUTION, PASSAGE, LEVEL},
+    ),
+    "5 % of door samples lost": (some_lost(0.05), {SMOOTHNESS, UNSAFETY}),
+    "1 % of door samples lost": (some_lost(0.01), {SMOOTHNESS, UNSAFETY}),
+    "stamps jitter by 2 ms": (jittered(0.002), {SMOOTHNESS, UNSAFETY}),
+    "force clipped at 20 N": (force_fault(lambda _, f: min(f, 20.0)), {ROUGHNESS}),
+    "force stuck after the touch": (
+        force_fault(lambda t, f: f if t < 2.1 else 11.0),
+        {ROUGHNESS, TOUCH},
+    ),
+    "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
+    "zero drifts by 1.5 N": (
+        force_fault(lambda t, f: f + (1.5 if t > 3 else 0.0)),
+        {ROUGHNESS, TOUCH},
+    ),
+    "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),
+    "door lost over its closing": (lost(11.0, 11.3), {EXECUTION, PASSAGE, LEVEL}),
+    "handle's stamps 50 ms behind": (late(HandleSample, 0.05), {PASSAGE}),
+}
