@@ -51,7 +51,7 @@ FAST, SLOW = 4.0, 2.0
 """How fast the testbed is; slower where many wait side by side for a disk that hangs."""
 ALL_FROM = 300
 """`--runs` from which every call is tried."""
-SHARES = 10
+SHARES = 20
 """Of which a smaller number of runs tries one."""
 LONG_HANG, SHORT_HANG = 60.0, 6.0  # s; longer than screens wait for an answer
 AT_A_TIME, HANGING = 6, 12
