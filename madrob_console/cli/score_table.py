@@ -81,12 +81,13 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def _value(indicator: Indicator) -> str:
-    if indicator.value is None:
+    """With the digits that it has: where its uncertainty is 0, all that mean something."""
+    value, known = indicator.value, indicator.uncertainty
+    if value is None:
         return _NONE
-    known = indicator.uncertainty
-    if known is None or not known.expanded:
-        return _number(indicator.value, "")
-    return value_text(indicator.value, known)
+    if known is None:
+        return _number(value)
+    return value_text(value, known) if known.expanded else _exact(_number(value))
 
 
 def _difference(one: Indicator, two: Indicator) -> str:
@@ -96,5 +97,10 @@ def _difference(one: Indicator, two: Indicator) -> str:
     return _number(by, "+") if by else "="
 
 
-def _number(value: float, sign: str) -> str:
+def _number(value: float, sign: str = "") -> str:
+    """Times of the epoch, of which values are made, have no more than six decimals."""
     return f"{value:{sign}d}" if isinstance(value, int) else f"{value:{sign}.6f}"
+
+
+def _exact(number: str) -> str:
+    return number.rstrip("0").rstrip(".") if "." in number else number

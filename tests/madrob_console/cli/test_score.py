@@ -463,3 +463,16 @@ def test_a_result_for_people_has_uncertainties_and_doubts() -> None:
     beside = "\n".join(comparison_lines([result, one.result]))
     assert re.search(r"^time to handle +3\.20\? ", beside, re.MULTILINE)
     assert beside.count(f"doubt: {touch}") == 1
+
+
+def exactly(value: float) -> Indicator:
+    return Indicator(value, "s", None, Uncertainty(0.0, 0.0))
+
+
+def test_an_exact_value_has_the_digits_that_it_has() -> None:
+    (run,) = runs_at(recorded(Scenario.NOMINAL))
+    (one,) = score_run(run, (None,))
+    for value, words in ((299.99999976, "300"), (12.3456, "12.3456"), (0.0, "0"), (4, "4")):
+        told = {IndicatorName.EXECUTION_TIME: exactly(value)}
+        text = "\n".join(result_lines(replace(one.result, indicators=told)))
+        assert re.search(rf"^execution time +{re.escape(words)}  s$", text, re.MULTILINE)
