@@ -85,7 +85,8 @@ def add(commands: options.Commands) -> None:
         "--ruleset",
         choices=[*map(str, RulesetName), _ALL],
         default=None,
-        help="the rules, or all side by side; those of the run if not given",
+        help="the rules, or all side by side; those of the run if not given, protocol where "
+        "EUROBENCH's files name none",
     )
     either.add_argument(
         "--check",
@@ -100,7 +101,8 @@ def add(commands: options.Commands) -> None:
         default=None,
         help="write EUROBENCH's files of each run by these rules (csv, condition, run_info, the "
         "indicators' YAML) into a new folder in FOLDER, called like the run; the run's own folder "
-        "stays as it is",
+        "stays as it is. run_info says by which rules the files were made and whether the run is "
+        "practice or simulated; csv files without it say neither",
     )
     parser.add_argument("--json", action="store_true", help="JSON for programs")
     options.add_jobs(parser, "scored")

@@ -428,6 +428,48 @@ def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
     assert {path.name for path in (tmp_path / "written").iterdir()} == {first, *others}
 
 
+def test_written_files_say_of_what_run_they_are_and_by_which_rules_they_were_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = recorded(Scenario.NOMINAL)
+    assert score("--write", "eurobench-2020", tmp_path, run) == 0
+    capsys.readouterr()
+    (bag,), (files,) = (
+        scored(capsys, *given)
+        for given in (("--ruleset", "eurobench-2020", run), (tmp_path / run.name,))
+    )
+    assert files["ruleset"] == "eurobench-2020"
+    values = ({k: one["value"] for k, one in of["indicators"].items()} for of in (bag, files))
+    assert next(values) == next(values)
+    assert [flag["words"] for flag in files["flags"]] == ["SIMULATED: not an official result"]
+    (other,) = scored(capsys, "--ruleset", "protocol", tmp_path / run.name)
+    assert other["ruleset"] == "protocol"
+    next((tmp_path / run.name).glob("run_info_*")).unlink()
+    (bare,) = scored(capsys, tmp_path / run.name)
+    assert (bare["ruleset"], bare["flags"]) == ("protocol", [])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("{practice: true}", ["PRACTICE: not an official result"]),
+        ("{practice: 'yes', source: [ros]}", []),
+        ("{source: teleport, practice: true}", ["PRACTICE: not an official result"]),
+        ("{source: ros, practice: false}", []),
+        ("[simulated]", []),
+    ],
+)
+def test_whatever_a_run_info_says_its_files_are_scored(
+    settings: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.TOUCH_ONLY), tmp_path)
+    (info,) = tmp_path.glob("run_info_*")
+    info.write_text(f"ruleset: [best]\nsettings: {settings}\n")
+    (run,) = scored(capsys, tmp_path)
+    assert run["ruleset"] == "protocol"
+    assert [flag["words"] for flag in run["flags"]] == words
+
+
 def test_files_are_written_by_one_ruleset_of_recordings_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
