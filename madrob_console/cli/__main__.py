@@ -30,7 +30,7 @@ def main() -> int:
 
 
 def run_madrob() -> int:
-    """Run `madrob eurobench` under the name and with the exit codes of EUROBENCH's program."""
+    """Run `madrob eurobench` as a program of its own, for EUROBENCH's runner."""
     sys.argv.insert(1, "eurobench")
     code: object
     try:

@@ -18,9 +18,9 @@ def add(commands: options.Commands) -> None:
         main,
         "score named EUROBENCH files as the published scripts do",
         "Writes a YAML file for each indicator into FOLDER, by the rules of eurobench-2020. The "
-        "program `run_madrob` is the same with the exit codes of EUROBENCH's: 0, and 255 for "
-        "whatever cannot be scored (here 2). The headers say which file is which; where they do "
-        "not, the order does.",
+        "headers say which file is which; where they do not, the order does. `run_madrob` is the "
+        "same as a program of its own, for EUROBENCH's runner; what cannot be scored ends it with "
+        "255 (-1) and this command with 2.",
         examples=(
             "madrob eurobench event.csv wrench.csv jointState.csv condition_1.yaml out",
             "run_madrob event.csv wrench.csv jointState.csv condition_1.yaml out",
@@ -37,7 +37,7 @@ def add(commands: options.Commands) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Score the files and write the indicators; all of them, or none."""
+    """Score the files, then write the indicators, each file whole."""
     from madrob_console.cli.score_table import result_lines
     from madrob_console.files.whole import atomic_writes
     from scoring.eurobench.published import evaluate_published

@@ -68,7 +68,7 @@ def test_the_order_of_the_files_does_not_matter_where_their_headers_tell_them_ap
     assert "ruleset eurobench-2020" in told.pop()
 
 
-def test_a_wrong_number_of_arguments_ends_in_one_line_and_eurobenchs_exit_code(
+def test_a_wrong_number_of_arguments_ends_in_one_line_and_minus_one(
     files: list[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for given in ([], files, [*files, "out", "more"]):
