@@ -230,9 +230,9 @@ def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
     plain = value == 0 or 1e-2 <= abs(value) < 1e6
     if uncertainty is None or not uncertainty.expanded:
         return f"{value:.4f}" if plain else f"{value:.4e}"
-    _, place = _rounded_up(uncertainty.expanded)
     if plain:
-        return f"{value:.{max(0, -place)}f}"
+        return f"{value:.{decimals_left(uncertainty)}f}"
+    _, place = _rounded_up(uncertainty.expanded)
     return f"{value:.{max(0, math.floor(math.log10(abs(value) or 1)) - place)}e}"
 
 
@@ -247,6 +247,12 @@ def uncertainty_text(uncertainty: Uncertainty | None) -> str:
     if -4 <= place < 6:
         return f"+- {digit * 10.0**place:.{max(0, -place)}f}"
     return f"+- {digit}e{place:+03d}"
+
+
+def decimals_left(uncertainty: Uncertainty) -> int:
+    """How many decimals an expanded uncertainty above 0 leaves of a value."""
+    _, place = _rounded_up(uncertainty.expanded)
+    return max(0, -place)
 
 
 def _rounded_up(expanded: float) -> tuple[int, int]:

@@ -9,6 +9,7 @@ import re
 import runpy
 import shlex
 import shutil
+import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
@@ -324,3 +325,29 @@ def run_as_in_the_readme(drive: Drive, condition: int, timeout: float) -> Result
         for name, one in run.result.indicators.items()
     }
     return run.result
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_what_a_package_index_shows_has_the_screen_and_needs_no_file_of_ours() -> None:
+    shown = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
+    text = ""
+    for part in shown["fragments"]:
+        piece = part["text"] if "text" in part else (ROOT / part["path"]).read_text("utf-8")
+        assert part.get("start-after", "") in piece
+        assert part.get("end-before", "") in piece
+        piece = piece.partition(part["start-after"])[2] if "start-after" in part else piece
+        text += piece.partition(part["end-before"])[0] if "end-before" in part else piece
+    for change in shown["substitutions"]:
+        text = re.sub(change["pattern"], change["replacement"], text)
+    assert "F5START" in fenced(text, "text")[0]
+    assert [match["target"] for match in _LINK.finditer(text) if "://" not in match["target"]] == []
+
+
+def test_the_package_names_the_pythons_that_are_tried() -> None:
+    language = "Programming Language :: Python :: "
+    named = [text.removeprefix(language) for text in PROJECT["project"]["classifiers"]]
+    tried = re.search(r"^pythons='(.*)'$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
+    assert tried is not None
+    assert [name for name in named if re.fullmatch(r"3\.\d+", name)] == tried[1].split()

@@ -19,7 +19,8 @@ def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[Scored
 
     Args:
         path: a bag, a run folder, a results folder, or a folder of published EUROBENCH files.
-        rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files.
+        rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files whose run
+            info names none.
 
     Returns:
         for each run, scored when it is asked for, its `result`, which is what `result.json` says

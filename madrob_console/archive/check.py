@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,9 @@ _COMPUTED = ("indicators.", "quality.")
 
 _ROUNDED, _TWO_DIGITS = ".uncertainty.", 0.1
 """Numbers of two digits: where the unrounded ones differ in the last, these may by one step."""
+
+_TRUST = re.compile(r"indicators\.\w+\.(uncertainty|doubts)\b")
+"""What says how far a value can be trusted; no value hangs on it."""
 
 _LONGEST = 80
 
@@ -77,6 +81,16 @@ class CheckedRun:
         return tuple(difference for difference in self.found if difference.grade is grade)
 
     @property
+    def of_the_rest(self) -> Grade:
+        """The worst of what was found but for uncertainties and doubts: of what was measured."""
+        return Grade.worst(each.grade for each in self.found if not _TRUST.match(each.what))
+
+    @property
+    def values_hold(self) -> bool:
+        """Whether it differs in uncertainties and doubts only."""
+        return self.grade is Grade.DIFFERS and self.of_the_rest is not Grade.DIFFERS
+
+    @property
     def words(self) -> str:
         """The verdict, on one line."""
         match grade := self.grade:
@@ -85,7 +99,10 @@ class CheckedRun:
             case Grade.CLOSE:
                 return f"{grade} ({libraries_told(self.stored_by, self.libraries)})"
             case Grade.DIFFERS:
-                return f"{grade} in {len(self.of(grade))}"
+                told = f"{grade} in {len(self.of(grade))}"
+                if not self.values_hold:
+                    return told
+                return f"{told}, only uncertainties and doubts; the values: {self.of_the_rest}"
 
     def content(self) -> dict[str, Any]:
         """What was found, for programs."""
@@ -98,6 +115,7 @@ class CheckedRun:
 
         return {
             "grade": self.grade,
+            "grade_but_for_uncertainties_and_doubts": self.of_the_rest,
             "differences": values(Grade.DIFFERS),
             "last_digits": values(Grade.CLOSE),
             "libraries": {"stored": self.stored_by, "now": self.libraries},

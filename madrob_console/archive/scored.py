@@ -26,10 +26,11 @@ from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.plain import refusal
+from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
 from madrob_console.messages.message_types import standard_types, types_of
 from madrob_console.names import terminal_safe
-from madrob_console.referee.flags import Flag, flags
+from madrob_console.referee.flags import Flag, flags, practice_flags
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.journal_mark import mark_of
 from madrob_console.referee.rebuild import Change, rebuild
@@ -37,8 +38,8 @@ from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
-from scoring.eurobench.published import evaluate_published
-from scoring.eurobench.run_files import read_run
+from scoring.eurobench.published import evaluate_published, rules_told
+from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.evaluate import Assessment, LiveAssessment
 from scoring.kinematics import load_filters
 from scoring.protocol import Condition, Outcome
@@ -133,7 +134,7 @@ class ScoredPath:
         result: by the ruleset that was asked for.
         rows: cut to the run.
         condition: of the run.
-        flags: what a decision on the run hangs on; EUROBENCH's files know of none.
+        flags: what a decision on the run hangs on; of EUROBENCH's files, whether it was practice.
     """
 
     path: Path
@@ -148,7 +149,8 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
 
     Args:
         run: what to score.
-        rules: the rulesets; None = that of the run, `protocol` for EUROBENCH files.
+        rules: the rulesets; None = that of the run; `protocol` for EUROBENCH files whose run
+            info names none.
 
     Raises:
         MadrobError: it cannot be scored; the message names path and remedy.
@@ -157,10 +159,11 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
     with _naming(run.path):
         if run.prefix:
             published = read_run(run.path, run.prefix)
-            chosen = [ruleset(name) if name else PROTOCOL for name in rules]
+            told = rules_told(published) or PROTOCOL
+            chosen = [ruleset(name) if name else told for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
             condition = published.condition
-            found = [() for _ in pairs]
+            found = [_flags_told(published) for _ in pairs]
         else:
             scored = score_recording(run.path, rules)
             pairs = [(one.result, one.rows) for one in scored]
@@ -170,6 +173,15 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
         ScoredPath(Path(run.name), result, rows, condition, flagged)
         for (result, rows), flagged in zip(pairs, found, strict=True)
     )
+
+
+def _flags_told(published: EurobenchRun) -> tuple[Flag, ...]:
+    """What the run info of files that were written by this program says of their run."""
+    settings = published.run_info.get("settings")
+    if not isinstance(settings, dict):
+        return ()
+    source = next((kind for kind in SourceKind if kind == settings.get("source")), None)
+    return tuple(practice_flags(source, practice=settings.get("practice") is True))
 
 
 def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -> list[Scored]:

@@ -42,11 +42,13 @@ class RunText(NamedTuple):
         text: lines for people, or one JSON document; empty where there is a problem.
         problem: why it cannot be scored, on one line; None = it can.
         grade: what a check found; None = nothing was checked.
+        values_hold: whether it differs in uncertainties and doubts only.
     """
 
     text: str
     problem: str | None = None
     grade: Grade | None = None
+    values_hold: bool = False
 
 
 class Destination(NamedTuple):
@@ -71,7 +73,8 @@ def add(commands: options.Commands) -> None:
         "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a results folder. "
         "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
         "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
-        "it says which), or differs: exit code 1.",
+        "it says which), or differs: exit code 1, also where only uncertainties and doubts differ; "
+        "it says then that the values hold.",
         examples=(
             "madrob score ~/madrob_runs                  # all runs",
             "madrob score --ruleset all my_run           # all rulesets side by side",
@@ -85,7 +88,8 @@ def add(commands: options.Commands) -> None:
         "--ruleset",
         choices=[*map(str, RulesetName), _ALL],
         default=None,
-        help="the rules, or all side by side; those of the run if not given",
+        help="the rules, or all side by side; those of the run if not given, protocol where "
+        "EUROBENCH's files name none",
     )
     either.add_argument(
         "--check",
@@ -100,7 +104,8 @@ def add(commands: options.Commands) -> None:
         default=None,
         help="write EUROBENCH's files of each run by these rules (csv, condition, run_info, the "
         "indicators' YAML) into a new folder in FOLDER, called like the run; the run's own folder "
-        "stays as it is",
+        "stays as it is. run_info says by which rules the files were made and whether the run is "
+        "practice or simulated; csv files without it say neither",
     )
     parser.add_argument("--json", action="store_true", help="JSON for programs")
     options.add_jobs(parser, "scored")
@@ -140,9 +145,10 @@ def main(arguments: argparse.Namespace) -> int:
     )
     scored = in_order(describe, runs, arguments.jobs, arguments.backend)
     with closing(scored) as texts, progress("runs") as tell:
-        bad, grades = _print(runs, texts, tell, as_json=arguments.json)
+        bad, grades, held = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
-        told = {Grade.DIFFERS: "differ"}
+        only = f" ({held} only in uncertainties and doubts: the values hold)" if held else ""
+        told = {Grade.DIFFERS: f"differ{only}"}
         counts = (f"{grades[grade]} {told.get(grade, grade)}" for grade in Grade)
         print(f"{', '.join(counts)}, {bad} could not be checked")
     if grades[Grade.DIFFERS]:
@@ -158,10 +164,14 @@ def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
 
 def _print(
     runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
-) -> tuple[int, Counter[Grade | None]]:
-    """Print what is said of each run as soon as it is; how many were bad, and of each grade."""
+) -> tuple[int, Counter[Grade | None], int]:
+    """Print what is said of each run as soon as it is.
+
+    Returns:
+        how many were bad, how many of each grade, and of how many that differ the values hold.
+    """
     grades: Counter[Grade | None] = Counter()
-    printed = 0
+    printed = held = 0
     if as_json:
         print('{\n  "runs": [', end="")
     tell(0, len(runs))
@@ -179,9 +189,10 @@ def _print(
                 print(one.text, flush=True)
             printed += 1
             grades[one.grade] += 1
+            held += one.values_hold
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
-    return bad.count, grades
+    return bad.count, grades, held
 
 
 def describe_run(
@@ -263,10 +274,13 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
 
     checked = check_run(run)
     if as_json:
-        return RunText(_json(run, checked.content()), grade=checked.grade)
+        return RunText(
+            _json(run, checked.content()), grade=checked.grade, values_hold=checked.values_hold
+        )
     found = checked.of(checked.grade)
     lines = [f"{run.name}: {checked.words}", *(f"  {difference.words}" for difference in found)]
-    return RunText("\n".join(map(terminal_safe, lines)), grade=checked.grade)
+    text = "\n".join(map(terminal_safe, lines))
+    return RunText(text, grade=checked.grade, values_hold=checked.values_hold)
 
 
 def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import Flag
-from scoring.result import Indicator, Result, uncertainty_text, value_text
+from scoring.result import Indicator, Result, decimals_left, uncertainty_text, value_text
 
-_NONE = "-"
+_NONE, _SPREAD = "-", "+-"
 
 
 def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
@@ -44,14 +44,16 @@ def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> I
     first, *others = results
     yield _outcome(first)
     yield from flag_lines(found)
-    heads = [first.ruleset, *(head for other in others for head in (other.ruleset, "difference"))]
-    yield _row("", heads)
+    heads = [first.ruleset, _SPREAD]
+    for other in others:
+        heads += [other.ruleset, _SPREAD, "difference"]
+    rows = [["", *heads, ""]]
     for name, one in first.indicators.items():
-        cells = [f"{_value(one)}{one.sign}"]
-        for other in others:
-            two = other.indicators[name]
-            cells += [f"{_value(two)}{two.sign}", _difference(one, two)]
-        yield f"{_row(name.words, cells)}  {one.unit}"
+        cells = [name.words, *_value_and_spread(one)]
+        for two in (other.indicators[name] for other in others):
+            cells += [*_value_and_spread(two), _difference(one, two)]
+        rows.append([*cells, one.unit])
+    yield from _aligned(rows)
     for each in results:
         for name, indicator in each.indicators.items():
             if indicator.reason is not None:
@@ -65,8 +67,19 @@ def difference(one: Indicator, two: Indicator) -> float | int | None:
     return None if one.value is None or two.value is None else two.value - one.value
 
 
-def _row(name: str, cells: Sequence[str]) -> str:
-    return f"{name:<30}" + "".join(f" {cell:>14}" for cell in cells)
+def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Rows as lines: the first and the last column to the left, all others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for first, *cells, last in rows:
+        middle = "".join(
+            f"  {cell:>{width}}" for cell, width in zip(cells, widths[1:-1], strict=True)
+        )
+        yield f"{first:<{widths[0]}}{middle}  {last}".rstrip()
+
+
+def _value_and_spread(indicator: Indicator) -> tuple[str, str]:
+    spread = uncertainty_text(indicator.uncertainty).removeprefix(f"{_SPREAD} ")
+    return f"{_value(indicator)}{indicator.sign}", spread
 
 
 def _outcome(result: Result) -> str:
@@ -81,20 +94,34 @@ def _notes(result: Result) -> Iterator[str]:
 
 
 def _value(indicator: Indicator) -> str:
-    if indicator.value is None:
+    """With the digits that it has: where its uncertainty is 0, all that mean something."""
+    value, known = indicator.value, indicator.uncertainty
+    if value is None:
         return _NONE
-    known = indicator.uncertainty
-    if known is None or not known.expanded:
-        return _number(indicator.value, "")
-    return value_text(indicator.value, known)
+    if known is None:
+        return _number(value)
+    return value_text(value, known) if known.expanded else _exact(_number(value))
 
 
 def _difference(one: Indicator, two: Indicator) -> str:
+    """With the digits that the larger of the two uncertainties leaves."""
     by = difference(one, two)
     if by is None:
         return _NONE
-    return _number(by, "+") if by else "="
+    if not by:
+        return "="
+    known = [each.uncertainty for each in (one, two) if each.uncertainty is not None]
+    widest = max(known, key=lambda each: each.expanded, default=None)
+    if widest is not None and widest.expanded:
+        return f"{by:+.{decimals_left(widest)}f}"
+    text = _number(by, "+")
+    return text if widest is None else _exact(text)
 
 
-def _number(value: float, sign: str) -> str:
+def _number(value: float, sign: str = "") -> str:
+    """Times of the epoch, of which values are made, have no more than six decimals."""
     return f"{value:{sign}d}" if isinstance(value, int) else f"{value:{sign}.6f}"
+
+
+def _exact(number: str) -> str:
+    return number.rstrip("0").rstrip(".") if "." in number else number

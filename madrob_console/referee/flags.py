@@ -194,7 +194,7 @@ def flags(
         *(_undecided_steps(steps) if counts else ()),
         *(_doubts(run, indicators) if counts else ()),
         *_void(run.voided),
-        *_practice(source, practice=run.practice),
+        *practice_flags(source, practice=run.practice),
         *_out_of_plan(beyond=run.out_of_plan),
         *_protest(run.closure),
         *_corrections(run.corrections),
@@ -270,7 +270,13 @@ def _corrections(corrections: Sequence[Correction]) -> Iterator[Flag]:
         yield Flag(FlagKind.CORRECTION, words, FlagWeight.CAUTION)
 
 
-def _practice(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
+def practice_flags(source: SourceKind | None, *, practice: bool) -> Iterator[Flag]:
+    """That a run is not official, where it is not.
+
+    Args:
+        source: where its messages came from; None = of no interest.
+        practice: whether it was set up as practice.
+    """
     if source not in (None, SourceKind.ROS):
         yield _unofficial(source)
     elif practice:

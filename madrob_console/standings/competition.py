@@ -15,7 +15,7 @@ from madrob_console.referee.flags import undecided, weighty
 from madrob_console.standings.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome
-from scoring.result import DOUBTED, value_text
+from scoring.result import DOUBTED, decimals_left
 
 CONDITION_NUMBERS = range(1, 21)
 """All that there are (section 1)."""
@@ -116,7 +116,7 @@ class CompetitionStandings:
         )
 
 
-SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: uncertainties overlap"
+SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
 """What stands behind numbers, where there is no room for more."""
 
 NOTES = (
@@ -124,6 +124,7 @@ NOTES = (
     f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
     "All conditions together: every run weighs the same.",
     "Teams stand in the order of their numbers: the protocol makes no ranking.",
+    "+-: of the mean, by measurement alone, rounded up. How much runs vary: std.",
     f"{SIGNS}.",
 )
 """How to read the numbers."""
@@ -206,24 +207,35 @@ def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str,
     return found
 
 
-def statistic_text(name: IndicatorName, value: float, width: int = 12) -> str:
-    """A statistic with the digits of its indicator, so that those of all teams are aligned.
+def statistics_text(
+    aggregate: Aggregate | None, name: IndicatorName, width: int = 12
+) -> dict[str, str]:
+    """`statistics_of` as text; what there is not is missing.
 
-    Smallest and largest counts are as they are; what is too wide is in powers of ten.
+    All have the digits of their indicator, so that those of all teams are aligned, but none that
+    the mean's uncertainty does not leave; the standard deviation, often less than 1, one more.
+
+    Args:
+        aggregate: of some runs; None = none has a value.
+        name: of the indicator.
+        width: of each text, characters.
     """
-    text = str(value) if isinstance(value, int) else f"{value:.{name.spec.decimals}f}"
+    decimals, known = name.spec.decimals, aggregate.uncertainty if aggregate else None
+    left = decimals_left(known) if known is not None and known.expanded else decimals
+    return {
+        word: _statistic_text(value, min(decimals, left + (word == "std")), width)
+        for word, value in statistics_of(aggregate, name).items()
+        if value is not None
+    }
+
+
+def _statistic_text(value: float, decimals: int, width: int) -> str:
+    """Smallest and largest counts are as they are; what is too wide is in powers of ten."""
+    text = str(value) if isinstance(value, int) else f"{value:.{decimals}f}"
     if len(text) <= width:
         return text
     powers = f"{value:.1e}"
     return powers if len(powers) <= width else f"{value:.0e}"
-
-
-def mean_text(name: IndicatorName, aggregate: Aggregate, width: int = 12) -> str:
-    """A mean with no digit that its uncertainty does not leave; else as any other statistic."""
-    known, text = aggregate.uncertainty, statistic_text(name, aggregate.mean, width)
-    if known is None or not known.expanded:
-        return text
-    return min(text, value_text(aggregate.mean, known), key=len)
 
 
 def _groups(

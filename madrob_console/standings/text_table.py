@@ -10,9 +10,7 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
-    mean_text,
-    statistic_text,
-    statistics_of,
+    statistics_text,
 )
 from madrob_console.standings.tally import Tally
 from madrob_console.standings.web_page import counts, flag_words, run_words
@@ -106,7 +104,7 @@ def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
     aggregate, signs = tally.aggregates.get(name), tally.signs(name)
     if aggregate is None:
         return f"-{signs:<{most}}" if signs else ""
-    return f"{mean_text(name, aggregate, _WIDTH - most)}{signs:<{most}}"
+    return f"{statistics_text(aggregate, name, _WIDTH - most)['mean']}{signs:<{most}}"
 
 
 def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
@@ -117,8 +115,7 @@ def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
 
 
 def _statistic(word: str, tally: Tally, name: IndicatorName) -> str:
-    value = statistics_of(tally.aggregates.get(name), name).get(word)
-    return "" if value is None else statistic_text(name, value, _WIDTH)
+    return statistics_text(tally.aggregates.get(name), name, _WIDTH).get(word, "")
 
 
 def _columns(name: str, cells: Iterable[str]) -> str:

@@ -29,9 +29,7 @@ from madrob_console.standings.competition import (
     NOTES,
     CompetitionStandings,
     RulesetStandings,
-    mean_text,
-    statistic_text,
-    statistics_of,
+    statistics_text,
 )
 from madrob_console.standings.tally import ALIKE, Overall, Tally, subjects_text
 from scoring.indicator_table import IndicatorName, unit_text
@@ -127,19 +125,12 @@ def _indicator(tally: Tally, name: IndicatorName) -> Content:
         below.append(f"{ALIKE} {subjects_text(alike)}")
     if aggregate is None:
         return f"{NONE}{signs}", [element("small", line) for line in below]
-    found = statistics_of(aggregate, name)
+    found = statistics_text(aggregate, name)
     lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
-    lines += [f"median {statistic_text(name, aggregate.median)}"]
-    if aggregate.deviation is not None:
-        lines.append(f"std {statistic_text(name, aggregate.deviation)}")
-    lines += [
-        f"{word} {statistic_text(name, found[word] or 0)}"
-        for word in ("min", "max")
-        if word in found
-    ]
+    lines += [f"{word} {text}" for word, text in found.items() if word != "mean"]
     if aggregate.count != tally.counted:
         lines.append(f"n = {aggregate.count}")
-    return element("b", f"{mean_text(name, aggregate)}{signs}"), [
+    return element("b", f"{found['mean']}{signs}"), [
         element("small", line) for line in filter(None, (*lines, *below))
     ]
 

@@ -138,11 +138,16 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
         )
 
 
-def _rules_of(run: EurobenchRun) -> Ruleset:
-    """By which rules the files were made; those of the published scripts if they do not say."""
+def rules_told(run: EurobenchRun) -> Ruleset | None:
+    """By which rules the files say that they were made; None if they do not say."""
     name = run.run_info.get("ruleset")
     known = isinstance(name, str) and name in set(RulesetName)
-    return ruleset_called(str(name)) if known else EUROBENCH_2020
+    return ruleset_called(str(name)) if known else None
+
+
+def _rules_of(run: EurobenchRun) -> Ruleset:
+    """By which rules the files were made; those of the published scripts if they do not say."""
+    return rules_told(run) or EUROBENCH_2020
 
 
 def _passage_rules(rules: Ruleset) -> tuple[object, ...]:

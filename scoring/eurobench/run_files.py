@@ -9,9 +9,10 @@ import csv
 import io
 import math
 import os
+import re
 import stat
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.protocol import Condition, Event, EventName, Thresholds
 from scoring.result import Indicator
-from scoring.rulesets import ruleset
+from scoring.rulesets import Ruleset, ruleset
 
 LARGEST_TABLE = 16 * 1024 * 1024
 """Larger CSV files are refused, bytes: a run of 300 s at 100 Hz takes 3 MB."""
@@ -56,31 +57,30 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EurobenchRun:
-    """The pre-processed data of one run, as a folder holds them.
+    """The pre-processed data of one run, as its files hold them.
 
     Attributes:
-        path: the folder.
-        subject: number of the robot.
-        run_number: number of the repetition.
-        prefix: how the names of the run's files begin.
         condition: the condition of the run.
         events: the events, by time.
         joint_state: the panel's motion, with velocity and acceleration as in the file.
         wrench: the force on the handle.
-        start_time: time of `benchmark_start`, s since the epoch.
         run_info: what `run_info_<prefix>.yaml` says; empty without that file.
     """
 
-    path: Path
-    subject: int
-    run_number: int
-    prefix: str
     condition: Condition
     events: tuple[Event, ...]
     joint_state: JointState
     wrench: Wrench
-    start_time: float
-    run_info: Mapping[str, object]
+    run_info: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def start_time(self) -> float:
+        """Time of `benchmark_start`, s since the epoch."""
+        return next(e.time for e in self.events if e.name is EventName.BENCHMARK_START)
+
+
+_TOLD_BY = ("event", "force_x", "position")
+"""The column that tells each csv file of `read_files` from the others, in the order of these."""
 
 
 def read_run(folder: Path, prefix: str) -> EurobenchRun:
@@ -96,27 +96,52 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     numbers = numbers_of(prefix)
     if numbers is None:
         raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
-    subject, condition_number, run_number = numbers
+    _, condition_number, _ = numbers
     info_path = folder / f"run_info_{prefix}.yaml"
     info = _read_mapping(info_path) if _exists(info_path) else {}
     corrected = info.get(SET_UP_AS) == prefix
-    events = _events(folder / f"{prefix}_event.csv")
     return EurobenchRun(
-        path=folder,
-        subject=subject,
-        run_number=run_number,
-        prefix=prefix,
         condition=(
             condition_from(info, str(info_path))
             if corrected
             else _condition(folder, condition_number, info_path, info)
         ),
-        events=events,
+        events=_events(folder / f"{prefix}_event.csv"),
         joint_state=_joint_state(folder / f"{prefix}_jointState.csv"),
         wrench=_wrench(folder / f"{prefix}_wrench.csv"),
-        start_time=next(e.time for e in events if e.name is EventName.BENCHMARK_START),
         run_info=info,
     )
+
+
+def read_files(paths: Sequence[Path]) -> EurobenchRun:
+    """One run of which each file is named, as EUROBENCH's scripts are given them.
+
+    Args:
+        paths: of event, wrench, jointState and condition file. Their headers say which is which;
+            where these do not, their order does.
+
+    Raises:
+        ScoringError: it cannot be read; the message names file, line and column.
+    """
+    kinds = [_kind(path) for path in paths]
+    if sorted(kinds) == list(range(len(paths))):
+        paths = [paths[kinds.index(kind)] for kind in range(len(paths))]
+    event, wrench, joint, condition = paths
+    return EurobenchRun(
+        condition=condition_from(_read_mapping(condition), str(condition)),
+        events=_events(event),
+        joint_state=_joint_state(joint),
+        wrench=_wrench(wrench),
+    )
+
+
+def _kind(path: Path) -> int:
+    """Which file of `read_files` it is, by its first line."""
+    lines = _read_text(path, LARGEST_TABLE).split("\n")
+    first = next((line for line in lines if line.strip()), "")
+    header = {cell.strip(' "\r') for cell in re.split("[,;]", first)}
+    told = (kind for kind, column in enumerate(_TOLD_BY) if column in header)
+    return next(told, len(_TOLD_BY))
 
 
 def door_stays_closed(joint: JointState, since: float, thresholds: Thresholds) -> bool:
@@ -167,7 +192,6 @@ def run_files(
         ScoringError: a setting has no form in YAML.
     """
     prefix = info.prefix
-    missing = ruleset(info.ruleset).missing_value
     files = {
         f"run_info_{prefix}.yaml": _yaml(info.mapping()),
         f"condition_{info.filed_as[1]}.yaml": _yaml(condition_mapping(info.condition)),
@@ -187,10 +211,24 @@ def run_files(
         ),
         f"{prefix}_wrench.csv": _csv({"time": wrench.time, "force_x": _or_nan(wrench.force)}),
     }
+    encoded = {name: text.encode() for name, text in files.items()}
+    return encoded | indicator_files(indicators, ruleset(info.ruleset))
+
+
+def indicator_files(
+    indicators: Mapping[IndicatorName, Indicator], rules: Ruleset
+) -> dict[str, bytes]:
+    """The YAML file of each indicator by its name.
+
+    Args:
+        indicators: what stands in them.
+        rules: say what stands there for a missing value.
+    """
+    files = {}
     for name, indicator in indicators.items():
-        value = missing if indicator.value is None else indicator.value
-        files[f"{name.value}.yaml"] = _yaml({"type": "scalar", "value": value})
-    return {name: text.encode() for name, text in files.items()}
+        value = rules.missing_value if indicator.value is None else indicator.value
+        files[f"{name.value}.yaml"] = _yaml({"type": "scalar", "value": value}).encode()
+    return files
 
 
 def _table(path: Path, *columns: str) -> CsvTable:
@@ -308,7 +346,7 @@ def _read_text(path: Path, largest: int) -> str:
 
 
 def _missing(path: Path) -> ScoringError:
-    return ScoringError(f"{path}: is missing: put it beside the other files of the run")
+    return ScoringError(f"{path}: is missing: put the run's file there")
 
 
 def _yaml(content: Mapping[str, object]) -> str:

@@ -126,6 +126,42 @@ def test_a_difference_is_told_with_both_values(
     ]
 
 
+def other_trust(document: Document) -> None:
+    document["indicators"]["time_to_handle"]["uncertainty"] = {"u": 1.0, "expanded": 2.0}
+    document["indicators"]["passage_time"]["uncertainty"] = None
+    document["indicators"]["execution_time"]["doubts"] = ["something else"]
+
+
+def test_where_only_uncertainties_and_doubts_differ_the_values_are_said_to_hold(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(run, other_trust)
+    assert check(run) == 1  # section 11 knows three grades
+    words = f"{run}: differs in 4, only uncertainties and doubts; the values: same digits\n"
+    assert capsys.readouterr().out.startswith(words)
+    change(run, rounded_otherwise)
+    assert check(run, flags=("--json",)) == 1
+    (document,) = json.loads(capsys.readouterr().out)["runs"]
+    key = "grade_but_for_uncertainties_and_doubts"
+    assert (document["grade"], document[key]) == ("differs", "equal to 1e-9")
+    change(run, lambda document: document.update(outcome="timeout"))
+    assert not check_run(RunPath(run)).values_hold
+
+
+def test_of_many_runs_it_is_counted_where_the_values_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in (1, 2, 3):
+        copy_run(tmp_path, number)
+    change(next(tmp_path.glob("*_run_002_*")), other_trust)
+    change(next(tmp_path.glob("*_run_003_*")), lambda document: document.update(outcome="aborted"))
+    assert check(tmp_path) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        "1 same digits, 0 equal to 1e-9, "
+        "2 differ (1 only in uncertainties and doubts: the values hold), 0 could not be checked"
+    )
+
+
 def test_other_last_digits_are_no_difference_and_the_libraries_are_named(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -210,9 +210,10 @@ def test_of_two_rulesets_each_indicator_has_one_difference() -> None:
 def test_both_rulesets_are_a_table_for_people() -> None:
     runs = [run for of in (Scenario.NOMINAL, Scenario.TOUCH_ONLY) for run in runs_at(recorded(of))]
     text = "\n".join(describe_run(run, TWO).text for run in runs)
-    assert len(re.findall(r"^ +protocol eurobench-2020 +difference$", text, re.MULTILINE)) == 2
+    heads = r"^ +protocol +\+- +eurobench-2020 +\+- +difference$"
+    assert len(re.findall(heads, text, re.MULTILINE)) == 2
     assert re.search(r"^  capability level +6 +4 +-2  steps$", text, re.MULTILINE)
-    assert re.search(r"^  time to handle +(\d\.\d\d) +\1 +=  s$", text, re.MULTILINE)
+    assert re.search(r"^  time to handle +(\d\.\d\d +0\.\d\d) +\1 +=  s$", text, re.MULTILINE)
     assert re.search(r"^  passage time +- +- +-  s$", text, re.MULTILINE)
     for name in TWO:
         assert f"\n  passage time, {name}: " in text
@@ -222,7 +223,7 @@ def test_three_rulesets_stand_side_by_side_each_with_its_difference_to_the_first
     (run,) = runs_at(recorded(Scenario.NOMINAL))
     rules = (RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020, RulesetName.PROTOCOL)
     text = describe_run(run, rules).text
-    heads = r"^ +protocol eurobench-2020 +difference +protocol +difference$"
+    heads = r"^ +protocol +\+- +eurobench-2020 +\+- +difference +protocol +\+- +difference$"
     assert len(re.findall(heads, text, re.MULTILINE)) == 1
     assert re.search(r"^  capability level +6 +4 +-2 +6 +=  steps$", text, re.MULTILINE)
     document = json.loads(describe_run(run, rules, as_json=True).text)
@@ -427,6 +428,48 @@ def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
     assert {path.name for path in (tmp_path / "written").iterdir()} == {first, *others}
 
 
+def test_written_files_say_of_what_run_they_are_and_by_which_rules_they_were_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = recorded(Scenario.NOMINAL)
+    assert score("--write", "eurobench-2020", tmp_path, run) == 0
+    capsys.readouterr()
+    (bag,), (files,) = (
+        scored(capsys, *given)
+        for given in (("--ruleset", "eurobench-2020", run), (tmp_path / run.name,))
+    )
+    assert files["ruleset"] == "eurobench-2020"
+    values = ({k: one["value"] for k, one in of["indicators"].items()} for of in (bag, files))
+    assert next(values) == next(values)
+    assert [flag["words"] for flag in files["flags"]] == ["SIMULATED: not an official result"]
+    (other,) = scored(capsys, "--ruleset", "protocol", tmp_path / run.name)
+    assert other["ruleset"] == "protocol"
+    next((tmp_path / run.name).glob("run_info_*")).unlink()
+    (bare,) = scored(capsys, tmp_path / run.name)
+    assert (bare["ruleset"], bare["flags"]) == ("protocol", [])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("{practice: true}", ["PRACTICE: not an official result"]),
+        ("{practice: 'yes', source: [ros]}", []),
+        ("{source: teleport, practice: true}", ["PRACTICE: not an official result"]),
+        ("{source: ros, practice: false}", []),
+        ("[simulated]", []),
+    ],
+)
+def test_whatever_a_run_info_says_its_files_are_scored(
+    settings: str, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(recorded(Scenario.TOUCH_ONLY), tmp_path)
+    (info,) = tmp_path.glob("run_info_*")
+    info.write_text(f"ruleset: [best]\nsettings: {settings}\n")
+    (run,) = scored(capsys, tmp_path)
+    assert run["ruleset"] == "protocol"
+    assert [flag["words"] for flag in run["flags"]] == words
+
+
 def test_files_are_written_by_one_ruleset_of_recordings_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -463,3 +506,41 @@ def test_a_result_for_people_has_uncertainties_and_doubts() -> None:
     beside = "\n".join(comparison_lines([result, one.result]))
     assert re.search(r"^time to handle +3\.20\? ", beside, re.MULTILINE)
     assert beside.count(f"doubt: {touch}") == 1
+
+
+def exactly(value: float) -> Indicator:
+    return Indicator(value, "s", None, Uncertainty(0.0, 0.0))
+
+
+def test_an_exact_value_has_the_digits_that_it_has() -> None:
+    (run,) = runs_at(recorded(Scenario.NOMINAL))
+    (one,) = score_run(run, (None,))
+    for value, words in ((299.99999976, "300"), (12.3456, "12.3456"), (0.0, "0"), (4, "4")):
+        told = {IndicatorName.EXECUTION_TIME: exactly(value)}
+        text = "\n".join(result_lines(replace(one.result, indicators=told)))
+        assert re.search(rf"^execution time +{re.escape(words)}  s$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "words"),
+    [
+        ((4.2, 0.3), (19.3232, 2.0), "+15"),  # the larger uncertainty leaves no decimal
+        ((13.8621, 0.02), (13.8812, 0.02), "+0.02"),
+        ((13.8621, 0.02), (13.8622, 0.02), "+0.00"),  # they differ, by nothing that can be seen
+        ((13.8621, 0.02), (13.8621, 0.02), "="),
+        ((300.0, 0.0), (287.5, 0.0), "-12.5"),
+        ((300.0, None), (287.5, None), "-12.500000"),
+    ],
+)
+def test_a_difference_of_rulesets_has_the_digits_that_the_uncertainties_leave(
+    one: tuple[float, float | None], two: tuple[float, float | None], words: str
+) -> None:
+    (run,) = runs_at(recorded(Scenario.NOMINAL))
+    (scored_one,) = score_run(run, (None,))
+    results = []
+    for value, expanded in (one, two):
+        known = None if expanded is None else Uncertainty(expanded / 2, expanded)
+        told = {IndicatorName.PASSAGE_TIME: Indicator(value, "s", None, known)}
+        results.append(replace(scored_one.result, indicators=told))
+    text = "\n".join(comparison_lines(results))
+    assert re.search(rf"^passage time .* {re.escape(words)}  s$", text, re.MULTILINE)

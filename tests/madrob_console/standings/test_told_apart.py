@@ -10,7 +10,12 @@ from collections.abc import Sequence
 import pytest
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.standings.competition import SIGNS, competition_standings
+from madrob_console.standings.competition import (
+    NOTES,
+    SIGNS,
+    competition_standings,
+    statistics_text,
+)
 from madrob_console.standings.data_files import standings_csv, standings_json
 from madrob_console.standings.tally import overall, standings, subjects_text
 from madrob_console.standings.text_table import standings_lines
@@ -136,3 +141,23 @@ def test_whatever_a_file_says_the_standings_stay_readable(expanded: float) -> No
 def test_of_many_teams_the_first_are_named() -> None:
     assert subjects_text((2, 5)) == "2, 5"
     assert subjects_text(tuple(range(1, 10))) == "1, 2, 3, 4 and 5 more"
+
+
+def test_all_statistics_have_the_digits_that_the_mean_s_uncertainty_leaves() -> None:
+    times = (45.607, 46.1234, 46.5)
+    (one,) = standings([timed(1, time, 1.7) for time in times])
+    told = {"mean": "46", "median": "46", "std": "0.4"}  # which often is less than a unit
+    assert statistics_text(one.aggregates[TIME], TIME) == told
+    (one,) = standings([timed(1, time, None) for time in times])
+    assert statistics_text(one.aggregates[TIME], TIME)["median"] == "46.12"
+    assert statistics_text(None, TIME) == {}
+
+
+def test_what_is_shown_rounded_up_is_compared_unrounded_and_the_legend_says_so() -> None:
+    runs = [timed(1, 10.0, 0.31), timed(2, 10.7, 0.31)]  # shown as +- 0.4, which would overlap
+    of = competition_standings(runs, made=0.0)
+    text = list(standings_lines(of))
+    assert text[text.index("+-") + 1].split()[1] == "0.4"
+    assert alike(runs) == {}
+    assert "unrounded +- overlap" in SIGNS
+    assert any("by measurement alone, rounded up" in note for note in NOTES)

@@ -1,0 +1,58 @@
+"""`madrob eurobench`: one run's published files to EUROBENCH's eight, as its scripts do."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from madrob_console.cli import options
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "eurobench",
+        main,
+        "score named EUROBENCH files as the published scripts do",
+        "Writes a YAML file for each indicator into FOLDER, by the rules of eurobench-2020. The "
+        "headers say which file is which; where they do not, the order does. `run_madrob` is the "
+        "same as a program of its own, for EUROBENCH's runner; what cannot be scored ends it with "
+        "255 (-1) and this command with 2.",
+        examples=(
+            "madrob eurobench event.csv wrench.csv jointState.csv condition_1.yaml out",
+            "run_madrob event.csv wrench.csv jointState.csv condition_1.yaml out",
+        ),
+    )
+    for name, text in (
+        ("event", "csv: time,event"),
+        ("wrench", "csv: time,force_x"),
+        ("joint_state", "csv: time,position,velocity,acceleration"),
+        ("condition", "YAML: benchmark_type, door_opening_side, robot_approach_side"),
+        ("folder", "where the YAML files go; it is made, and what they replace is lost"),
+    ):
+        parser.add_argument(name, type=Path, metavar=name.upper(), help=text)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Score the files, then write the indicators, each file whole."""
+    from madrob_console.cli.score_table import result_lines
+    from madrob_console.files.whole import atomic_writes
+    from scoring.eurobench.published import evaluate_published
+    from scoring.eurobench.run_files import indicator_files, read_files
+    from scoring.rulesets import EUROBENCH_2020
+
+    inputs = (arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
+    result, _ = evaluate_published(read_files(inputs), EUROBENCH_2020)
+    folder: Path = arguments.folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MadrobError(f"{folder}: cannot be made ({error.strerror}): name another") from None
+    atomic_writes(folder, indicator_files(result.indicators, EUROBENCH_2020))
+    for line in result_lines(result):
+        print(line)
+    print(terminal_safe(f"written to {folder}"))
+    return 0

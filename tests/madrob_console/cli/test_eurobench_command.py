@@ -1,0 +1,116 @@
+"""EUROBENCH's command line: four files in, eight files out."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from madrob_console.cli.__main__ import REFUSED, run_madrob
+from madrob_console.cli.main import main
+from madrob_console.testbeds.simulated import Scenario
+from scoring.indicator_table import IndicatorName
+from tests.madrob_console.recorded_runs import recorded
+from tests.scoring.eurobench.pandas_scripts import values
+
+SMOOTHNESS = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION.value
+
+
+def inputs(run: Path) -> list[Path]:
+    """Event, wrench, jointState and condition file of a run, as EUROBENCH's runner names them."""
+    return [
+        next(run.glob(pattern))
+        for pattern in ("*_event.csv", "*_wrench.csv", "*_jointState.csv", "condition_*.yaml")
+    ]
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    """The exit code of `run_madrob`."""
+    monkeypatch.setattr(sys, "argv", ["run_madrob", *map(str, arguments)])
+    return run_madrob()
+
+
+@pytest.fixture(scope="module")
+def files() -> list[Path]:
+    return inputs(recorded(Scenario.NOMINAL))
+
+
+@pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.TOUCH_ONLY])
+def test_every_byte_is_that_of_the_published_scripts(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = inputs(recorded(scenario))
+    assert run(monkeypatch, *given, tmp_path / "out") == 0
+    written = {path.name: path.read_text() for path in (tmp_path / "out").iterdir()}
+    expected = values(*given)
+    assert sorted(expected) == sorted(IndicatorName)
+    if isinstance(expected[SMOOTHNESS], float):  # pandas adds in another order: the last digit
+        smoothness = written.pop(f"{SMOOTHNESS}.yaml")
+        known = re.fullmatch(r"type: scalar\nvalue: (\d+\.\d+)\n", smoothness)
+        assert known is not None
+        assert float(known[1]) == pytest.approx(expected.pop(SMOOTHNESS), rel=1e-14)
+    assert written == {
+        f"{name}.yaml": f"type: scalar\nvalue: {value}\n" for name, value in expected.items()
+    }
+
+
+def test_the_order_of_the_files_does_not_matter_where_their_headers_tell_them_apart(
+    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = set()
+    for given in itertools.permutations(files):
+        assert main(["eurobench", *map(str, given), str(tmp_path)]) == 0
+        told.add(capsys.readouterr().out)
+    assert len(told) == 1
+    assert "ruleset eurobench-2020" in told.pop()
+
+
+def test_a_wrong_number_of_arguments_ends_in_one_line_and_minus_one(
+    files: list[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for given in ([], files, [*files, "out", "more"]):
+        assert run(monkeypatch, *given) == REFUSED
+        assert capsys.readouterr().err.count("\n") == 1
+    assert run(monkeypatch, "--help") == 0
+
+
+@pytest.mark.parametrize(
+    ("which", "text", "words"),
+    [
+        (0, None, "event.csv: is missing"),
+        (1, "time,force\n1,2\n", "wrench.csv, line 1, column force_x: is missing"),
+        (2, "time,position,velocity,acceleration\n1,x,,\n", "jointState.csv, line 2, column pos"),
+        (2, b"\xff", "jointState.csv: is no UTF-8 text"),
+        (3, "benchmark_type: [", "condition.yaml, line 1: is no YAML"),
+        (3, "benchmark_type: No Force\n", "condition.yaml: door_opening_side '' is no side"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_in_one_line_and_nothing_is_written(
+    which: int,
+    text: str | bytes | None,
+    words: str,
+    files: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    name = ("event.csv", "wrench.csv", "jointState.csv", "condition.yaml")[which]
+    given = [*files]
+    given[which] = tmp_path / name
+    if text is not None:
+        given[which].write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert run(monkeypatch, *given, tmp_path / "out") == REFUSED
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_named(
+    files: list[Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, *files, files[0] / "out") == REFUSED
+    assert "cannot be made (Not a directory): name another" in capsys.readouterr().err
