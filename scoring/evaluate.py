@@ -287,7 +287,7 @@ class Assessment(LiveAssessment):
             quality=self.quality((*remarks, *later)),
             rest=rest,
         )
-        return result, rows
+        return result, replace(rows, occupied=self._scoring.presences())
 
     def _grounds(
         self, events: Sequence[Event], joint: JointState, rows: Rows, rest: RestForce, end: float

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 from scoring.deciding import (
     DecidingEdge,
@@ -138,6 +139,20 @@ class EventDetector:
     def occupied(self) -> dict[PassageSensor, bool | None]:
         """For each used sensor, whether something is under it; None = not known yet."""
         return {sensor: level.state for sensor, level in self._sensors.items()}
+
+    def presences(self) -> dict[PassageSensor, tuple[tuple[float, float], ...]]:
+        """For each used sensor, from when to when something was under it since the start.
+
+        Returns:
+            Times of rise and fall, s since the epoch; a fall that was not seen is inf.
+        """
+        return {
+            sensor: tuple(
+                (rise.time, fall.time if fall else math.inf)
+                for rise, fall in zip_longest(level.edges[::2], level.edges[1::2])
+            )
+            for sensor, level in self._sensors.items()
+        }
 
     def under(self, strip: Strip) -> Iterator[tuple[PassageSensor, bool | None]]:
         """The used sensors of a strip, each with what `occupied` says of it."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from scoring.figure_table import Quantity
 from scoring.kinematics import Array, JointState, jerk, low_pass, low_pass_problem
-from scoring.protocol import Thresholds
+from scoring.protocol import PassageSensor, Thresholds
 from scoring.rulesets import Ruleset
 
 
@@ -25,6 +26,9 @@ class Rows:
             shape (k,); 0 where the ruleset takes the force as it was recorded.
         problem: why no low-passed acceleration could be computed; None if it could.
         thresholds: the testbed's numbers by which all this was made.
+        occupied: for each used passage sensor, from when to when something was under it since the
+            start, s since the epoch, inf = to the end of the recording; not cut, as the departure
+            is looked for until then (section 7). Empty where only the rest was published.
     """
 
     joint_state: JointState
@@ -36,6 +40,7 @@ class Rows:
     rest: Array
     problem: str | None
     thresholds: Thresholds
+    occupied: Mapping[PassageSensor, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
     @property
     def no_motion(self) -> str | None:
@@ -96,7 +101,8 @@ def cut_rows(rows: Rows, start: float, end: float) -> Rows:
     """Only the rows that lie in [start, end]."""
     jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
     force_kept = (rows.force_time >= start) & (rows.force_time <= end)
-    return Rows(
+    return replace(
+        rows,
         joint_state=rows.joint_state.cut(start, end),
         low_passed=rows.low_passed[rows.joint_state.rows(start, end)],
         jerk_time=rows.jerk_time[jerk_kept],
@@ -104,6 +110,4 @@ def cut_rows(rows: Rows, start: float, end: float) -> Rows:
         force_time=rows.force_time[force_kept],
         force=rows.force[force_kept],
         rest=rows.rest[force_kept],
-        problem=rows.problem,
-        thresholds=rows.thresholds,
     )

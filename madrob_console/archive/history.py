@@ -44,6 +44,7 @@ from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
+from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome
 from scoring.result import DOUBTED, Uncertainty
 
@@ -295,6 +296,17 @@ def earlier_runs(
         and (run.practice if practice else run.official)
         and run.started < before
         and ruleset in (None, run.ruleset)
+    )
+
+
+def rank(run: RunSummary) -> tuple[float, bool, float, float]:
+    """By which the best of a team's runs is found: smaller is better; of equals the earlier run."""
+    values = run.values
+    return (
+        -values.get(IndicatorName.CAPABILITY_LEVEL, -1),
+        run.outcome is Outcome.TIMEOUT,
+        values.get(IndicatorName.EXECUTION_TIME, float("inf")),
+        run.started,
     )
 
 

@@ -33,7 +33,7 @@ from madrob_console.referee.run import (
 )
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Condition, Outcome
+from scoring.protocol import Condition, Outcome, Step
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""
@@ -145,6 +145,26 @@ class ListedResult(msgspec.Struct, frozen=True):
         return self.setup.practice or self.source == SourceKind.SIMULATED
 
 
+class StepPart(msgspec.Struct, frozen=True):
+    """When a step was done, as it counts, s since the epoch; null = not done."""
+
+    step: Step
+    final: StartTime | None = None
+
+
+class StepsPart(msgspec.Struct, frozen=True):
+    """When what was done in a run, s since the epoch; no stop where the machine failed."""
+
+    start: StartTime
+    stop: StartTime | None
+    steps: Annotated[tuple[StepPart, ...], Meta(max_length=len(Step))]
+
+    @property
+    def done(self) -> dict[Step, float]:
+        """The steps that count."""
+        return {one.step: one.final for one in self.steps if one.final is not None}
+
+
 class SetupPart(msgspec.Struct, frozen=True):
     """What is read of a run's set-up in its journal."""
 
@@ -225,6 +245,7 @@ _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
 _files = msgspec.json.Decoder(_Files)
+_steps = msgspec.json.Decoder(StepsPart)
 _quality = msgspec.json.Decoder(_OfQuality)
 _marks = msgspec.json.Decoder(_Marks)
 _first_entries = msgspec.json.Decoder(_FirstEntry)
@@ -281,6 +302,15 @@ def read_remarks(folder: str) -> list[str]:
         return _quality.decode(data).quality.remarks
     except (OSError, *_DAMAGED):
         return []
+
+
+def read_steps(folder: str) -> StepsPart | None:
+    """When the steps were done, as a stored result says; None where it is missing or damaged."""
+    try:
+        data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
+        return _steps.decode(data)
+    except (OSError, *_DAMAGED):
+        return None
 
 
 def read_file_digests(folder: str) -> dict[str, FileDigest]:

@@ -43,10 +43,13 @@ def _page(file: Path) -> None:
     from madrob_console.errors import MadrobError
     from madrob_console.files.whole import atomic_write
     from madrob_console.report.page import report_html
+    from madrob_console.report.surroundings import Surroundings
     from madrob_console.version import software_version
 
     try:
-        atomic_write(file, report_html(pickle.load(sys.stdin.buffer), software_version()).encode())
+        scored = pickle.load(sys.stdin.buffer)
+        place = Surroundings().place_of(file.parent, scored)
+        atomic_write(file, report_html(scored, software_version(), place).encode())
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not

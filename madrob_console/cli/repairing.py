@@ -29,6 +29,7 @@ def repair_run(folder: Path) -> bool:
     from madrob_console.archive.scored import score_opened
     from madrob_console.files.whole import atomic_write
     from madrob_console.report.page import report_html
+    from madrob_console.report.surroundings import Surroundings
     from madrob_console.version import software_version
 
     scored = repair(folder)
@@ -37,7 +38,8 @@ def repair_run(folder: Path) -> bool:
     if scored is None:
         return False
     if stamp_of(str(folder / REPORT_FILE)) is not None:
-        atomic_write(folder / REPORT_FILE, report_html(scored, software_version()).encode())
+        place = Surroundings().place_of(folder, scored)
+        atomic_write(folder / REPORT_FILE, report_html(scored, software_version(), place).encode())
     return True
 
 

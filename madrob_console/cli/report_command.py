@@ -16,6 +16,7 @@ from madrob_console.report import PictureFormat
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
+    from madrob_console.report.surroundings import Surroundings
     from scoring.protocol import Condition
     from scoring.result import Result
     from scoring.rows import Rows
@@ -51,14 +52,16 @@ def main(arguments: argparse.Namespace) -> int:
     """Make the files of every path; a bad one is named and does not stop the rest."""
     with imports_kept():
         from madrob_console.archive.run_paths import runs_at
+        from madrob_console.report.surroundings import Surroundings
 
+    around = Surroundings()
     written: set[Path] = set()
     runs = list(dict.fromkeys(run.path for path in arguments.paths for run in runs_at(path)))
     with progress("pages" if arguments.figures is None else "runs") as tell, Complaints() as bad:
         tell(0, len(runs))
         for number, run in enumerate(runs, start=1):
             try:
-                _make(run, arguments.figures, arguments.output, written)
+                _make(run, arguments.figures, arguments.output, written, around)
             except MadrobError as error:
                 bad.add(error, run)
             tell(number, len(runs))
@@ -66,11 +69,15 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _make(
-    path: Path, pictures: PictureFormat | None, output: Path | None, written: set[Path]
+    path: Path,
+    pictures: PictureFormat | None,
+    output: Path | None,
+    written: set[Path],
+    around: Surroundings,
 ) -> None:
     from madrob_console.files.whole import atomic_write
 
-    files = _page(path, output) if pictures is None else _pictures(path, pictures, output)
+    files = _page(path, output, around) if pictures is None else _pictures(path, pictures, output)
     for target, data in files:
         if target in written:
             raise MadrobError(f"{path}: {target} is another run's already: choose another --output")
@@ -85,19 +92,22 @@ def _make(
         print(terminal_safe(str(target)))
 
 
-def _page(path: Path, output: Path | None) -> Iterator[NamedFile]:
+def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[NamedFile]:
     with imports_kept():
         from madrob_console.archive.folders import REPORT_FILE
         from madrob_console.archive.scored import score_opened
         from madrob_console.report.page import report_html
+        from madrob_console.report.surroundings import NOWHERE
         from madrob_console.version import software_version
 
     if _published(path):
         raise MadrobError(
             f"{path}: published files tell nothing of the referee: use `--figures svg` for them"
         )
-    page = report_html(score_opened(path), software_version())
-    yield _target(path, output, REPORT_FILE), page.encode()
+    scored = score_opened(path)
+    target = _target(path, output, REPORT_FILE)
+    place = around.place_of(path, scored) if output is None else NOWHERE
+    yield target, report_html(scored, software_version(), place).encode()
 
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:

@@ -24,12 +24,12 @@ UNCERTAINTY_NOTE = (
 """What stands below the values of a report, once an uncertainty is known."""
 
 BIAS_NOTE = (
-    "Not in it, because the direction is known: an edge is seen half a sampling interval late on "
-    "average, so that a time from the start to an edge is too long by that; a short peak of force "
-    "is read 1.8 % too low; the steps of the encoder look like jerk, so that the smoothness of a "
-    "smooth door is too low."
+    "Not in the uncertainties, because the direction is known: an edge is seen half a sampling "
+    "interval late on average, so that a time from the start to an edge is too long by that; a "
+    "short peak of force is read 1.8 % too low; the steps of the encoder look like jerk, so that "
+    "the smoothness of a smooth door is too low."
 )
-"""And below that."""
+"""What stands among the explanations."""
 
 DOUBTS_NOTE = "? marks a value that is doubted, and says of no value that it is wrong:"
 
@@ -89,8 +89,8 @@ def plain(name: str) -> str:
 
 
 def since(time: float | None, start: float) -> str:
-    """A time from the start, s with three decimals; a dash for none."""
-    return NONE if time is None else f"{time - start:.3f}"
+    """A time from the start, s with two decimals, as sampling has it; a dash for none."""
+    return NONE if time is None else f"{time - start:.2f}"
 
 
 def task_text(condition: Condition) -> str:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 from importlib.resources import files
 from typing import TypeAlias
+from urllib.parse import quote
 
 from madrob_console.names import terminal_safe
 from madrob_console.referee.run import JournalMark
@@ -24,7 +25,7 @@ NOTHING = Markup()
 
 _MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
 _VOID = frozenset({"br", "meta"})
-_INLINE = frozenset({"b", "bdi", "del", "small", "span", "strong"})
+_INLINE = frozenset({"a", "b", "bdi", "del", "small", "span", "strong"})
 
 
 def page(title: str, *body: Content, style: str = "", journal: JournalMark | None = None) -> str:
@@ -113,6 +114,12 @@ def listed(items: Iterable[Content], nothing: str) -> Markup:
     return element("ul", entries) if entries else element("p", nothing)
 
 
-def section(title: str, *content: Content) -> Markup:
-    """A part of the page under a heading."""
-    return element("section", element("h2", title), content)
+def section(title: str, *content: Content, name: str = "") -> Markup:
+    """A part of the page under a heading; by its name links find it."""
+    attributes = {"id": name} if name else {}
+    return element("section", element("h2", title), content, **attributes)
+
+
+def link(target: str, *content: Content) -> Markup:
+    """A link to a place on the page, `#name`, or to a file beside it, by its relative path."""
+    return element("a", *content, href=target if target.startswith("#") else quote(target))

@@ -18,36 +18,59 @@ from madrob_console.report.explanations import (
     since,
     task_text,
 )
-from madrob_console.report.markup import Content, Markup, element, page, said
+from madrob_console.report.markup import Content, Markup, element, link, page, said
+from madrob_console.report.meanings import definitions
+from madrob_console.report.surroundings import NOWHERE, PagePlace
+from madrob_console.report.ways import files, other_runs
+from madrob_console.report.where_time_went import phases
 
 
-def report_html(scored: Scored, software: str = "") -> str:
+def report_html(scored: Scored, software: str = "", place: PagePlace = NOWHERE) -> str:
     """The report of a run.
 
-    The same run gives the same text.
+    The same run in the same place gives the same text.
 
     Args:
         scored: the run, its result and its data.
         software: the version that makes the report; empty = the one that recorded the run.
+        place: what it can link to and compare with.
     """
     from madrob_console.report.pictures import figures  # it loads matplotlib
 
-    record, run, result = scored.record, scored.run, scored.result
-    setup = record.setup
-    title = f"MADROB run {setup.run_number} of subject {setup.subject} {setup.team}".rstrip()
+    run, result = scored.run, scored.result
+    measured = element("div", sections.steps(result), sections.events(result), class_="pair")
+    parts: tuple[tuple[str, str, Content], ...] = (
+        ("time", "time", phases(scored, place)),
+        ("indicators", "indicators", sections.indicators(result)),
+        ("steps", "steps and events", measured),
+        ("figures", "figures", figures(scored)),
+        ("decisions", "decisions", sections.decisions(run)),
+        ("word", "the team's word", sections.team_word(run)),
+        ("setup", "set-up", sections.set_up(scored.record, result)),
+        ("quality", "data quality", sections.data_quality(run, result)),
+        ("explained", "explanations", definitions(result)),
+        ("runs", "other runs", other_runs(place)),
+        ("files", "files", files(place)),
+    )
+    shown = [(name, title, part) for name, title, part in parts if part]
+    contents = [link(f"#{name}", title) for name, title, _ in shown]
     return page(
-        f"{title}: {(VOID if run.voided else OUTCOME_WORDS[result.outcome]).lower()}",
+        _title(scored),
         _top(scored),
-        sections.indicators(result),
-        sections.steps(result),
-        figures(scored),
-        sections.decisions(run),
-        sections.team_word(run),
-        sections.set_up(record, result),
-        sections.data_quality(run, result),
+        element("nav", [(entry, " ") for entry in contents], aria_label="On this page"),
+        element("main", [part for _, _, part in shown]),
         _foot(scored, software),
         journal=run.journal,
     )
+
+
+def _title(scored: Scored) -> str:
+    """Whose run it is, which, and how it ended: tabs show the beginning only."""
+    setup = scored.record.setup
+    ended = (VOID if scored.run.voided else OUTCOME_WORDS[scored.result.outcome]).lower()
+    team = f"{setup.team}: " if setup.team else ""
+    which = f"run {setup.run_number} of subject {setup.subject}"
+    return f"{team}{which} in condition {setup.condition.number}, {ended} (MADROB)"
 
 
 def _top(scored: Scored) -> Markup:

@@ -3,45 +3,101 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from madrob_console.archive.scored import Scored
-from madrob_console.report.markup import Markup, element, escaped, section
-from scoring.figure_table import FigureName
-from scoring.figures.plots import figures_of, missing_figures, svg
+from madrob_console.report.markup import Content, Markup, element, escaped, section
+from madrob_console.report.meanings import PASSAGE
+from madrob_console.report.theme import themed
+from scoring.figure_table import FigureName, Quantity
+from scoring.figures.passage_lanes import LANE, PassageFigure, passage_figure, passage_svg
+from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
+from scoring.indicator_table import IndicatorName
 
-_GREY = "In the grey band the door counts as closed."
+_GREY = (
+    "Within the grey band around 0 rad the door counts as closed. Red: what makes the indicator. "
+    "All times are in s from the start of the run; the data are in the csv files."
+)
+
+_LANES = (
+    "Blue: the sensor counts as occupied. Hatched: the panel passes under it, so that it keeps "
+    "the state that it had. The robot occupies the door from the first rise of any sensor to the "
+    "last fall of all, if it came on its starting side and left on the other one."
+)
 
 _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
 
 def figures(scored: Scored) -> Markup:
     """The figures that the run has, and the reasons for those that it has not."""
-    drawn = figures_of(scored.result, scored.rows, scored.record.setup.condition)
-    missing = missing_figures(scored.result, scored.rows)
+    result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
+    drawn = figures_of(result, rows, condition)
+    missing = missing_figures(result, rows)
     if not drawn:
-        return section("Figures", element("p", f"None: {_reasons(missing)}."))
-    pictures = [
-        element("figure", inline(svg(figure), name), element("figcaption", name.spec.caption))
-        for name, figure in drawn.items()
-    ]
-    lacking = [
-        element("p", f"Figure {name.number} is missing: {reason}.")
-        for name, reason in missing.items()
-    ]
-    return section(
-        "Figures", element("p", _GREY), element("div", pictures, class_="figures"), lacking
+        return section("Figures", element("p", f"None: {_reasons(missing)}."), name="figures")
+    spoken = alternatives_of(result, rows, condition)
+
+    def cells() -> Iterator[Markup]:
+        for name in FigureName:
+            anchor = f"figure-{name.number}"
+            if name in missing:
+                words = f"Figure {name.number} is missing: {missing[name]}."
+                yield element("p", words, class_="missing", id=anchor)
+                continue
+            picture = inline(svg(drawn[name]), name.number, spoken[name])
+            caption = element("figcaption", name.spec.caption, _handle(scored, name))
+            yield element("figure", picture, caption, id=anchor)
+
+    pictures = element("div", cells(), _passage(scored), class_="figures")
+    return section("Figures", element("p", _GREY), pictures, name="figures")
+
+
+def _passage(scored: Scored) -> Markup:
+    """What the passage sensors saw, in the last place: an even number leaves no hole."""
+    found = passage_figure(scored.result, scored.rows, scored.record.setup.condition)
+    if found is None:
+        words = "The passage sensors are missing: none saw anything after the start."
+        return element("p", words, class_="missing", id=PASSAGE)
+    occupied = scored.result.indicators[IndicatorName.DOOR_OCCUPATION_TIME]
+    return element(
+        "figure",
+        element("p", element("b", f"Passage sensors   door occupation time {occupied.text}")),
+        element("div", _names(found), themed(passage_svg(found)), class_="lanes"),
+        element("figcaption", _LANES),
+        id=PASSAGE,
     )
 
 
-def inline(document: str, name: FigureName) -> Markup:
-    """An SVG document as a part of a page, whose ids are no other figure's."""
+def inline(document: str, number: int, alternative: str) -> Markup:
+    """An SVG document as a part of a page, whose ids are no other figure's.
+
+    Args:
+        document: of a figure.
+        number: of the figure.
+        alternative: what it shows, for those who cannot see it.
+    """
     picture = document[document.index("<svg") :]
-    picture = re.sub(r' xmlns(:xlink)?="[^"]*"', "", picture)
-    picture = _REFERENCE.sub(rf"\g<1>f{name.number}-", picture)
+    picture = _REFERENCE.sub(rf"\g<1>f{number}-", picture)
     picture = picture.replace("xlink:href=", "href=")
-    alternative = escaped(f"Figure {name.number}: {name.spec.caption}")
-    return Markup(picture.replace("<svg", f'<svg role="img" aria-label="{alternative}"', 1))
+    spoken = escaped(alternative)
+    return themed(picture.replace("<svg", f'<svg role="img" aria-label="{spoken}"', 1))
+
+
+def _handle(scored: Scored, name: FigureName) -> Content:
+    """What stands behind the force: the handle's zero and the band within which nobody touches."""
+    if Quantity.FORCE not in name.spec.panels:
+        return ()
+    zero, half = scored.result.handle_zero, scored.rows.thresholds.touch_force
+    return (
+        f" Dashed: the handle at rest, zeroed at {zero:.2f} N; beyond the grey band, {half:.2f} N "
+        "to either side, it counts as touched."
+    )
+
+
+def _names(found: PassageFigure) -> Markup:
+    names = [element("span", lane.name) for lane in found.lanes]
+    style = f"padding-top: {found.head:g}px; line-height: {LANE}px"
+    return element("div", names, class_="names", style=style)
 
 
 def _reasons(missing: Mapping[FigureName, str]) -> str:

@@ -18,7 +18,6 @@ from madrob_console.referee.run import (
     Waiver,
 )
 from madrob_console.report.explanations import (
-    BIAS_NOTE,
     DOUBTS_NOTE,
     LOCKED_BY,
     MANUAL_START_NOTE,
@@ -35,15 +34,20 @@ from madrob_console.report.markup import (
     Content,
     Markup,
     element,
+    link,
     listed,
     said,
     section,
     table,
 )
+from madrob_console.report.meanings import anchor
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.procedure import Ruling, StepRecord
 from scoring.result import Indicator, Result, uncertainty_text, value_text
 from scoring.rulesets import ruleset
+
+_MOST_EVENTS = 30
+"""From the beginning, and from the end."""
 
 _QUALITY = (
     "signal",
@@ -80,12 +84,12 @@ def set_up(record: RunRecord, result: Result) -> Markup:
         ("data from", SOURCES[record.source]),
     ]
     pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
-    return section("Set-up", element("dl", pairs))
+    return section("Set-up", element("dl", pairs), name="setup")
 
 
 def _zero(record: RunRecord) -> Content:
     samples, zero = record.zero_samples, f"{record.handle_zero:.3f} N"
-    return zero if samples is None else (zero, element("small", f", {samples.scatter}"))
+    return zero if samples is None else (zero, element("small", samples.scatter))
 
 
 def indicators(result: Result) -> Markup:
@@ -93,7 +97,7 @@ def indicators(result: Result) -> Markup:
     rules = ruleset(result.ruleset)
 
     def row(name: IndicatorName, indicator: Indicator) -> tuple[Content, Content]:
-        title = element("b", name.words + (" *" if name.spec.with_the_start else ""))
+        title = element("b", link(f"#{anchor(name)}", name.words), _star(name))
         what = element("small", rules.explanation(name))
         if indicator.value is None:
             return (title, what), element("span", indicator.text, class_="none")
@@ -111,10 +115,13 @@ def indicators(result: Result) -> Markup:
         doubts(result),
         element("p", MANUAL_START_NOTE),
         element("p", f"Handle at rest: {result.rest.words}.") if result.rest else NOTHING,
-        [element("p", element("small", note)) for note in (UNCERTAINTY_NOTE, BIAS_NOTE)]
-        if known
-        else (),
+        element("p", element("small", UNCERTAINTY_NOTE)) if known else NOTHING,
+        name="indicators",
     )
+
+
+def _star(name: IndicatorName) -> str:
+    return " *" if name.spec.with_the_start else ""
 
 
 def doubts(result: Result) -> Content:
@@ -146,6 +153,22 @@ def steps(result: Result) -> Markup:
         "The six steps",
         element("p", "Times in s from the start. What the referee says goes before the sensors."),
         table(("step", "sensors", "referee", "counts"), map(row, result.steps), class_="steps"),
+        name="steps",
+    )
+
+
+def events(result: Result) -> Markup:
+    """What happened and when; of a door that flickers the first and the last."""
+    times = [(f"{event.since_start:.2f}", event.event.words) for event in result.events]
+    left_out = len(times) - 2 * _MOST_EVENTS
+    if left_out > 0:
+        between = (NONE, f"{left_out} more, in the csv file of the events")
+        times = [*times[:_MOST_EVENTS], between, *times[-_MOST_EVENTS:]]
+    return section(
+        "Events",
+        element("p", "Times in s from the start."),
+        table(("time", "event"), times, class_="events") if times else element("p", "None."),
+        name="events",
     )
 
 
@@ -159,8 +182,9 @@ def decisions(run: Run) -> Markup:
         *((_at(r.time, run), _ruling(r)) for r in run.rulings),
         *map(_taken_back, run.taken_back),
     ]
+    ruled = listed(said_so, "None: what the sensors found counts.")
     lists = [
-        section("Referee decisions", listed(said_so, "None: what the sensors found counts.")),
+        section("Referee decisions", ruled, name="decisions"),
         _marks("False starts", ((_at(f.time, run), _false_start(f)) for f in run.false_starts)),
         _marks("Testbed faults", ((_at(f.time, run), f.text) for f in run.faults)),
         _marks("Incidents", ((_at(i.time, run), _incident(i)) for i in run.incidents)),
@@ -173,13 +197,12 @@ def team_word(run: Run) -> Markup:
     """Acknowledgement or protest; or that the result is not final."""
     closure = run.closure
     if closure is None:
-        return section(
-            "The team's word", element("p", "The result is NOT FINAL: it was not finalised yet.")
-        )
+        not_yet = element("p", "The result is NOT FINAL: it was not finalised yet.")
+        return section("The team's word", not_yet, name="word")
     note = element("p", "“", said(closure.note), "”") if closure.note else NOTHING
     signed = ("Signed by referee ", said(closure.referee), f", {date_text(closure.time)}.")
     word = element("p", element("strong", TEAM_WORDS[closure.team_word]))
-    return section("The team's word", word, note, element("p", signed))
+    return section("The team's word", word, note, element("p", signed), name="word")
 
 
 def data_quality(run: Run, result: Result) -> Markup:
@@ -192,6 +215,7 @@ def data_quality(run: Run, result: Result) -> Markup:
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
+        name="quality",
     )
 
 

@@ -14,7 +14,7 @@ from itertools import islice, product
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeVar
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, rank
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.teams import TeamName
 from scoring.indicator_table import IndicatorName
@@ -276,7 +276,7 @@ def _tally(
     for runs in groups:
         outcomes += [run.outcome for run in runs if not run.voided]
         voided += sum(run.voided for run in runs)
-        valid = sorted((run for run in runs if run.valid), key=_rank)
+        valid = sorted((run for run in runs if run.valid), key=rank)
         flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid
     found = {name: _aggregate(counted, name) for name in IndicatorName}
@@ -297,17 +297,6 @@ def _tally(
         "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
         "doubts": {name: count for name, count in doubts.items() if count},
     }
-
-
-def _rank(run: RunSummary) -> tuple[float, bool, float, float]:
-    """Smaller is better; of equals the earlier run."""
-    values = run.values
-    return (
-        -values.get(IndicatorName.CAPABILITY_LEVEL, -1),
-        run.outcome is Outcome.TIMEOUT,
-        values.get(IndicatorName.EXECUTION_TIME, float("inf")),
-        run.started,
-    )
 
 
 def _aggregate(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate | None:

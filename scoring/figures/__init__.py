@@ -1,4 +1,4 @@
-"""The figures of a result, drawn by matplotlib.
+"""The figures of a result, curves drawn by matplotlib.
 
 In the terminal they are drawn by madrob_console.
 """

@@ -1,6 +1,8 @@
 """Draws curves over time: panels above each other, one time axis, events as labelled lines.
 
-Sizes are in points. See `plots` for what is drawn.
+Sizes are in points, and all sheets have the same: side by side they leave no hole, and on a phone,
+which shows a sheet as wide as its screen, letters are still larger than 10 pixels. See `plots` for
+what is drawn.
 """
 
 from __future__ import annotations
@@ -15,24 +17,45 @@ from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
 
 from scoring.figure_table import EventMark
-from scoring.figures.event_labels import EventLabel, Interval, inside, labels_of, rows_of
+from scoring.figures.colours import GREY, RED
+from scoring.figures.event_labels import (
+    LABEL_SIZE,
+    EventLabel,
+    Interval,
+    inside,
+    labels_of,
+    rows_of,
+)
 from scoring.figures.stretches import stretches
 from scoring.kinematics import Array
-from scoring.result import value_text
 
 Events = Mapping[EventMark, Sequence[float]]
 
-ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
-
-MOST_POINTS = 3000
+MOST_POINTS = 2000
 """Points of a curve: more cannot be told apart, and make a large file."""
 
-_WIDTH, _LEFT, _RIGHT = 300.0, 50.0, 10.0
+_WIDTH, _HEIGHT, _LEFT, _RIGHT = 300.0, 262.0, 60.0, 10.0
 _INNER = _WIDTH - _LEFT - _RIGHT
-_HEAD, _GAP, _FOOT = 20.0, 17.0, 30.0
-_UPPER, _LOWER, _ONLY = 74.0, 110.0, 130.0
-_LABEL_HEIGHT, _LABEL_SIZE = 10.0, 7.0
+_TITLE, _GAP, _FOOT = 8.0, 18.0, 36.0
+_LINE, _TITLE_WIDTH = 13.0, 48  # of the title: height, and letters
+_LABEL_HEIGHT = 12.0
+_SIZES = {1: (1.0,), 2: (1.0, 1.4), 3: (1.0, 1.2, 1.2)}  # of the panels, from above
 _LARGEST = 1e9  # no sensor means more, and the axes' arithmetic must not overflow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """A zone around a line that may slope.
+
+    Attributes:
+        time: of its two ends, s, shape (2,).
+        centre: of the line there, shape (2,).
+        half: how far it reaches to either side.
+    """
+
+    time: Array
+    centre: Array
+    half: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,8 +67,10 @@ class Panel:
         colour: of the curve.
         time: s, shape (n,).
         value: shape (n,); what is not finite is a gap.
-        unit_of_maximum: mark the largest absolute value in this unit; empty = do not.
+        maximum: what to say of the largest absolute value, which is marked; empty = it is not.
+        mean: where to draw a line for it; None = nowhere.
         limits: of the value axis; None = what the values need.
+        band: to draw behind the curve.
         zone: shade +-`zone` around 0.
         note: words above the panel.
         empty: why there is no value, in words.
@@ -55,8 +80,10 @@ class Panel:
     colour: str
     time: Array
     value: Array
-    unit_of_maximum: str = ""
+    maximum: str = ""
+    mean: float | None = None
     limits: Interval | None = None
+    band: Band | None = None
     zone: float = 0.0
     note: str = ""
     empty: str = ""
@@ -77,7 +104,7 @@ def draw_sheet(
 
     Args:
         title: in the head.
-        panels: one or two, from above.
+        panels: one to three, from above.
         events: when each took place, s; those of the window are drawn.
         window: the time that is shown, s.
         largest_gap: curves are broken at longer intervals, s.
@@ -86,22 +113,26 @@ def draw_sheet(
         window = (window[0], window[0] + 1.0)
     labels = labels_of(events, window, _INNER, _RIGHT)
     rows = rows_of(labels)
-    heights = [_ONLY] if len(panels) == 1 else [_UPPER, _LOWER]
-    head = _HEAD + _LABEL_HEIGHT * (max(rows, default=-1) + 1)
-    total = head + sum(heights) + _GAP * (len(panels) - 1) + _FOOT
-    figure = Figure(figsize=(_WIDTH / 72, total / 72))
-    figure.text(4 / _WIDTH, 1 - 4 / total, title, va="top", weight="bold")
-    bottom, axes = total - head + _GAP, []
+    title = textwrap.fill(title, _TITLE_WIDTH)
+    base = _LABEL_HEIGHT if panels[0].note else 0.0
+    head = _TITLE + _LINE * (title.count("\n") + 1)
+    head += base + _LABEL_HEIGHT * (max(rows, default=-1) + 1)
+    sizes = _SIZES[len(panels)]
+    room = _HEIGHT - head - _GAP * (len(panels) - 1) - _FOOT
+    heights = [room * size / sum(sizes) for size in sizes]
+    figure = Figure(figsize=(_WIDTH / 72, _HEIGHT / 72))
+    figure.text(4 / _WIDTH, 1 - 4 / _HEIGHT, title, va="top", weight="bold")
+    bottom, axes = _HEIGHT - head + _GAP, []
     for panel, height in zip(panels, heights, strict=True):
         bottom -= height + _GAP
-        place = (_LEFT / _WIDTH, bottom / total, _INNER / _WIDTH, height / total)
+        place = (_LEFT / _WIDTH, bottom / _HEIGHT, _INNER / _WIDTH, height / _HEIGHT)
         axes.append(figure.add_axes(place))
         _draw_panel(axes[-1], panel, window, largest_gap)
         _draw_marks(axes[-1], events, window)
         axes[-1].tick_params(labelbottom=panel is panels[-1])
     for label, row in zip(labels, rows, strict=True):
-        _draw_label(axes[0], label, row, heights[0])
-    axes[-1].set_xlabel("time from the run's start, s")
+        _draw_label(axes[0], label, base + row * _LABEL_HEIGHT, heights[0])
+    axes[-1].set_xlabel("time from the run's start, s", labelpad=2)
     return figure
 
 
@@ -113,11 +144,13 @@ def largest_at(value: Array) -> int | None:
 
 def _draw_panel(axes: Axes, panel: Panel, window: Interval, largest_gap: float) -> None:
     axes.set_xlim(window)
-    axes.set_ylabel(panel.label, size=7.5)
-    axes.yaxis.set_label_coords(-(_LEFT - 10) / _INNER, 0.5)  # off the edge whatever the numbers
+    name, _, unit = panel.label.partition(", ")
+    axes.set_ylabel(f"{name}\n{unit}", va="top", linespacing=1.1)
+    axes.yaxis.set_label_coords(-(_LEFT - 3) / _INNER, 0.5)  # off the edge whatever the numbers
     axes.ticklabel_format(axis="y", scilimits=(-3, 4))
-    axes.locator_params(axis="y", nbins=5)
-    axes.set_title(panel.note, loc="right", size=_LABEL_SIZE, color=panel.colour, pad=2)
+    axes.locator_params(axis="y", nbins=4)
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_title(panel.note, loc="right", size=LABEL_SIZE, color=panel.colour, pad=2)
     if panel.zone:
         axes.axhspan(-panel.zone, panel.zone, color="0.88", linewidth=0)
     shown = (panel.time >= window[0]) & (panel.time <= window[1])
@@ -131,12 +164,26 @@ def _draw_panel(axes: Axes, panel: Panel, window: Interval, largest_gap: float) 
     time, value = (_with_gaps(columns) for columns in zip(*curve, strict=True))
     axes.plot(time, value, color=panel.colour, label=panel.label)
     low, high = min(0.0, float(np.nanmin(value))), max(0.0, float(np.nanmax(value)))
+    if panel.band is not None:
+        low, high = _draw_band(axes, panel.band, low, high)
+    if panel.mean is not None:
+        axes.axhline(panel.mean, color=RED, linewidth=0.9, label="mean")
     margin = 0.06 * ((high - low) or 1.0)
     limits = [low - margin, high + margin]
-    if panel.unit_of_maximum:
+    if panel.maximum:
         upwards = _draw_maximum(axes, panel, window)
         limits[upwards] += 3 * margin if upwards else -3 * margin  # room for the words
     axes.set_ylim(panel.limits or (limits[0], limits[1]))
+
+
+def _draw_band(axes: Axes, band: Band, low: float, high: float) -> Interval:
+    """The band behind the curve; returns what the axis has to show with it."""
+    below, above = band.centre - band.half, band.centre + band.half
+    axes.fill_between(band.time, below, above, color="0.88", linewidth=0, zorder=0, label="band")
+    axes.plot(
+        band.time, band.centre, color=GREY, linewidth=0.8, linestyle=(0, (4, 2)), label="zero"
+    )
+    return min(low, float(below.min())), max(high, float(above.max()))
 
 
 def _with_gaps(parts: Iterable[Array]) -> Array:
@@ -154,7 +201,7 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
     axes.plot([time], [height], "o", color=RED, markersize=4, label="maximum")
     left_half = time < (window[0] + window[1]) / 2
     axes.annotate(
-        f"maximum {value_text(abs(value))} {panel.unit_of_maximum}, at {time:.2f} s",
+        f"{panel.maximum}, at {time:.2f} s",
         (time, height),
         xytext=(0, 5 if upwards else -5),
         textcoords="offset points",
@@ -167,9 +214,10 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
 
 
 def _draw_marks(axes: Axes, events: Events, window: Interval) -> None:
-    finest = (window[1] - window[0]) / (4 * _INNER)  # lines that cannot be told apart
+    finest = (window[1] - window[0]) / (2 * _INNER)  # lines that cannot be told apart
     for mark, every in events.items():
-        times = np.unique(np.round(np.array(inside(every, window)) / finest)) * finest
+        found = np.array(inside(every, window))
+        times = found[np.unique(np.round(found / finest), return_index=True)[1]]
         line = axes.plot(
             np.repeat(times, 3),
             np.tile([0.0, 1.0, np.nan], times.size),
@@ -182,9 +230,9 @@ def _draw_marks(axes: Axes, events: Events, window: Interval) -> None:
         line.set_linestyle(_DASHES[mark])
 
 
-def _draw_label(axes: Axes, label: EventLabel, row: int, height: float) -> None:
-    """The words, and a line down to the event's own."""
-    above = 3 + row * _LABEL_HEIGHT
+def _draw_label(axes: Axes, label: EventLabel, base: float, height: float) -> None:
+    """The words, `base` above the axes, and a line down to the event's own."""
+    above = 3 + base
     axes.axvline(label.time, 1, 1 + above / height, color=GREY, linewidth=0.5, clip_on=False)
     axes.annotate(
         label.text,
@@ -192,7 +240,7 @@ def _draw_label(axes: Axes, label: EventLabel, row: int, height: float) -> None:
         xycoords=("data", "axes fraction"),
         xytext=(label.left + 1, height + above),
         textcoords="axes points",
-        size=_LABEL_SIZE,
+        size=LABEL_SIZE,
         color=GREY,
         annotation_clip=False,
     )

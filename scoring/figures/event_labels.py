@@ -14,7 +14,10 @@ from scoring.figure_table import EventMark
 Interval = tuple[float, float]
 """From and to, s."""
 
-_LETTER = 4.1  # a letter's width on average, and a bit more
+LABEL_SIZE = 9.5
+"""Of their letters."""
+
+_LETTER = 0.586 * LABEL_SIZE  # a letter's width on average, and a bit more
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,22 +8,31 @@ Like matplotlib, it draws in one thread at a time.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib import style
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.figure_table import FigureName, FigurePart, FigureSpec, Quantity, marked_events
-from scoring.figures.drawing import BLUE, ORANGE, Panel, draw_sheet
-from scoring.figures.event_labels import Interval
+from scoring.figure_table import (
+    EventMark,
+    FigureName,
+    FigurePart,
+    FigureSpec,
+    Quantity,
+    marked_events,
+)
+from scoring.figures.colours import BLUE, ORANGE
+from scoring.figures.drawing import Band, Panel, draw_sheet, largest_at
+from scoring.figures.event_labels import Interval, inside
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.kinematics import Array
 from scoring.protocol import Condition, EventName, Outcome
-from scoring.result import Result, value_text
+from scoring.result import Indicator, Result, value_text
 from scoring.rows import Rows
 
 _MARGIN = 0.5
@@ -32,10 +41,19 @@ _MARGIN = 0.5
 _FAR = 0.95
 """A door counts as opened from this part of its largest angle on."""
 
+_MOST_TOLD = 3
+"""Times of one kind of event that words tell."""
+
+_KEPT = "\N{NO-BREAK SPACE}"
+"""Keeps a value and its unit on one line of the title."""
+
 _STYLE: dict[str, object] = {
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
-    "font.size": 8,
+    "font.size": 10,
+    "xtick.labelsize": 9.5,
+    "ytick.labelsize": 9.5,
+    "axes.labelpad": 2,
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -132,6 +150,49 @@ def missing_figures(result: Result, rows: Rows) -> Mapping[FigureName, str]:
     return {name: why for name in FigureName if (why := _why_missing(run, name.spec)) is not None}
 
 
+def alternatives_of(result: Result, rows: Rows, condition: Condition) -> Mapping[FigureName, str]:
+    """What the figures of a run show, in words and this run's numbers.
+
+    Args:
+        result: of the run.
+        rows: its pre-processed data.
+        condition: its destination side tells the crossing.
+    """
+    run, missing = _Run(result, rows), missing_figures(result, rows)
+    marks = marked_events(((e.since_start, e.event) for e in result.events), condition)
+    return {
+        name: "; ".join((_heading(run, name), *_described(run, name.spec, marks)))
+        for name in FigureName
+        if name not in missing
+    }
+
+
+def _described(
+    run: _Run, figure: FigureSpec, marks: Mapping[EventMark, list[float]]
+) -> Iterator[str]:
+    window = run.part(figure.part) or run.window
+    for quantity in figure.panels:
+        spec, (time, value) = quantity.spec, run.series(quantity)
+        shown = (time >= window[0]) & (time <= window[1]) & np.isfinite(value)
+        if not shown.any():
+            yield f"no {spec.label}"
+            continue
+        time, value, unit = time[shown], value[shown], unit_text(spec.unit)
+        if spec.clip is not None:
+            value = np.abs(value)
+        largest = np.argmax(np.abs(value))
+        yield (
+            f"{spec.label} from {value.min():.3g} to {value.max():.3g} {unit}, "
+            f"largest at {time[largest]:.2f} s"
+        )
+        if spec.clip is not None:
+            yield f"{100 * np.mean(value > spec.clip):.2g} % above {spec.clip:g} {unit}"
+    for mark, times in marks.items():
+        if told := inside(times, window):
+            first = ", ".join(f"{time:.2f}" for time in told[:_MOST_TOLD])
+            yield f"{mark} at {first} s" + (", and more" if len(told) > _MOST_TOLD else "")
+
+
 def _why_missing(run: _Run, figure: FigureSpec) -> str | None:
     for quantity in figure.panels:
         if quantity.spec.unrecorded and not np.isfinite(run.series(quantity)[1]).any():
@@ -167,45 +228,97 @@ def _look() -> AbstractContextManager[None]:
 
 def _draw(run: _Run, name: FigureName, condition: Condition) -> Figure:
     figure = name.spec
-    whole = figure.part is FigurePart.WHOLE
     window = run.part(figure.part) or run.window
     *above, last = figure.panels
     panels = [_panel(run, quantity, ORANGE, window) for quantity in above]
-    reason = run.result.indicators[figure.indicator].reason
-    panels.append(_panel(run, last, BLUE, window, empty=reason or ""))
+    indicator = run.result.indicators[figure.indicator]
+    panels.append(_panel(run, last, BLUE, window, indicator))
+    if (whole_jerk := _unclipped(panels[-1], run, last, indicator)) is not None:
+        panels.append(whole_jerk)
     events = marked_events(((e.since_start, e.event) for e in run.result.events), condition)
-    finding = _finding(run, figure.indicator) if whole else figure.title
-    title = f"Figure {name.number}   {finding}"
-    return draw_sheet(title, panels, events, window, run.rows.thresholds.largest_gap)
+    return draw_sheet(_heading(run, name), panels, events, window, run.rows.thresholds.largest_gap)
 
 
-def _panel(run: _Run, quantity: Quantity, colour: str, window: Interval, empty: str = "") -> Panel:
+def _panel(
+    run: _Run,
+    quantity: Quantity,
+    colour: str,
+    window: Interval,
+    indicator: Indicator | None = None,
+) -> Panel:
+    """A quantity in a part of the run, with what makes the indicator, if it makes one."""
     spec = quantity.spec
     time, value = run.series(quantity)
-    unit = unit_text(spec.unit)
-    limits, note = None, spec.filtered
+    limits, note, mean, maximum = None, spec.filtered, None, ""
     if spec.clip is not None:
         value = np.abs(value)
-        shown = value[(time >= window[0]) & (time <= window[1])]
-        largest = float(np.max(shown, initial=0.0))
-        if largest > spec.clip:
-            note = f"clipped at {spec.clip:g}, largest {value_text(largest)} {unit}"
+        mean = _mean(value)
+        shown = value[(time >= window[0]) & (time <= window[1]) & np.isfinite(value)]
+        if outside := int((shown > spec.clip).sum()):
+            part = 100 * outside / shown.size
+            note = f"{part:.{0 if part >= 10 else 1}f} % of the samples lie outside"
         value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
+    elif spec.peak and indicator is not None and (peak := largest_at(value)) is not None:
+        maximum = f"maximum {_number(abs(value[peak]), indicator)} {unit_text(spec.unit)}"
     return Panel(
-        f"{spec.label}, {unit}",
+        f"{spec.label}, {unit_text(spec.unit)}",
         colour,
         time,
         value,
-        unit_of_maximum=unit if spec.peak else "",
+        maximum=maximum,
+        mean=mean,
         limits=limits,
+        band=_touch_band(run) if quantity is Quantity.FORCE else None,
         zone=run.rows.thresholds.closed_angle if spec.closed_zone else 0.0,
         note=note,
-        empty=empty,
+        empty=(indicator.reason if indicator else None) or "",
     )
+
+
+def _unclipped(panel: Panel, run: _Run, quantity: Quantity, indicator: Indicator) -> Panel | None:
+    """The panel without its clip, to stand below it; None where nothing is cut off."""
+    spec = quantity.spec
+    if spec.clip is None or panel.mean is None or "outside" not in panel.note:
+        return None
+    note = f"unclipped; the run's mean {panel.mean:.3g}"
+    if indicator.value is not None:
+        note += f", 10/mean {_number(indicator.value, indicator)}"
+    value = np.abs(run.series(quantity)[1])
+    return replace(panel, value=value, limits=None, note=note)
+
+
+def _mean(value: Array) -> float | None:
+    """Of what is finite; None where nothing is, or it is beyond what can be drawn."""
+    finite = value[np.isfinite(value)]
+    with np.errstate(over="ignore"):
+        mean = float(np.mean(finite)) if finite.size else math.nan
+    return mean if math.isfinite(mean) else None
+
+
+def _number(value: float, indicator: Indicator) -> str:
+    """A value with the digits that the indicator has."""
+    return value_text(float(value), indicator.uncertainty)
+
+
+def _touch_band(run: _Run) -> Band | None:
+    """What the handle's force was at rest, and how far it may be off without being a touch."""
+    time, rest = run.rows.force_time, run.rows.rest
+    if not time.size:
+        return None
+    ends = np.array([0, -1])
+    centre = run.result.handle_zero - rest[ends]
+    return Band(time[ends] - run.result.start, centre, run.rows.thresholds.touch_force)
+
+
+def _heading(run: _Run, name: FigureName) -> str:
+    whole = name.spec.part is FigurePart.WHOLE
+    finding = _finding(run, name.spec.indicator) if whole else name.spec.title
+    return f"Figure {name.number}   {finding}"
 
 
 def _finding(run: _Run, name: IndicatorName) -> str:
     indicator = run.result.indicators[name]
     if indicator.value is None:
         return f"{name.words}: none{indicator.sign}"
-    return f"{name.words} {unit_text(indicator.text)}"
+    value = unit_text(indicator.text).replace(" ", _KEPT)
+    return f"{name.words} {value}"

@@ -29,6 +29,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import TeamWord
 from madrob_console.report.page import report_html
+from madrob_console.report.surroundings import Surroundings
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
@@ -89,8 +90,11 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
     assert reporting.problem is None
     reporting.close()
     assert drive.engine.folder is not None
-    page = drive.engine.folder / "report.html"
-    assert page.read_text() == report_html(score_opened(drive.engine.folder), software_version())
+    folder = drive.engine.folder
+    scored = score_opened(folder)
+    place = Surroundings().place_of(folder, scored)
+    assert place.files
+    assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
 
 
 @pytest.mark.machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import shutil
 from collections import Counter
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.archive.scored import Scored
 from madrob_console.cli.report_command import main
 from madrob_console.kinds import SourceKind
@@ -41,15 +43,18 @@ from madrob_console.referee.run import (
 from madrob_console.referee.run import TestbedFault as Fault
 from madrob_console.report import PictureFormat
 from madrob_console.report.page import report_html
+from madrob_console.report.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.version import software_version
 from scoring.figure_table import FigureName
+from scoring.figures.phases import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
-from scoring.result import Indicator, Uncertainty, value_text
+from scoring.result import EventRecord, Indicator, Uncertainty, value_text
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.run_folders import VALUES, summary, write
 
 VOID = {"meta", "br"}
 
@@ -254,7 +259,7 @@ def test_a_report_says_how_far_its_values_can_be_trusted(scored: Scored) -> None
     assert "none: never closed?" in told
     assert f"time to handle, passage time: {touch}." in told
     assert "expanded uncertainty (k = 2)" in told
-    assert "half a sampling interval late" in told
+    assert "half a sampling interval late" in page.section("What the words mean")
     answer = f"doubt accepted (time to handle: {touch}): seen on video: right"
     assert answer in page.section("Referee decisions")
     untold = Page(report_html(replace(scored, result=replace(result, indicators=plain))))
@@ -283,7 +288,7 @@ def test_each_step_shows_sensors_referee_and_what_counts(page: Page, scored: Sco
     told = page.section("The six steps")
     crossed = scored.result.steps[3]
     assert crossed.sensors is not None
-    at = f"{crossed.sensors - scored.result.start:.3f}"
+    at = f"{crossed.sensors - scored.result.start:.2f}"
     words = rf"4 cross the threshold {at} confirmed ?seen from the side {at}"
     assert re.search(words, told), told
     assert len(re.findall(r"\d [a-z]+ the \w+ ", told)) == 6
@@ -373,10 +378,166 @@ def test_a_result_that_is_not_final_says_so(scored: Scored) -> None:
     assert "not final, issue 2" in page.inside("header")
 
 
-def test_the_figures_are_pictures_with_words_for_those_who_cannot_see(page: Page) -> None:
-    assert page.tags.count("svg") == page.tags.count("figcaption") == len(FigureName)
+def test_the_figures_are_pictures_with_words_and_this_runs_numbers(
+    page: Page, scored: Scored
+) -> None:
+    assert page.tags.count("figure") == page.tags.count("figcaption") == len(FigureName) + 1
     spoken = [value for name, value in page.attributes if name == "aria-label"]
-    assert [words[:8] for words in spoken] == [f"Figure {name.number}" for name in FigureName]
+    told = [words for words in spoken if words.startswith("Figure")]
+    assert [words[:8] for words in told] == [f"Figure {name.number}" for name in FigureName]
+    unsafety = scored.result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION]
+    assert unsafety.value is not None
+    assert value_text(unsafety.value, unsafety.uncertainty) in told[0]
+    touch = next(e for e in scored.result.events if e.event is EventName.HANDLE_IS_TOUCHED)
+    assert all(f"touch at {touch.since_start:.2f} s" in told[n] for n in (0, 1, 4))
+    assert len(set(told)) == len(told)
+
+
+def test_the_force_figure_tells_zero_and_touch_band(page: Page, scored: Scored) -> None:
+    told = page.section("Figures")
+    assert f"zeroed at {scored.result.handle_zero:.2f} N" in told
+    assert "1.96 N to either side, it counts as touched" in told
+
+
+def test_the_passage_sensors_show_occupation_approach_and_leaving(page: Page) -> None:
+    (spoken,) = [value for _, value in page.attributes if value.startswith("Passage sensors")]
+    assert re.search(r"approach CCW at ([0-9.]+) s; leave CW at ([0-9.]+) s; stop at", spoken)
+    begin, end = re.findall(r"(?:approach CCW|leave CW) at ([0-9.]+)", spoken)
+    assert f"occupation: {begin} to {end} s" in spoken
+    assert "ccw_right[0]: " in spoken
+    assert f"door occupation time {float(end) - float(begin):.1f}" in page.section("Figures")
+
+
+def test_all_events_are_told_with_their_times(page: Page, scored: Scored) -> None:
+    told = page.section("Events")
+    for event in scored.result.events:
+        assert f"{event.since_start:.2f} {event.event.words}" in told
+
+
+def test_a_door_that_flickers_has_its_first_and_last_events(scored: Scored) -> None:
+    flicker = tuple(
+        EventRecord(scored.result.start + n, float(n), EventName.DOOR_OPENS) for n in range(100)
+    )
+    many = replace(scored, result=replace(scored.result, events=flicker))
+    told = Page(report_html(ended(many, Outcome.ABORTED))).section("Events")
+    assert "0.00 door opens" in told
+    assert "40 more" in told
+    assert "99.00 door opens" in told
+
+
+def test_a_page_has_landmarks_and_its_parts_are_linked(page: Page) -> None:
+    assert [page.tags.count(tag) for tag in ("header", "nav", "main", "footer")] == [1, 1, 1, 1]
+    assert "steps and events" in page.inside("nav")
+    targets = {value for name, value in page.attributes if name == "href"}
+    assert {f"#explained-{name}" for name in IndicatorName} <= targets
+    for name in IndicatorName:
+        assert name.spec.definition[1:] in page.section("What the words mean")
+
+
+def test_figures_are_dark_where_the_page_is(text: str) -> None:
+    body = text[text.index("</head>") :]
+    assert "var(--orange)" in body
+    assert re.findall(r"(?:fill|stroke|background): ?#", body) == []
+    names = set(re.findall(r"var\((--[a-z-]+)\)", text))
+    dark = text[text.index("(prefers-color-scheme: dark)") :]
+    assert all(f"{name}: #" in text for name in names)
+    assert all(f"{name}: #" in dark for name in names if name != "--phase-open")
+
+
+def test_the_title_begins_with_whose_run_it_is_and_which(page: Page) -> None:
+    (title,) = [words for tags, words in page.words if tags[-1:] == ("title",)]
+    assert title == "Delft: run 1 of subject 3 in condition 1, completed (MADROB)"
+
+
+def beside(subject: int, run_number: int, *slower: float) -> ComparedRun:
+    """A run whose phases lasted a second each, and what is added."""
+    lasted = [1.0 + more for more in (*slower, *(0.0,) * (4 - len(slower)))]
+    phases = dict(zip(list(TimedPhase)[:4], lasted, strict=True))
+    values = {**VALUES, "execution_time": sum(lasted)}
+    return ComparedRun(summary(subject, 1, run_number, values=values), phases)
+
+
+def test_where_the_time_went_is_told_beside_median_and_best(scored: Scored) -> None:
+    place = PagePlace(field=(beside(3, 2), beside(3, 4, 0.5), beside(8, 1, 0.0, 9.0)))
+    page = Page(report_html(scored, place=place))
+    told = page.section("Where the time went")
+    done = {record.step: record.final for record in scored.result.steps}
+    touched, opened, crossed = (done[step] for step in (Step.TOUCH, Step.OPEN, Step.CROSS))
+    assert touched is not None
+    assert opened is not None
+    assert crossed is not None
+    assert f"start to touch {touched - scored.result.start:.2f} 1.00 1.00" in told
+    lost = crossed - opened
+    assert f"opening to crossed {lost:.2f} 1.00 1.00" in told
+    assert f"most time was lost from opening to crossed: {lost - 1:.2f} s" in told
+    assert "3 other valid runs of 2 teams" in told
+    assert "the team's other runs in this condition is run 2 (completed)" in told
+    (spoken,) = [value for _, value in page.attributes if value.startswith("Where the time")]
+    assert "median 4.00 s: start to touch 1.00 s" in spoken
+
+
+def test_a_run_that_is_the_teams_best_is_told_so(scored: Scored) -> None:
+    itself = summary(3, 1, 9, values={**VALUES, "execution_time": 1.0})
+    place = PagePlace(field=(beside(3, 2),), itself=itself)
+    told = Page(report_html(scored, place=place)).section("Where the time went")
+    assert "This is the team's best run in this condition; the next is run 2" in told
+
+
+def test_a_run_with_nothing_beside_it_says_so(page: Page) -> None:
+    told = page.section("Where the time went")
+    assert "There is nothing to compare with" in told
+    assert "median" not in told
+
+
+def test_files_and_other_runs_are_linked_by_relative_paths(scored: Scored) -> None:
+    runs = (
+        LinkedRun(summary(3, 1, 2), "../other/report.html"),
+        LinkedRun(summary(3, 7, 1, outcome=Outcome.TIMEOUT), ""),
+    )
+    place = PagePlace(files=("result.json", 'javascript:"x" #1.csv'), team=runs)
+    page = Page(report_html(ended(scored, Outcome.ABORTED), place=place))
+    targets = [value for name, value in page.attributes if name == "href"]
+    assert "../other/report.html" in targets
+    assert "result.json" in targets
+    assert "javascript%3A%22x%22%20%231.csv" in targets
+    told = page.section("Other runs of the team")
+    assert "Condition 1 (No Force, pull, from CCW to CW): run 2 (completed, 17.43 s)" in told
+    assert "run 1 (timeout, 17.43 s)" in told
+
+
+def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: Scored) -> None:
+    results = folder.parent
+
+    def put(name: str, run: RunSummary, *, steps: bool = True) -> RunSummary:
+        path = write(results, run)
+        document = json.loads(path.read_text())
+        done = [{"step": step, "final": run.started + step} for step in Step]
+        document |= {"stop": run.started + 6, "steps": done} if steps else {}
+        path.write_text(json.dumps(document))
+        (path.parent / "report.html").write_text(name)
+        return run
+
+    put("own", summary(3, 1, 2, source="simulated"))
+    put("own, another condition", summary(3, 2, 1, source="simulated"))
+    put("of another team", summary(5, 1, 1, source="simulated"))
+    put("official", summary(6, 1, 1))
+    put("other rules", summary(6, 1, 2, source="simulated", ruleset="eurobench-2020"))
+    put("invalid", summary(6, 1, 3, source="simulated", outcome=Outcome.ABORTED))
+    put("without steps", summary(6, 1, 4, source="simulated"), steps=False)
+    place = Surroundings().place_of(folder, scored)
+    assert [(one.summary.subject, one.summary.run_number) for one in place.field] == [
+        (3, 2),
+        (5, 1),
+    ]
+    assert [(one.summary.condition, one.summary.run_number) for one in place.team] == [
+        (1, 2),
+        (2, 1),
+    ]
+    assert all((folder / one.page).is_file() for one in place.team)
+    assert place.field[0].phases[TimedPhase.CROSS] == 1.0
+    assert "result.json" in place.files
+    assert "report.html" not in place.files
+    assert place.itself is not None
 
 
 def test_data_quality_has_a_row_for_each_signal(page: Page, scored: Scored) -> None:
@@ -500,7 +661,8 @@ def test_the_report_made_later_is_that_of_the_run(
 ) -> None:
     before = {path.name for path in folder.iterdir()}
     assert report(folder) == 0
-    assert (folder / "report.html").read_text() == report_html(scored, software_version())
+    place = Surroundings().place_of(folder, scored)
+    assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
     assert {path.name for path in folder.iterdir()} - before == {"report.html"}
     assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
 

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from scoring.figure_table import LARGEST_JERK, EventMark, FigureName, Quantity
 from scoring.figures.drawing import MOST_POINTS
 from scoring.figures.event_labels import EventLabel, labels_of, rows_of
-from scoring.figures.plots import figures_of, missing_figures, png, svg
+from scoring.figures.plots import alternatives_of, figures_of, missing_figures, png, svg
 from scoring.figures.stretches import stretches
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.kinematics import joint_state
 from scoring.protocol import Event, EventName, Outcome, Side, Thresholds
-from scoring.result import Ending, EventRecord, Result
+from scoring.result import Ending, EventRecord, Result, value_text
 from scoring.rows import Rows, process_rows
 from scoring.rulesets import PROTOCOL
 from scoring.samples import Sample
@@ -118,7 +118,58 @@ def test_jerk_is_drawn_without_its_sign_and_clipped(nominal: Scored) -> None:
     drawn = jerk[np.isfinite(jerk)]
     np.testing.assert_array_equal(drawn, np.minimum(np.abs(rows.jerk), LARGEST_JERK))
     assert drawn.max() == LARGEST_JERK
-    assert f"clipped at 2, largest {np.abs(rows.jerk).max():.4f} rad/s³" in words(figure)
+    assert (
+        f"{100 * np.mean(np.abs(rows.jerk) > LARGEST_JERK):.1f} % of the samples lie outside"
+        in (words(figure))
+    )
+
+
+def test_clipped_jerk_stands_whole_below_with_the_mean_that_makes_the_score(
+    nominal: Scored,
+) -> None:
+    result, rows = nominal
+    smoothness = result.indicators[IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION].value
+    assert smoothness is not None
+    for name in (FigureName.JERK, FigureName.JERK_OF_THE_OPENING):
+        figure = figures_for(result, rows)[name]
+        _, clipped, whole = figure.axes
+        _, jerk = curve(whole, "abs jerk, rad/s³")
+        assert np.nanmax(jerk) > LARGEST_JERK
+        for axes in (clipped, whole):
+            assert 10 / curve(axes, "mean")[1][0] == pytest.approx(smoothness)
+        assert f"the run's mean {10 / smoothness:.3g}" in words(figure)
+
+
+def test_a_jerk_within_its_range_has_no_second_panel() -> None:
+    result, rows = run()
+    calm = replace(rows, jerk=rows.jerk / 100)
+    assert len(figures_for(result, calm)[FigureName.JERK].axes) == 2
+
+
+def test_the_force_figure_shows_the_zero_and_what_is_no_touch(nominal: Scored) -> None:
+    result, rows = nominal
+    axes = figures_for(replace(result, handle_zero=5.5), rows)[FigureName.FORCE].axes[0]
+    assert set(curve(axes, "zero")[1]) == {5.5}
+    (band,) = [found for found in axes.collections if found.get_label() == "band"]
+    heights = np.asarray(band.get_paths()[0].vertices)[:, 1]
+    touch = rows.thresholds.touch_force
+    assert heights.min() == pytest.approx(5.5 - touch)
+    assert heights.max() == pytest.approx(5.5 + touch)
+
+
+def test_all_figures_are_of_one_size(nominal: Scored) -> None:
+    figures = [*figures_for(*nominal).values(), *figures_for(*run(stop=None)).values()]
+    assert len({tuple(figure.get_size_inches()) for figure in figures}) == 1
+
+
+def test_figures_are_told_in_words_with_their_numbers(nominal: Scored) -> None:
+    result, rows = nominal
+    told = alternatives_of(result, rows, CONDITION)
+    assert set(told) == set(figures_for(result, rows))
+    assert "position from 0 to 1 rad" in told[FigureName.ACCELERATION]
+    assert "force from -30 to 12 N, largest at 4.00 s" in told[FigureName.FORCE]
+    assert "touch at 2.00 s" in told[FigureName.FORCE]
+    assert "touch" not in told[FigureName.JERK_OF_THE_CLOSING]
 
 
 @pytest.mark.parametrize(
@@ -140,8 +191,11 @@ def test_the_marked_maximum_is_the_indicator(
     }[name]
     assert abs(value) == result.indicators[indicator].value
     assert value == signal[np.flatnonzero(signal_time - START == time)[0]]
-    assert f"maximum {abs(value):.4f}" in words(figure)
-    assert unit_text(result.indicators[indicator].text) in figure.texts[0].get_text()
+    found = result.indicators[indicator]
+    assert f"maximum {value_text(abs(value), found.uncertainty)} {unit_text(found.unit)}" in (
+        words(figure)
+    )
+    assert unit_text(found.text) in " ".join(figure.texts[0].get_text().split())
 
 
 def test_the_largest_force_may_be_negative(nominal: Scored) -> None:
