@@ -22,7 +22,7 @@ from madrob_console.messages.codec import (
     TopicMapping,
 )
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
-from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.inbox import qos_profile
 from madrob_console.testbeds.ros.loading import (
     RosObject,
@@ -56,7 +56,7 @@ Say = Callable[[str], None]
 """Takes one line for people."""
 
 
-def serve_testbed(
+def serve_testbed(  # noqa: PLR0913  what is played where, and how
     testbed: SimulatedTestbed,
     condition: Condition | None,
     repeat: int,
@@ -64,6 +64,7 @@ def serve_testbed(
     say: Say,
     domain: int | None = None,
     mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
+    ros_args: Sequence[str] = (),
     stop: threading.Event | None = None,
 ) -> None:
     """Be the testbed until its runs are over, a signal comes or `stop` is set.
@@ -75,6 +76,7 @@ def serve_testbed(
         say: is told what happens.
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         mappings: topics, types and units.
+        ros_args: what a launch file says of names.
         stop: ends it from another thread.
 
     Raises:
@@ -83,7 +85,7 @@ def serve_testbed(
     number = domain_id(domain, os.environ)
     ended = stop or threading.Event()
     source = SimulatedSource(testbed, SystemClock(), MessageTypes(), mappings)
-    connection = Connection(number)
+    connection = Connection(number, ros_args)
     try:
         node = DoorNode(connection, source, condition, say)
         with _ended_by_signals(ended):
@@ -131,7 +133,7 @@ class DoorNode:
         self._node.add_on_set_parameters_callback(self._on_parameters)
         self._publishers = {
             topic.topic: self._node.create_publisher(
-                load_message_class(topic.type), topic.topic, qos_profile(Qos(), 100)
+                load_message_class(topic.type), in_namespace(topic.topic), qos_profile(Qos(), 100)
             )
             for topic in source.status()
         }
@@ -143,7 +145,8 @@ class DoorNode:
     def _announce(self, scenario: Scenario) -> None:
         """Say that no run here is official, to late joiners, too."""
         string = load_message_class(INFO_TYPE)
-        self._info = self._node.create_publisher(string, INFO_TOPIC, qos_profile(_KEPT, 1))
+        place, qos = in_namespace(INFO_TOPIC), qos_profile(_KEPT, 1)
+        self._info = self._node.create_publisher(string, place, qos)
         self._info.publish(string(data=info_text(scenario)))
 
     def has_done(self, runs: int) -> bool:
@@ -162,7 +165,7 @@ class DoorNode:
 
     def _listen(self, topic: str, type_name: str, heard: Callable[[RosObject], None]) -> None:
         self._node.create_subscription(
-            load_message_class(type_name), topic, heard, qos_profile(_KEPT, 10)
+            load_message_class(type_name), in_namespace(topic), heard, qos_profile(_KEPT, 10)
         )
 
     def _on_parameters(self, parameters: Sequence[RosObject]) -> RosObject:
@@ -216,7 +219,8 @@ class DoorNode:
 
     def _alone(self) -> bool:
         """Whether there is one referee at most."""
-        return int(self._node.count_publishers(REFEREE_STATE_TOPIC)) < 2
+        place = in_namespace(REFEREE_STATE_TOPIC)
+        return len(self._node.get_publishers_info_by_topic(place)) < 2
 
     def _heed(self, state: RefereeState) -> None:
         self._heeded, self._unheeded = state, None

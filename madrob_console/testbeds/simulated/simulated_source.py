@@ -19,6 +19,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.testbeds.announcement import Announcement
+from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.simulated.encoding import Encoder
 from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
@@ -140,6 +141,9 @@ class SimulatedSource:
         elif message.topic == REFEREE_START_POSE_TOPIC:
             pose = self._types.decode(message.type, message.data).pose
             self.testbed.set_start_distance(abs(pose.position.x))
+
+    def attend(self, outside: Outside) -> None:
+        """Nobody asks: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:
         """Do what testbed and robot do in a state of the run."""
