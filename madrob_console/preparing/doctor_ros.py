@@ -83,6 +83,7 @@ def _look_inside(
 _MESSAGES = {
     "diagnostic_msgs": "/diagnostics is not published",
     "std_srvs": "no service can be offered (setting `ros.services`)",
+    "tf2_msgs": "`madrob testbed` publishes no /tf_static",
 }
 """Packages of messages without which all else works, and what does not."""
 

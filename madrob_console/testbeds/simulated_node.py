@@ -8,18 +8,18 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
     MessageTypes,
     TopicMapping,
+    encode_text,
 )
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
 from madrob_console.testbeds.ros.connection import Connection, in_namespace
@@ -137,17 +137,28 @@ class DoorNode:
             )
             for topic in source.status()
         }
-        self._announce(source.testbed.scenario)
         self._listen(REFEREE_STATE_TOPIC, "std_msgs/msg/String", self._on_state)
         self._listen(REFEREE_START_POSE_TOPIC, "geometry_msgs/msg/PoseStamped", self._on_pose)
         source.open()
+        self._announce(source)
 
-    def _announce(self, scenario: Scenario) -> None:
-        """Say that no run here is official, to late joiners, too."""
-        string = load_message_class(INFO_TYPE)
-        place, qos = in_namespace(INFO_TOPIC), qos_profile(_KEPT, 1)
-        self._info = self._node.create_publisher(string, place, qos)
-        self._info.publish(string(data=info_text(scenario)))
+    def _announce(self, source: SimulatedSource) -> None:
+        """Say that no run here is official, and where the sensors are; to late joiners, too."""
+        text = encode_text(MessageTypes(), info_text(source.testbed.scenario))
+        self._keep_saying(INFO_TOPIC, INFO_TYPE, text)
+        with suppress(MadrobError):  # wheels have no tf2_msgs; `madrob doctor` says it
+            for message in source.announcement.messages:
+                self._keep_saying(message.topic, message.type, message.data)
+
+    def _keep_saying(self, topic: str, type_name: str, data: bytes) -> None:
+        """Publish a message that late joiners get, too.
+
+        Raises:
+            MadrobError: its type is not installed.
+        """
+        message_class, qos = load_message_class(type_name), qos_profile(_KEPT, 1)
+        publisher = self._node.create_publisher(message_class, in_namespace(topic), qos)
+        publisher.publish(data)
 
     def has_done(self, runs: int) -> bool:
         """Whether so many runs are over, and the last one's recording too."""

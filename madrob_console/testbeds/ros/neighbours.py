@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections import deque
 from contextlib import suppress
 
@@ -105,6 +106,8 @@ class Neighbours:
 
     def __init__(self, node: RosObject, outside: Outside) -> None:
         self._outside = outside
+        # who calls and goes before its answer is no news
+        warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
         try:
             self._served = tuple(_Served(node, s) for s in _URGENT_FIRST if s in outside.services)
         except ImportError:

@@ -181,7 +181,7 @@ class RosSource:
     def topics(self) -> Sequence[Topic]:
         """Topics whose types can be used here, and the console's own."""
         found = [i.topic for i in self._intakes if i.topic is not None]
-        if self._info is not None and self._info.heard.message is not None:
+        if self._info is not None and self._info.heard.messages:
             found.append(self._info.topic)
         return (*found, *self._own_topics)
 
