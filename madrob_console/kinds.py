@@ -21,6 +21,14 @@ class SourceKind(StrEnum):
     REPLAY = "replay"
 
 
+class RemoteService(StrEnum):
+    """What another program may ask of the engine over ROS, by the name of the service."""
+
+    START = "start"
+    ABORT = "abort"
+    DECLARE_TIMEOUT = "declare_timeout"
+
+
 class Scenario(StrEnum):
     """What a simulated robot does, by the name under which a user asks for it."""
 

@@ -98,6 +98,12 @@ class CorrectionPart(msgspec.Struct, frozen=True):
     before: FormerSetup
 
 
+class ZeroPart(msgspec.Struct, frozen=True):
+    """The handle zero that was set for a run, N."""
+
+    mean: int | float
+
+
 class RunKind(msgspec.Struct, frozen=True):
     """What is read of the set-up in a result; older ones know no practice."""
 
@@ -126,6 +132,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     corrections: tuple[CorrectionPart, ...] = ()
     setup: RunKind = RunKind()
     libraries: Libraries | None = None
+    zero_samples: ZeroPart | None = None
 
     @property
     def valid(self) -> bool:

@@ -227,7 +227,12 @@ def engine_options(arguments: argparse.Namespace) -> list[str]:
             words.append(f"--{name.replace('_', '-')}={value}")
     if arguments.testbed is not None:
         words += ["--testbed", *arguments.testbed]
-    return words
+    return [*words, *ros_words(arguments)]
+
+
+def ros_words(arguments: argparse.Namespace) -> list[str]:
+    """The arguments of ROS as they were given, behind all others."""
+    return ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
 
 
 def _last_words(place: Place) -> str:

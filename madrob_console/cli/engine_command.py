@@ -153,6 +153,7 @@ def serve(arguments: argparse.Namespace) -> int:
         )
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
         try:
+            _attend(local, engine, settings)
             server = EngineServer(
                 local,
                 engine.source.label,
@@ -187,6 +188,13 @@ def _follow_lists(teams: TeamSource, plan: PlanSource, engine: Engine, stack: Ex
 
     stack.callback(ListWatch(teams, engine.hear_of_teams).close)
     stack.callback(ListWatch(plan, engine.hear_of_plan).close)
+
+
+def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:
+    """Other programs of the testbed can ask, and hear how it is."""
+    from madrob_console.engine.process.attendant import Attendant
+
+    engine.source.attend(Attendant(local, settings.ros.services, settings.checks.rate))
 
 
 def _where(arguments: argparse.Namespace, settings: Settings) -> list[str]:

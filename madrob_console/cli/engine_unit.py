@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from madrob_console.cli import options
-from madrob_console.cli.attaching import TAKEN, owned_testbed
+from madrob_console.cli.attaching import TAKEN, owned_testbed, ros_words
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.config import Settings, load_settings
 from madrob_console.engine.process.owned import Owned
@@ -78,7 +78,15 @@ def unit_lines(
     listed = [] if teams is None else [f"--teams={teams}"]
     plan = options.plan_source(arguments, settings).file if arguments.plan else None
     listed += [] if plan is None else [f"--plan={plan}"]
-    serve = [*madrob, "engine", "serve", *testbed, *listed, f"--idle-time={idle}"]
+    serve = [
+        *madrob,
+        "engine",
+        "serve",
+        *testbed,
+        *listed,
+        f"--idle-time={idle}",
+        *ros_words(arguments),
+    ]
     yield f"ExecStart={_quoted(serve)}"
     yield f"ExecStop={_quoted([*madrob, 'engine', 'stop', '--force', *testbed])}"
     yield "Restart=on-failure"

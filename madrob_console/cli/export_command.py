@@ -64,6 +64,7 @@ def main(arguments: argparse.Namespace) -> int:
             target=arguments.output,
             bags=not arguments.without_bags,
             team=teams.names.get(arguments.subject, ""),
+            thresholds=settings.scoring_thresholds(),
             tell=tell,
         )
     for problem in export.problems:

@@ -91,6 +91,7 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
     add_domain(parser)
     add_results(parser)
     add_settings(parser)
+    add_ros_args(parser)
 
 
 def add_domain(parser: argparse.ArgumentParser) -> None:
@@ -101,6 +102,17 @@ def add_domain(parser: argparse.ArgumentParser) -> None:
         default=None,
         metavar="N",
         help="ROS domain; else that of the settings, else ROS_DOMAIN_ID, else 0",
+    )
+
+
+def add_ros_args(parser: argparse.ArgumentParser) -> None:
+    """What a launch file or `ros2 run` puts behind a program's own arguments."""
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        metavar="...",
+        help="at the end: names as a launch file gives them, `-r __ns:=/hall2`, `-r FROM:=TO`",
     )
 
 

@@ -98,7 +98,14 @@ def _ros_source(
     from madrob_console.testbeds.ros import RosSource
 
     domain = options.ros_domain(arguments, settings)
-    return RosSource(settings.mappings(), types, clock, domain, speaks=speaks)
+    return RosSource(
+        settings.mappings(),
+        types,
+        clock,
+        domain,
+        speaks=speaks,
+        ros_args=arguments.ros_args,
+    )
 
 
 def _testbed(arguments: argparse.Namespace, settings: Settings) -> tuple[SourceKind, Path | None]:

@@ -33,6 +33,7 @@ def add(commands: options.Commands) -> None:
         help="runs before it ends; 0 = no end",
     )
     options.add_settings(parser)
+    options.add_ros_args(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -50,5 +51,6 @@ def main(arguments: argparse.Namespace) -> int:
         say=partial(print, flush=True),
         domain=options.ros_domain(arguments, settings),
         mappings=settings.mappings(),
+        ros_args=arguments.ros_args,
     )
     return 0

@@ -23,6 +23,7 @@ from madrob_console.config.tables import (
     FreshnessSettings,
     PlanSettings,
     Results,
+    RosSettings,
     RunDefaults,
     SettingsTable,
     SourceSetting,
@@ -54,6 +55,7 @@ class Settings(SettingsTable, frozen=True):
     plan: PlanSettings = PlanSettings()
     start_poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     testbed: SourceSetting = SourceSetting()
+    ros: RosSettings = RosSettings()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
     doubt: DoubtSettings = DoubtSettings()

@@ -11,7 +11,7 @@ from msgspec import Meta
 from msgspec.structs import force_setattr
 
 from madrob_console.engine.live.limits import SensorLimits
-from madrob_console.kinds import SourceKind, ThemeName
+from madrob_console.kinds import RemoteService, SourceKind, ThemeName
 from madrob_console.names import clean_name
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
@@ -177,6 +177,15 @@ class SourceSetting(SettingsTable, frozen=True):
     def __post_init__(self) -> None:
         if self.kind is SourceKind.REPLAY:
             raise ValueError("kind: a replay needs its bag, use `--testbed replay PATH`")
+
+
+class RosSettings(SettingsTable, frozen=True):
+    """[ros]: what other programs of the ROS domain may do."""
+
+    services: Annotated[
+        tuple[RemoteService, ...],
+        Meta(description=f"what may be called as services: {', '.join(RemoteService)}"),
+    ] = ()
 
 
 class TopicSetting(SettingsTable, frozen=True):

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, REFEREE_STATE_TOPIC, TopicMapping
-from scoring.protocol import PASSAGE_SENSORS, Side, Signal
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
+    START_POSE_FRAME,
+    TopicMapping,
+)
+from madrob_console.messages.field_paths import find_stamp
+from madrob_console.messages.message_types import standard_types
+from scoring.protocol import PASSAGE_SENSORS, Side, Signal, Thresholds
 
 LAYOUT_FILE = "madrob_foxglove_layout.json"
 """How the layout is called where it is a file."""
@@ -14,66 +24,216 @@ LAYOUT_FILE = "madrob_foxglove_layout.json"
 _DOOR, _HANDLE = "Plot!door", "Plot!handle"
 _CW, _CCW = "Plot!passage_cw", "Plot!passage_ccw"
 _EVENTS, _STATE = "RawMessages!referee_event", "RawMessages!referee_state"
+_COURSE, _SCENE = "StateTransitions!course", "3D!doorway"
+_RECEIVED, _STAMPED = "receiveTime", "headerStamp"
+_SCAN = "sensor_msgs/msg/LaserScan"
+
+_PHASE = "/studio_script/madrob_phase"
+_EVENT = "/studio_script/madrob_event"
+_SCRIPT = """\
+import {{ Input }} from "./types";
+
+type Output = {{ word: string }};
+
+export const inputs = ["{topic}"];
+export const output = "{output}";
+
+export default function script(event: Input<"{topic}">): Output {{
+  const said = JSON.parse(event.message.data);
+  return {{ word: String({word}) }};
+}}
+"""
+"""Foxglove's own: the state and the events are JSON in a text, and no panel looks into it."""
 
 
-def foxglove_layout(mappings: Sequence[TopicMapping]) -> dict[str, Any]:
-    """A layout to be imported: plots of the testbed's signals, the referee's messages beside them.
+@dataclass(frozen=True, slots=True)
+class HandleZero:
+    """What the handle read at rest, as it was set for a run.
+
+    Attributes:
+        force: N.
+        run: whose, in words.
+    """
+
+    force: float
+    run: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """A signal as it is published.
+
+    Attributes:
+        mapping: where.
+        stamped: whether its messages have a stamp of their own, as far as the type is known.
+    """
+
+    mapping: TopicMapping
+    stamped: bool
+
+    @property
+    def as_published(self) -> str:
+        own_unit = (self.mapping.scale, self.mapping.offset) != (1.0, 0.0)
+        return ", as published" if own_unit else ""
+
+    def line(self, label: str, index: str = "") -> dict[str, Any]:
+        """Its values over the time of its stamps."""
+        value = f"{self.mapping.topic}.{self.mapping.field}{index}"
+        return _path(value, f"{label}{self.as_published}", stamped=self.stamped)
+
+    def threshold(self, value: float, label: str) -> dict[str, Any]:
+        """A line at a value of the protocol's unit, where the published ones cross it."""
+        published = (value - self.mapping.offset) / self.mapping.scale
+        return _path(f"{published:.6g}", label, stamped=False)
+
+
+def foxglove_layout(
+    mappings: Sequence[TopicMapping],
+    thresholds: Thresholds | None = None,
+    zero: HandleZero | None = None,
+) -> dict[str, Any]:
+    """A layout to be imported: the testbed's signals with the thresholds that make events of them.
+
+    Times are those of the messages' stamps, as in the scores. Beside the signals stand phases and
+    events, the referee's messages, and the doorway where the recording has its frames.
 
     Args:
         mappings: which topic carries which signal.
+        thresholds: the testbed's numbers; None = the protocol's.
+        zero: of the handle; None = it was never set.
     """
-    paths = {m.signal: f"{m.topic}.{m.field}" for m in mappings}
-    own_units = {m.signal for m in mappings if (m.scale, m.offset) != (1.0, 0.0)}
-
-    def lines(labels: Iterable[tuple[Signal, str]]) -> list[tuple[str, str]]:
-        """The message paths of signals, with their labels; of published numbers as they are."""
-        return [
-            (paths[signal], f"{label}, as published" if signal in own_units else label)
-            for signal, label in labels
-            if signal in paths
-        ]
-
-    door = lines([(Signal.DOOR, "angle, rad"), (Signal.LATCH, "latch engaged")])
-    handle = lines([(Signal.HANDLE, "force, N")])
+    limits = thresholds or Thresholds()
+    axes = {m.signal: _Axis(m, _is_stamped(m.type)) for m in mappings}
     return {
         "configById": {
-            _DOOR: _plot("Door", door),
-            _HANDLE: _plot("Handle", handle),
-            _CW: _plot("Passage sensors CW", _passage(Side.CW, paths)),
-            _CCW: _plot("Passage sensors CCW", _passage(Side.CCW, paths)),
+            _DOOR: _plot("Door", _door(axes, limits)),
+            _HANDLE: _plot("Handle", _handle(axes, limits, zero)),
+            _CW: _plot("Passage sensors CW", _passage(Side.CW, axes, limits)),
+            _CCW: _plot("Passage sensors CCW", _passage(Side.CCW, axes, limits)),
+            _COURSE: _transitions(axes),
+            _SCENE: _doorway(mappings),
             _EVENTS: _messages("Referee's events", REFEREE_EVENT_TOPIC),
             _STATE: _messages("State of the run", REFEREE_STATE_TOPIC),
         },
         "globalVariables": {},
-        "userNodes": {},
+        "userNodes": {
+            "madrob_phase": _script("phase", REFEREE_STATE_TOPIC, _PHASE, "said.phase"),
+            "madrob_event": _script(
+                "event", REFEREE_EVENT_TOPIC, _EVENT, "said.details.event ?? said.what"
+            ),
+        },
         "playbackConfig": {"speed": 1},
         "layout": _split(
             "row",
             65,
             _split(
-                "column", 50, _split("column", 50, _DOOR, _HANDLE), _split("column", 50, _CW, _CCW)
+                "column",
+                20,
+                _COURSE,
+                _split(
+                    "column",
+                    50,
+                    _split("column", 50, _DOOR, _HANDLE),
+                    _split("column", 50, _CW, _CCW),
+                ),
             ),
-            _split("column", 50, _EVENTS, _STATE),
+            _split("column", 50, _SCENE, _split("column", 50, _EVENTS, _STATE)),
         ),
     }
 
 
-def _passage(side: Side, paths: dict[Signal, str]) -> list[tuple[str, str]]:
+def _is_stamped(type_name: str) -> bool:
+    try:
+        return find_stamp(standard_types(), type_name) is not None
+    except MadrobError:
+        return False  # of a type that only the testbed knows; its arrival is known in any case
+
+
+def _door(axes: dict[Signal, _Axis], limits: Thresholds) -> Iterator[dict[str, Any]]:
+    if (door := axes.get(Signal.DOOR)) is not None:
+        yield door.line("angle, rad")
+        for angle in (limits.closed_angle, -limits.closed_angle):
+            yield door.threshold(angle, f"closed within {limits.closed_angle:g} rad")
+    if (latch := axes.get(Signal.LATCH)) is not None:
+        yield latch.line("latch engaged")
+
+
+def _handle(
+    axes: dict[Signal, _Axis], limits: Thresholds, zero: HandleZero | None
+) -> Iterator[dict[str, Any]]:
+    if (handle := axes.get(Signal.HANDLE)) is None:
+        return
+    yield handle.line("force, N")
+    rest, whose = (0.0, "0 N") if zero is None else (zero.force, f"{zero.force:.2f} N, {zero.run}")
+    for force in (limits.touch_force, -limits.touch_force):
+        yield handle.threshold(
+            rest + force, f"touch, {limits.touch_force:.2f} N from the zero ({whose})"
+        )
+
+
+def _passage(side: Side, axes: dict[Signal, _Axis], limits: Thresholds) -> Iterator[dict[str, Any]]:
     """The used sensors of a side: their distances to the first thing below."""
-    return [
-        (f"{path}[{sensor.element}]", f"{side} {sensor.index}, distance down")
-        for sensor in PASSAGE_SENSORS
-        if sensor.side is side and (path := paths.get(Signal.of_strip(sensor.strip))) is not None
+    reach = limits.lintel_height - limits.present_height
+    drawn = None
+    for sensor in PASSAGE_SENSORS:
+        axis = axes.get(Signal.of_strip(sensor.strip))
+        if sensor.side is side and axis is not None:
+            drawn = axis
+            yield axis.line(f"{side} {sensor.index}, distance down", f"[{sensor.element}]")
+    if drawn is not None:
+        words = f"present: higher than {limits.present_height:g} m"
+        yield drawn.threshold(reach, words)
+
+
+def _transitions(axes: dict[Signal, _Axis]) -> dict[str, Any]:
+    """When which phase began, and what happened."""
+    latch = axes.get(Signal.LATCH)
+    paths = [
+        _path(f"{_PHASE}.word", "phase", stamped=False),
+        _path(f"{_EVENT}.word", "event", stamped=False),
+        *([] if latch is None else [latch.line("latch engaged")]),
     ]
+    return {"foxglovePanelTitle": "Course of the run", "isSynced": True, "paths": paths}
 
 
-def _plot(title: str, lines: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def _doorway(mappings: Iterable[TopicMapping]) -> dict[str, Any]:
+    """Scans and start pose, where the recording says where the sensors are (`/tf_static`)."""
+    topics = [m.topic for m in mappings if m.type == _SCAN]
+    return {
+        "foxglovePanelTitle": "Doorway",
+        "followMode": "follow-pose",
+        "followTf": START_POSE_FRAME,
+        "cameraState": {
+            "perspective": True,
+            "distance": 6,
+            "phi": 60,
+            "thetaOffset": 45,
+            "target": [0, 0, 0],
+            "targetOffset": [0, 0, 1],
+            "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45,
+            "near": 0.1,
+            "far": 100,
+        },
+        "layers": {"grid": {"layerId": "foxglove.Grid", "visible": True, "size": 4}},
+        "topics": {topic: {"visible": True} for topic in (*topics, REFEREE_START_POSE_TOPIC)},
+    }
+
+
+def _script(name: str, topic: str, output: str, word: str) -> dict[str, str]:
+    code = _SCRIPT.format(topic=topic, output=output, word=word)
+    return {"name": f"MADROB {name}", "sourceCode": code}
+
+
+def _path(value: str, label: str, *, stamped: bool) -> dict[str, Any]:
+    method = _STAMPED if stamped else _RECEIVED
+    return {"value": value, "label": label, "enabled": True, "timestampMethod": method}
+
+
+def _plot(title: str, paths: Iterable[dict[str, Any]]) -> dict[str, Any]:
     return {
         "foxglovePanelTitle": title,
-        "paths": [
-            {"value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime"}
-            for path, label in lines
-        ],
+        "paths": list(paths),
         "xAxisVal": "timestamp",
         "showXAxisLabels": True,
         "showYAxisLabels": True,

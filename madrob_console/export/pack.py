@@ -24,7 +24,7 @@ from madrob_console.archive.result_reader import (
 )
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
+from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -34,6 +34,7 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.teams import TeamName
+from scoring.protocol import Thresholds
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""
@@ -73,6 +74,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     target: Path | None = None,
     bags: bool = True,
     team: str = "",
+    thresholds: Thresholds | None = None,
     tell: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Export:
     """Pack all official runs of a team; the one that goes on is left out and named.
@@ -86,6 +88,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         target: the zip; in the folder `exports` of the results folder if not given.
         bags: whether with the recordings.
         team: its name in the list of teams; empty = the name that its latest run carries.
+        thresholds: the testbed's, for the layout; None = the protocol's.
         tell: is told how many runs are packed, and of how many.
 
     Raises:
@@ -107,8 +110,10 @@ def export_team(  # noqa: PLR0913  what is packed, and how
             added = _add_run(archive, run, without)
             packed.append(PackedRun(run.name, terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
-        layout = msgspec.json.format(msgspec.json.encode(foxglove_layout(mappings)), indent=2)
-        archive.add(LAYOUT_FILE, layout + b"\n", now)
+        zeros = [known[run].zero for run in runs if known[run].zero is not None]
+        layout = foxglove_layout(mappings, thresholds, zeros[-1] if zeros else None)
+        text = msgspec.json.format(msgspec.json.encode(layout).decode(), indent=2)
+        archive.add(LAYOUT_FILE, f"{text}\n".encode(), now)
         problems = [terminal_safe(problem) for problem in archive.problems]
         renamed = [terminal_safe(words) for words in archive.renamed]
         kind = "PRACTICE runs" if practice else "runs"
@@ -144,6 +149,7 @@ class _Known:
 
     team: str
     words: str
+    zero: HandleZero | None = None
 
     @classmethod
     def of(cls, run: Path) -> _Known:
@@ -155,7 +161,15 @@ class _Known:
             return cls("" if setup is None else setup.team, "no result, it was cut off")
         except UnusableResultError as problem:
             return cls("", str(problem))
-        return cls(result.team, _outcome(result))
+        return cls(result.team, _outcome(result), _zero(result))
+
+
+def _zero(result: ListedResult) -> HandleZero | None:
+    """The handle zero of a run, where one was set."""
+    if result.zero_samples is None:
+        return None
+    whose = f"run {result.run_number} of condition {result.condition_number}"
+    return HandleZero(result.zero_samples.mean, whose)
 
 
 def _outcome(result: ListedResult) -> str:

@@ -73,10 +73,26 @@ def _look_inside(
         utilities = load_module("rclpy.utilities")
         rmw = utilities.get_rmw_implementation_identifier()
         yield Finding(Severity.OK, "middleware", str(rmw))
+        yield from look_at_messages()
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
         yield Finding(Severity.WARNING, "ros", str(error))
+
+
+_MESSAGES = {
+    "diagnostic_msgs": "/diagnostics is not published",
+    "std_srvs": "no service can be offered (setting `ros.services`)",
+    "tf2_msgs": "`madrob testbed` publishes no /tf_static",
+}
+"""Packages of messages without which all else works, and what does not."""
+
+
+def look_at_messages() -> Iterator[Finding]:
+    """What is missing for other programs."""
+    for package, lacks in _MESSAGES.items():
+        if importlib.util.find_spec(package) is None:
+            yield Finding(Severity.OK, package, f"not installed: {lacks}")
 
 
 def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:

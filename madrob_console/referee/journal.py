@@ -38,9 +38,10 @@ WITHDRAWN: Final = "withdrawn"
 
 
 class Origin(StrEnum):
-    """Who or what made something happen."""
+    """Who or what made something happen; `remote` is another program, over ROS."""
 
     REFEREE = "referee"
+    REMOTE = "remote"
     SENSOR = "sensor"
     CLOCK = "clock"
     SYSTEM = "system"

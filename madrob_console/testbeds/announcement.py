@@ -29,12 +29,12 @@ class Announcement:
         simulated: what a simulated one plays, in words: every run on it is practice; None = it is
             a real one, or says nothing.
         problem: why what it says cannot be understood, in words; None = it can.
-        message: as it came, for recordings; None where none came.
+        messages: what it said once for all, as it came, for recordings.
     """
 
     simulated: str | None = None
     problem: str | None = None
-    message: RawMessage | None = None
+    messages: tuple[RawMessage, ...] = ()
 
 
 SILENT = Announcement()

@@ -18,6 +18,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.testbeds.announcement import SILENT, Announcement
+from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.recorded_clock import LONGEST, RecordedClock
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
@@ -168,6 +169,9 @@ class RecordedBag:
 
     def publish(self, message: RawMessage) -> None:
         """Nothing: who should have heard it heard it then."""
+
+    def attend(self, outside: Outside) -> None:
+        """Nobody asks."""
 
     def close(self) -> None:
         """Let go of the bag; safe to call twice."""

@@ -8,21 +8,21 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
     MessageTypes,
     TopicMapping,
+    encode_text,
 )
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
-from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.inbox import qos_profile
 from madrob_console.testbeds.ros.loading import (
     RosObject,
@@ -56,7 +56,7 @@ Say = Callable[[str], None]
 """Takes one line for people."""
 
 
-def serve_testbed(
+def serve_testbed(  # noqa: PLR0913  what is played where, and how
     testbed: SimulatedTestbed,
     condition: Condition | None,
     repeat: int,
@@ -64,6 +64,7 @@ def serve_testbed(
     say: Say,
     domain: int | None = None,
     mappings: Sequence[TopicMapping] = DEFAULT_MAPPINGS,
+    ros_args: Sequence[str] = (),
     stop: threading.Event | None = None,
 ) -> None:
     """Be the testbed until its runs are over, a signal comes or `stop` is set.
@@ -75,6 +76,7 @@ def serve_testbed(
         say: is told what happens.
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         mappings: topics, types and units.
+        ros_args: what a launch file says of names.
         stop: ends it from another thread.
 
     Raises:
@@ -83,7 +85,7 @@ def serve_testbed(
     number = domain_id(domain, os.environ)
     ended = stop or threading.Event()
     source = SimulatedSource(testbed, SystemClock(), MessageTypes(), mappings)
-    connection = Connection(number)
+    connection = Connection(number, ros_args)
     try:
         node = DoorNode(connection, source, condition, say)
         with _ended_by_signals(ended):
@@ -131,20 +133,32 @@ class DoorNode:
         self._node.add_on_set_parameters_callback(self._on_parameters)
         self._publishers = {
             topic.topic: self._node.create_publisher(
-                load_message_class(topic.type), topic.topic, qos_profile(Qos(), 100)
+                load_message_class(topic.type), in_namespace(topic.topic), qos_profile(Qos(), 100)
             )
             for topic in source.status()
         }
-        self._announce(source.testbed.scenario)
         self._listen(REFEREE_STATE_TOPIC, "std_msgs/msg/String", self._on_state)
         self._listen(REFEREE_START_POSE_TOPIC, "geometry_msgs/msg/PoseStamped", self._on_pose)
         source.open()
+        self._announce(source)
 
-    def _announce(self, scenario: Scenario) -> None:
-        """Say that no run here is official, to late joiners, too."""
-        string = load_message_class(INFO_TYPE)
-        self._info = self._node.create_publisher(string, INFO_TOPIC, qos_profile(_KEPT, 1))
-        self._info.publish(string(data=info_text(scenario)))
+    def _announce(self, source: SimulatedSource) -> None:
+        """Say that no run here is official, and where the sensors are; to late joiners, too."""
+        text = encode_text(MessageTypes(), info_text(source.testbed.scenario))
+        self._keep_saying(INFO_TOPIC, INFO_TYPE, text)
+        with suppress(MadrobError):  # wheels have no tf2_msgs; `madrob doctor` says it
+            for message in source.announcement.messages:
+                self._keep_saying(message.topic, message.type, message.data)
+
+    def _keep_saying(self, topic: str, type_name: str, data: bytes) -> None:
+        """Publish a message that late joiners get, too.
+
+        Raises:
+            MadrobError: its type is not installed.
+        """
+        message_class, qos = load_message_class(type_name), qos_profile(_KEPT, 1)
+        publisher = self._node.create_publisher(message_class, in_namespace(topic), qos)
+        publisher.publish(data)
 
     def has_done(self, runs: int) -> bool:
         """Whether so many runs are over, and the last one's recording too."""
@@ -162,7 +176,7 @@ class DoorNode:
 
     def _listen(self, topic: str, type_name: str, heard: Callable[[RosObject], None]) -> None:
         self._node.create_subscription(
-            load_message_class(type_name), topic, heard, qos_profile(_KEPT, 10)
+            load_message_class(type_name), in_namespace(topic), heard, qos_profile(_KEPT, 10)
         )
 
     def _on_parameters(self, parameters: Sequence[RosObject]) -> RosObject:
@@ -216,7 +230,8 @@ class DoorNode:
 
     def _alone(self) -> bool:
         """Whether there is one referee at most."""
-        return int(self._node.count_publishers(REFEREE_STATE_TOPIC)) < 2
+        place = in_namespace(REFEREE_STATE_TOPIC)
+        return len(self._node.get_publishers_info_by_topic(place)) < 2
 
     def _heed(self, state: RefereeState) -> None:
         self._heeded, self._unheeded = state, None

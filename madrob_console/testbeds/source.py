@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from madrob_console.kinds import SourceKind
     from madrob_console.testbeds.announcement import Announcement
+    from madrob_console.testbeds.outside import Outside
     from recorder.bag import Topic
     from recorder.message import RawMessage
     from scoring.protocol import Condition
@@ -99,6 +100,10 @@ class Source(Protocol):
 
         What is published while the source is closed reaches nobody.
         """
+        ...
+
+    def attend(self, outside: Outside) -> None:
+        """Let other programs of the testbed ask and hear; nobody does where there are none."""
         ...
 
     def close(self) -> None:

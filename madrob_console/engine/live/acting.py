@@ -73,35 +73,37 @@ class Acting:
             found.pop(Abort.name, None)
         return found
 
-    def submit(self, act: Act, done: Told, name: str) -> None:
+    def submit(self, act: Act, done: Told, name: str, origin: Origin = Origin.REFEREE) -> None:
         """Do an act, if it is possible: at once, or when its line is on disk.
 
         Args:
             act: what to do.
             done: told once: why it was refused, in words, or None when it took effect.
             name: its id; one that is known is answered again, not done twice. Empty = none.
+            origin: who asks.
         """
         answer = self._answers.expect(name, done)
         if answer is not None:
-            self._judge(act, answer, name)
+            self._judge(act, answer, name, origin)
 
-    def _judge(self, act: Act, answer: Told, name: str) -> None:
+    def _judge(self, act: Act, answer: Told, name: str, origin: Origin) -> None:
         durable, run = self.durable, self._at_hand.run
         if durable.waiting is not None and isinstance(act, Abort) and not run.active:
             starts = Consequence.COUNTDOWN in durable.waiting.consequences
-            why = "aborted before the countdown began" if starts else "taken back by the referee"
+            who = "the referee" if origin is Origin.REFEREE else "an abort over ROS"
+            why = "aborted before the countdown began" if starts else f"taken back by {who}"
             why = f"{why}: {act.reason}".rstrip(": ")
-            if durable.withdraw_or(why, then=lambda: self._judge(act, answer, name)):
+            if durable.withdraw_or(why, then=lambda: self._judge(act, answer, name, origin)):
                 answer(None)
         elif refused := act.refusal(self._situation()) or durable.refusal(act, active=run.active):
             answer(refused)
         elif act.at_once or self._waits_for_start(act):
-            self._do(act)
+            self._do(act, origin)
             answer(None)
         else:
             name, at = name or f"{self._equipment.clock.now_ns():x}", self._equipment.now()
             act, prepare = self._completed(act)
-            durable.submit(act, lambda act: _line_of(act, run, at, name), answer, prepare)
+            durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
 
     def _waits_for_start(self, act: Act) -> bool:
         """Whether its line does, and not for a disk: before its start a run has no journal there.
@@ -121,7 +123,7 @@ class Acting:
         assert at_hand.folder is not None
         return act, partial(_numbered, act, at_hand.folder.parent)
 
-    def _do(self, act: Act) -> None:
+    def _do(self, act: Act, origin: Origin) -> None:
         """An act that takes effect whatever the disk says."""
         brings, at, situation = act.consequences, self._equipment.now(), self._situation()
         at_hand, act = self._at_hand, act.settled(situation)
@@ -129,7 +131,7 @@ class Acting:
             at_hand.begin_next()
             situation = replace(situation, run=at_hand.run)
         run = act.apply(situation, at)
-        at_hand.write(_line_of(act, run, at))
+        at_hand.write(_line_of(act, run, at, origin))
         if Consequence.HANDLE_ZERO in brings:
             at_hand.kept = run.cleared
         if Consequence.NEW_RUN in brings:
@@ -171,6 +173,6 @@ def _numbered(act: Correct, results: Path) -> Act:
     return act.numbered(number)
 
 
-def _line_of(act: Act, run: Run, at: float, name: str = "") -> Entry:
-    reason, details = act.reason_given, act_details(act)
-    return Entry(at, Origin.REFEREE, act.name, run.referee, reason, details, name)
+def _line_of(act: Act, run: Run, at: float, origin: Origin, name: str = "") -> Entry:
+    referee = run.referee if origin is Origin.REFEREE else ""
+    return Entry(at, origin, act.name, referee, act.reason_given, act_details(act), name)

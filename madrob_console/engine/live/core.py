@@ -34,6 +34,7 @@ from madrob_console.engine.shown.snapshot import ExportView, Snapshot
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
@@ -358,19 +359,27 @@ class Engine:
         """Up to when messages were surely taken: a program held up makes no topic silent."""
         return self.now() if self._looked is None or self._replay is not None else self._looked
 
-    def submit(self, act: Act, done: Told, *, id: str = "") -> None:  # noqa: A002
-        """Do an act of the referee, if it is possible: at once, or when its line is on disk.
+    def submit(
+        self,
+        act: Act,
+        done: Told,
+        *,
+        id: str = "",  # noqa: A002
+        origin: Origin = Origin.REFEREE,
+    ) -> None:
+        """Do an act, if it is possible: at once, or when its line is on disk.
 
         Args:
             act: what to do.
             done: told once, in this thread: why it was refused, in words, or None when it took
                 effect. What was refused never takes effect later.
             id: made by who asks; an act that is known by it is answered again, not done twice.
+            origin: who asks, for the journal.
         """
         if self._replay is not None:
             done(NO_ACTS)
         else:
-            self._acting.submit(act, done, id)
+            self._acting.submit(act, done, id, origin)
 
     def perform(self, act: Act) -> str | None:
         """Do an act of the referee as `submit` does, and go on until it is answered.

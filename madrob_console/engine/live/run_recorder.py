@@ -124,7 +124,7 @@ class RunRecorder:
         """Record from now on; what the testbed said of itself is recorded, too."""
         self._chronicle.attach(opened.recording, opened.journal, opened.entries)
         self._recording = opened.recording
-        if (told := self._source.announcement.message) is not None:
+        for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
             self.put(replace(told, receive_ns=now_ns))  # said before the bag was open
         self._lost_before = self._lost()

@@ -37,6 +37,7 @@ from madrob_console.engine.shown.snapshot import Pulse, Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
+from madrob_console.referee.journal import Origin
 
 TAKE_TIMEOUT = 0.02
 """How long the engine waits for messages before it looks at acts and the clock, s."""
@@ -174,7 +175,12 @@ class LocalEngine:
         )
 
     def begin(
-        self, request: Request[T], deadline: float | None = None, *, first: bool = True
+        self,
+        request: Request[T],
+        deadline: float | None = None,
+        *,
+        first: bool = True,
+        origin: Origin = Origin.REFEREE,
     ) -> Future[T]:
         """Have a request carried out, and do not wait.
 
@@ -183,11 +189,12 @@ class LocalEngine:
             deadline: what has not begun by then never takes effect, s of the monotonic clock;
                 None = as the request has it.
             first: what only reads comes before that of others.
+            origin: who asks, for the journal.
         """
         if deadline is None:
             deadline = time.monotonic() + request.latest_begin
         try:
-            return self._carry_out(request, deadline, first=first)
+            return self._carry_out(request, deadline, first=first, origin=origin)
         except MadrobError as error:
             answer: Future[T] = Future()
             answer.set_exception(error)
@@ -201,7 +208,9 @@ class LocalEngine:
         """
         return awaited(self.begin(request), request.timeout)
 
-    def _carry_out(self, request: Request[Any], deadline: float, *, first: bool) -> Future[Any]:
+    def _carry_out(
+        self, request: Request[Any], deadline: float, *, first: bool, origin: Origin
+    ) -> Future[Any]:
         """The one place that knows what each request means."""
         engine = self._engine
 
@@ -211,7 +220,7 @@ class LocalEngine:
         match request:
             case Perform(name, details, number):
                 act = act_named(name, details)
-                return core(lambda done: engine.submit(act, done, id=number))
+                return core(lambda done: engine.submit(act, done, id=number, origin=origin))
             case NextRunNumber(subject, condition, practice):
                 return engine.next_run_number(subject, condition, practice=practice, first=first)
             case OpenRun(folder, invalid):

@@ -106,6 +106,7 @@ class RecorderView:
     Attributes:
         state: `closed`, `recording`, `failed` or `finished`.
         messages, size, dropped: written, bytes on disk, not written.
+        queued: bytes on their way to the file.
         problem: in words; None = nothing.
     """
 
@@ -114,6 +115,7 @@ class RecorderView:
     size: int = 0
     dropped: int = 0
     problem: str | None = None
+    queued: int = 0
 
 
 class Weight(StrEnum):

@@ -6,6 +6,7 @@ from functools import partial
 
 import msgspec
 
+from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from recorder.bag import Durability, Qos, Reliability
 
@@ -88,7 +89,7 @@ class Inbox:
         )
         self._subscription = node.create_subscription(
             message_class,
-            topic,
+            in_namespace(topic),
             self._on_message,
             qos_profile(qos, depth),
             raw=True,

@@ -69,6 +69,6 @@ class InfoWatch:
             INFO_TOPIC, INFO_TYPE, received.data, received.source_ns, received.received_ns
         )
         try:
-            return Announcement(simulated_in(decode_text(self._types, received.data)), None, raw)
+            return Announcement(simulated_in(decode_text(self._types, received.data)), None, (raw,))
         except MadrobError as error:
-            return Announcement(None, str(error), raw)
+            return Announcement(None, str(error), (raw,))

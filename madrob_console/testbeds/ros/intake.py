@@ -11,6 +11,7 @@ from pathlib import Path
 
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes, describe_topic
+from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.definitions import find_definition
 from madrob_console.testbeds.ros.inbox import QUEUE_DEPTH, Inbox, Received, offered_by_all
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
@@ -90,7 +91,7 @@ class Intake:
 
     def discover(self) -> None:
         """Look at the publishers, and subscribe to them as they need it."""
-        infos = self._node.get_publishers_info_by_topic(self.name)
+        infos = self._node.get_publishers_info_by_topic(in_namespace(self.name))
         usable = [i for i in infos if i.topic_type == self.type and self._same_version(i)]
         misfits = [i for i in infos if i not in usable]
         self._problem = self._misfit(misfits[0], alone=not usable) if misfits else None

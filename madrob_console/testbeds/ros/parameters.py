@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from scoring.braking import braking_table, door_controller_mode
 from scoring.protocol import Condition, Side
@@ -55,7 +56,7 @@ class DoorParameters:
 
     def __init__(self, node: RosObject) -> None:
         self._service = load_module("rcl_interfaces.srv").SetParameters
-        self._client = node.create_client(self._service, SET_PARAMETERS)
+        self._client = node.create_client(self._service, in_namespace(SET_PARAMETERS))
         self._wanted: _Request | None = None
         self._answer: tuple[_Request, str | None] | None = None
         self._asked: _Request | None = None

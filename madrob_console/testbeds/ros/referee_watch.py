@@ -12,6 +12,7 @@ from pathlib import Path
 
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.names import terminal_safe
+from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.loading import RosObject
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
@@ -50,15 +51,19 @@ class RefereeWatch:
     def __init__(self, node: RosObject, *, speaks: bool) -> None:
         self.other: str | None = None
         self._node = node
+        self._name = node.get_name()
         self._own = int(speaks)
 
     def look(self) -> None:
         """Ask the graph; call it a few times a second."""
-        infos = self._node.get_publishers_info_by_topic(REFEREE_STATE_TOPIC)
-        self.other = second_referee(((i.node_namespace, i.node_name) for i in infos), self._own)
+        infos = self._node.get_publishers_info_by_topic(in_namespace(REFEREE_STATE_TOPIC))
+        nodes = ((i.node_namespace, i.node_name) for i in infos)
+        self.other = second_referee(nodes, self._own, self._name)
 
 
-def second_referee(nodes: Iterable[tuple[str, str]], own: int = 1) -> str | None:
+def second_referee(
+    nodes: Iterable[tuple[str, str]], own: int = 1, own_name: str | None = None
+) -> str | None:
     """Who publishes the state of the run beside us, in words; None = nobody.
 
     One that was killed stays in the graph for a while (20 s with Fast DDS): where it ran on this
@@ -67,11 +72,13 @@ def second_referee(nodes: Iterable[tuple[str, str]], own: int = 1) -> str | None
     Args:
         nodes: (namespace, name) of each publisher's node.
         own: how many publishers are ours.
+        own_name: of our node; None = `console_name()`.
     """
     others, ours = [], 0
+    own_name = own_name or console_name()
     for namespace, name in nodes:
-        ours += name == console_name()
-        if not (name == console_name() and ours <= own) and not _is_gone(name):
+        ours += name == own_name
+        if not (name == own_name and ours <= own) and not _is_gone(name):
             others.append(_in_words(namespace, name))
     if not others:
         return None

@@ -23,13 +23,15 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.testbeds.announcement import SILENT, Announcement
-from madrob_console.testbeds.ros.connection import Connection
+from madrob_console.testbeds.outside import Outside
+from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.definitions import prefixes
 from madrob_console.testbeds.ros.inbox import Received, can_take, qos_profile
 from madrob_console.testbeds.ros.info_watch import InfoWatch
 from madrob_console.testbeds.ros.intake import Intake
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
 from madrob_console.testbeds.ros.mailbox import Mailbox
+from madrob_console.testbeds.ros.neighbours import Neighbours
 from madrob_console.testbeds.ros.parameters import DoorParameters
 from madrob_console.testbeds.ros.referee_watch import RefereeWatch, console_name
 from madrob_console.testbeds.ros_domain import domain_id
@@ -64,13 +66,14 @@ class RosSource:
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         direct: take messages without an executor, where rclpy can.
         speaks: whether it is the referee's: else it only listens, and no other referee hears of it.
+        ros_args: what a launch file says of names and namespaces, as behind `--ros-args`.
         environment: where `ROS_DOMAIN_ID` and `AMENT_PREFIX_PATH` are looked up.
 
     Raises:
         MadrobError: a topic is mapped with two types, or the domain does not exist.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  what it joins, and how
         self,
         mappings: Sequence[TopicMapping],
         types: MessageTypes,
@@ -79,6 +82,7 @@ class RosSource:
         *,
         direct: bool = True,
         speaks: bool = True,
+        ros_args: Sequence[str] = (),
         environment: Mapping[str, str] = os.environ,
     ) -> None:
         self._configured = _topic_types(mappings)
@@ -88,9 +92,12 @@ class RosSource:
         self._domain = domain_id(domain, environment)
         self._direct = direct
         self._speaks = speaks
+        self._ros_args = ros_args
         self._environment = environment
         self._mailbox = Mailbox()
         self._connection: Connection | None = None
+        self._console: RosObject = None
+        self._neighbours: Neighbours | None = None
         self._publishers: dict[str, RosObject] = {}
         self._door: DoorParameters | None = None
         self._referees: RefereeWatch | None = None
@@ -122,7 +129,7 @@ class RosSource:
         """
         if self._thread is not None or self._stop.is_set():
             return
-        connection = Connection(self._domain)
+        connection = Connection(self._domain, self._ros_args)
         try:
             door, referees, info = self._join(connection)
         except BaseException:
@@ -139,18 +146,18 @@ class RosSource:
     def _join(self, connection: Connection) -> tuple[DoorParameters, RefereeWatch, InfoWatch]:
         """Create everything that speaks and listens."""
         self._direct = self._direct and can_take()
-        console = connection.node(console_name())
-        listener = connection.node("console_intake", spun=not self._direct)
+        self._console = console = connection.node(console_name(), spun=False)
+        listener = connection.node("intake", beside=console, spun=not self._direct)
         self._publishers = {
             topic.name: console.create_publisher(
                 load_message_class(topic.type),
-                topic.name,
+                in_namespace(topic.name),
                 qos_profile(topic.qos, _DEPTHS.get(topic.name, 1)),
             )
             for topic in self._own_topics
             if self._speaks
         }
-        self._door = DoorParameters(console)
+        self._door = DoorParameters(connection.node("parameters", beside=console))
         self._referees = RefereeWatch(console, speaks=self._speaks)
         self._info = InfoWatch(listener, self._types, direct=self._direct)
         places = prefixes(self._environment)
@@ -174,7 +181,7 @@ class RosSource:
     def topics(self) -> Sequence[Topic]:
         """Topics whose types can be used here, and the console's own."""
         found = [i.topic for i in self._intakes if i.topic is not None]
-        if self._info is not None and self._info.heard.message is not None:
+        if self._info is not None and self._info.heard.messages:
             found.append(self._info.topic)
         return (*found, *self._own_topics)
 
@@ -214,8 +221,20 @@ class RosSource:
         if publisher := self._publishers.get(message.topic):
             publisher.publish(message.data)
 
+    def attend(self, outside: Outside) -> None:
+        """Publish `/diagnostics` and serve what may be called, while the source is open.
+
+        Raises:
+            MadrobError: what may be called is not installed.
+        """
+        if self._connection is not None and self._speaks and self._neighbours is None:
+            self._neighbours = Neighbours(self._console, outside)
+
     def close(self) -> None:
         """Leave the ROS domain; what arrived before can still be taken."""
+        if self._neighbours is not None:
+            self._neighbours.close()
+            self._neighbours = None
         self._stop.set()
         thread, connection = self._thread, self._connection
         if thread is None or connection is None:

@@ -5,7 +5,9 @@ Whatever types and units a testbed is configured with, its simulation publishes 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import reduce
+from types import MappingProxyType
 
 import numpy as np
 
@@ -26,24 +28,35 @@ class Encoder:
     Args:
         mapping: the topic, its type and field, scale and offset.
         types: the types known.
+        frame: in the header, where there is one.
+        scan: fields of a scan, with their values; those beside the ranges are set.
 
     Raises:
         MadrobError: the type is unknown, or its field cannot hold the signal.
     """
 
-    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
+    def __init__(
+        self,
+        mapping: TopicMapping,
+        types: MessageTypes,
+        frame: str = "",
+        scan: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         self._mapping = mapping
         self._types = types
         field = find_field(types, mapping.type, mapping.field)
         self._message = types.make(mapping.type)
         stamp = find_stamp(types, mapping.type)
         self._stamp = None if stamp is None else stamp(self._message)
+        if stamp is not None:
+            self._message.header.frame_id = frame
         self._holder, self._name, self._index = self._place(field)
         self._numbers = field.numbers
         self._base = field.base
         self._check()
         if mapping.signal in _STRIPS:
             self._set_limits(field)
+            self._set_beside(field, scan)
         if mapping.type == "sensor_msgs/msg/JointState":
             self._message.name = ["door"]
 
@@ -96,9 +109,12 @@ class Encoder:
     def _set_limits(self, field: MessageField) -> None:
         scale, offset = self._mapping.scale, self._mapping.offset
         limits = sorted((limit - offset) / scale for limit in (RANGE_MIN, RANGE_MAX))
-        for name, limit in zip(("range_min", "range_max"), limits, strict=True):
+        self._set_beside(field, dict(zip(("range_min", "range_max"), limits, strict=True)))
+
+    def _set_beside(self, field: MessageField, numbers: Mapping[str, float]) -> None:
+        for name, number in numbers.items():
             if field.sibling(name, self._types) is not None:
-                setattr(self._holder, name, limit)
+                setattr(self._holder, name, number)
 
     def _error(self, reason: str) -> MadrobError:
         return MadrobError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random
 
 from madrob_console.clock import Clock, nanoseconds
@@ -19,14 +20,23 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.testbeds.announcement import Announcement
+from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.testbeds.simulated.frames import (
+    FRAMES_TOPIC,
+    FRAMES_TYPE,
+    encode_frames,
+    frame_name,
+    scan_angles,
+)
 from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 from madrob_console.testbeds.source import TopicStatus
-from recorder.bag import Topic
+from recorder.bag import Durability, Qos, Topic
 from recorder.message import RawMessage
 from scoring.protocol import Condition
 
+_KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 _LARGEST_JITTER = 0.2
 """Of the period between two readings."""
 _PUBLISHING_NS = 50_000
@@ -68,10 +78,12 @@ class SimulatedSource:
         self._streams = tuple(_Stream(m, types, self.testbed) for m in self._mappings)
         self._topics = (
             *(describe_topic(types, m.topic, m.type) for m in self._mappings),
+            describe_topic(types, FRAMES_TOPIC, FRAMES_TYPE, _KEPT),
             *referee_topics(types),
         )
         self._types = types
         self._problem: str | None = None
+        self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
         self._closed = False
 
@@ -89,6 +101,9 @@ class SimulatedSource:
         """Switch the sensors on."""
         if not self._opened:
             self._opened = True
+            now, geometry = self._clock.now_ns(), self.testbed.geometry
+            frames = encode_frames(self._types, geometry, now)
+            self._announcement = replace(self._announcement, messages=(frames,))
             self._switch_on()
 
     def take(self, timeout: float) -> list[RawMessage]:
@@ -125,8 +140,8 @@ class SimulatedSource:
 
     @property
     def announcement(self) -> Announcement:
-        """Its scenario."""
-        return Announcement(simulated=str(self.testbed.scenario))
+        """Its scenario, and where its sensors are."""
+        return self._announcement
 
     @property
     def other_referee(self) -> str | None:
@@ -140,6 +155,9 @@ class SimulatedSource:
         elif message.topic == REFEREE_START_POSE_TOPIC:
             pose = self._types.decode(message.type, message.data).pose
             self.testbed.set_start_distance(abs(pose.position.x))
+
+    def attend(self, outside: Outside) -> None:
+        """Nobody asks: it belongs to its engine."""
 
     def heed(self, state: RefereeState) -> None:
         """Do what testbed and robot do in a state of the run."""
@@ -179,10 +197,12 @@ class _Stream:
         self, mapping: TopicMapping, types: MessageTypes, testbed: SimulatedTestbed
     ) -> None:
         self._mapping = mapping
-        self._encoder = Encoder(mapping, types)
+        rate = testbed.sensors.rate
+        scan = scan_angles(testbed.geometry) | {"scan_time": 1 / rate}
+        self._encoder = Encoder(mapping, types, frame_name(mapping.signal), scan)
         self._testbed = testbed
         self._rng = Random(f"{testbed.seed}/timing/{mapping.signal.name}")
-        self._period = nanoseconds(1 / testbed.sensors.rate)
+        self._period = nanoseconds(1 / rate)
         self._phase = self._rng.randrange(self._period)
         self._nominal = 0
         self._stamp_ns = 0

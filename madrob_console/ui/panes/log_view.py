@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _TONES = {
     Origin.REFEREE: Tone.STRONG,
+    Origin.REMOTE: Tone.STRONG,
     Origin.SENSOR: Tone.PLAIN,
     Origin.CLOCK: Tone.PLAIN,
     Origin.SYSTEM: Tone.DIM,

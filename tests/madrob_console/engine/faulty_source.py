@@ -18,6 +18,7 @@ from madrob_console.messages.codec import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.announcement import Announcement
+from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Topic
@@ -114,6 +115,9 @@ class FaultySource:
     @property
     def announcement(self) -> Announcement:
         return self._source.announcement
+
+    def attend(self, outside: Outside) -> None:
+        self._source.attend(outside)
 
     @property
     def other_referee(self) -> str | None:

@@ -28,7 +28,7 @@ from tests.madrob_console.engine.drive import Drive, make_setup
 
 TYPES = MessageTypes()
 SAID = RawMessage(INFO_TOPIC, INFO_TYPE, encode_text(TYPES, info_text("nominal")), 1, 2)
-OVER_ROS = Announcement("nominal", None, SAID)
+OVER_ROS = Announcement("nominal", None, (SAID,))
 
 
 class Hall(SimulatedSource):
@@ -46,7 +46,7 @@ class Hall(SimulatedSource):
 
     def topics(self) -> tuple[Topic, ...]:
         said = (Topic(INFO_TOPIC, INFO_TYPE, TYPES.definition(INFO_TYPE), ""),)
-        return (*super().topics(), *(said if self.told.message else ()))
+        return (*super().topics(), *(said if self.told.messages else ()))
 
 
 class Rehearsal(Drive):

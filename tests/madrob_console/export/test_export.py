@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import subprocess
 import time
 import unicodedata
@@ -24,7 +25,7 @@ from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
 from madrob_console.errors import MadrobError
 from madrob_console.export import pack, zip_file
-from madrob_console.export.foxglove_layout import foxglove_layout
+from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
 from madrob_console.export.pack import export_team, file_name
 from madrob_console.export.portable_names import (
     LONGEST_FILE_NAME,
@@ -32,10 +33,15 @@ from madrob_console.export.portable_names import (
     portable_names,
 )
 from madrob_console.files.plain import open_plain
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    MessageTypes,
+    TopicMapping,
+    referee_topics,
+)
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import read_bag
-from scoring.protocol import Outcome, Signal
+from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
 
@@ -484,9 +490,50 @@ def test_the_layout_shows_the_topics_of_the_testbed() -> None:
     assert lines["/madrob/door/angle.position[0]"] == "angle, rad"
     assert lines["/door/handle.force"] == "force, N, as published"
     assert lines["/madrob/passage/ccw_right.ranges[0]"] == "ccw 4, distance down"
-    assert len(lines) == 13
+    assert len([value for value in lines if value.startswith("/")]) == 13
     assert set(layout) == {"configById", "layout", "globalVariables", "userNodes", "playbackConfig"}
     assert _panels(layout["layout"]) == set(layout["configById"])
+
+
+def test_the_layout_goes_by_the_messages_own_stamps_and_has_the_thresholds_as_published() -> None:
+    own = TopicMapping(Signal.HANDLE, "/door/handle", "geometry_msgs/msg/WrenchStamped",
+                       "wrench.force.x", scale=0.5, offset=1.0)  # fmt: skip
+    mappings = [own, *(m for m in DEFAULT_MAPPINGS if m.signal is not Signal.HANDLE)]
+    limits = Thresholds(closed_angle=0.04, touch_force=3.0, lintel_height=2.5, present_height=0.4)
+    layout = foxglove_layout(mappings, limits, HandleZero(6.0, "run 2 of condition 1"))
+    paths = [path for panel in layout["configById"].values() for path in panel.get("paths", ())]
+    assert {p["timestampMethod"] for p in paths if p["value"].startswith("/madrob/passage")} == {
+        "headerStamp"
+    }
+    methods = {path["value"]: path["timestampMethod"] for path in paths}
+    assert methods["/madrob/door/angle.position[0]"] == "headerStamp"
+    assert methods["/madrob/door/locked.data"] == "receiveTime"  # it has no stamp
+    levels = [float(path["value"]) for path in paths if not path["value"].startswith("/")]
+    assert sorted(levels) == [-0.04, 0.04, 2.1, 2.1, 4.0, 16.0]
+    words = {path["value"]: path["label"] for path in paths}
+    assert words["16"] == "touch, 3.00 N from the zero (6.00 N, run 2 of condition 1)"
+
+
+def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
+    layout = foxglove_layout(DEFAULT_MAPPINGS)
+    shown = {path["value"] for path in layout["configById"]["StateTransitions!course"]["paths"]}
+    for script in layout["userNodes"].values():
+        (output,) = re.findall(r'export const output = "(.*)";', script["sourceCode"])
+        (heard,) = re.findall(r'export const inputs = \["(.*)"\];', script["sourceCode"])
+        assert f"{output}.word" in shown
+        assert heard in {topic.name for topic in referee_topics(MessageTypes())}
+
+
+def test_the_layout_in_a_zip_has_the_handle_zero_of_the_newest_run(
+    recorded: Path, tmp_path: Path
+) -> None:
+    export_team(recorded, 3, DEFAULT_MAPPINGS, NOW, practice=True, target=tmp_path / "a.zip")
+    home = unpacked(tmp_path / "a.zip", tmp_path / "home")
+    layout = json.loads((home / "madrob_foxglove_layout.json").read_text())
+    (_, above, below) = layout["configById"]["Plot!handle"]["paths"]
+    zero = (float(above["value"]) + float(below["value"])) / 2
+    assert zero == pytest.approx(5.9, abs=0.1)
+    assert f"({zero:.2f} N, run " in above["label"]
 
 
 def _panels(node: object) -> set[str]:

@@ -20,8 +20,7 @@ def test_what_was_announced_before_is_heard_and_goes_with_who_said_it(peer: Peer
     with Taker(source()) as taker:
         peer.until(lambda: taker.source.announcement.simulated == "slam")
         assert taker.source.label.startswith(SIMULATED)
-        message = taker.source.announcement.message
-        assert message is not None
+        (message,) = taker.source.announcement.messages
         assert info_text("slam").encode() in message.data
         assert INFO_TOPIC in {topic.name for topic in taker.source.topics()}
         peer.own.destroy_publisher(publisher)
@@ -35,7 +34,7 @@ def test_what_is_announced_late_is_heard_too_and_one_of_two_testbeds_is_enough(
 ) -> None:
     with Taker(source()) as taker:
         real = announce(peer, '{"kind": "real"}')
-        peer.until(lambda: taker.source.announcement.message is not None)
+        peer.until(lambda: taker.source.announcement.messages)
         assert taker.source.announcement.simulated is None
         simulated = announce(peer, info_text("slow"))
         peer.until(lambda: taker.source.announcement.simulated == "slow")
@@ -59,6 +58,6 @@ def test_garbage_and_megabytes_make_no_run_practice_and_are_named(peer: Peer) ->
         huge = info_text("x" * 3_000_000)
         publisher.publish(load_message_class(INFO_TYPE)(data=huge))  # type: ignore[attr-defined]
         peer.until(lambda: "bytes are no announcement" in str(taker.source.announcement.problem))
-        assert taker.source.announcement.message is None  # nor is it recorded
+        assert not taker.source.announcement.messages  # nor is it recorded
         assert taker.source.announcement.simulated is None
         assert taker.source.label.startswith(LIVE)

@@ -1,0 +1,169 @@
+"""What other programs of a ROS domain may call, and what they hear of how the console is.
+
+A thread of its own serves them: neither what they send nor who does not listen holds up what comes
+from the testbed, or the engine.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import warnings
+from collections import deque
+from contextlib import suppress
+
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import RemoteService
+from madrob_console.testbeds.outside import CallAnswer, Diagnosis, LookForAnswer, Outside
+from madrob_console.testbeds.ros.inbox import qos_profile
+from madrob_console.testbeds.ros.loading import RosObject, load_message_class, load_module
+from recorder.bag import Qos
+
+DIAGNOSTICS_TOPIC = "/diagnostics"
+"""Where ROS programs say how they are."""
+
+MOST_UNDER_WAY = 4
+"""Calls of one service that are carried out at the same time."""
+
+TOO_MANY = "Refused: too many calls at once: wait for an answer, then call again"
+
+_PERIOD = 0.02
+"""Seconds between two looks at the calls."""
+
+_DIAGNOSIS = 1.0
+"""Seconds between two messages of how the console is."""
+
+_DEPTH = 100
+"""Calls of one service that DDS keeps for us; what comes beyond takes the place of older ones."""
+
+_REPLYING = 0.02
+"""Seconds of a look after which the other replies wait for the next: one may take 0.1 s."""
+
+_ENDED = "the engine has ended: what is shown when it is back tells whether it was done"
+_URGENT_FIRST = (RemoteService.ABORT, RemoteService.DECLARE_TIMEOUT, RemoteService.START)
+
+
+class _Served:
+    """One service. Calls that come while enough are carried out are refused."""
+
+    def __init__(self, node: RosObject, which: RemoteService) -> None:
+        trigger = load_module("std_srvs.srv").Trigger
+        self._which = which
+        self._request, self._response = trigger.Request, trigger.Response
+        self._service = node.create_service(
+            trigger, f"~/{which}", _never_spun, qos_profile=qos_profile(Qos(), _DEPTH)
+        )
+        self._under_way: list[tuple[RosObject, LookForAnswer]] = []
+        self._replies: deque[tuple[RosObject, CallAnswer]] = deque(maxlen=_DEPTH)
+
+    def take(self, outside: Outside) -> None:
+        """Have what was called carried out, and hear what came of what was called before."""
+        for _ in range(_DEPTH):
+            with self._service.handle:
+                _, caller = self._service.handle.service_take_request(self._request)
+            if caller is None:
+                break
+            if len(self._under_way) < MOST_UNDER_WAY:
+                self._under_way.append((caller, outside.call(self._which)))
+            else:
+                self._replies.append((caller, CallAnswer(success=False, message=TOO_MANY)))
+        waiting, self._under_way = self._under_way, []
+        for caller, look in waiting:
+            if (answer := look()) is None:
+                self._under_way.append((caller, look))
+            else:
+                self._replies.appendleft((caller, answer))
+
+    def reply(self, until: float) -> None:
+        """Send answers, s of the monotonic clock long; a caller that has gone gets none."""
+        while self._replies and time.monotonic() < until:
+            caller, answer = self._replies.popleft()
+            reply = self._response(success=answer.success, message=answer.message)
+            with suppress(RuntimeError):
+                self._service.send_response(reply, caller)
+
+    def end(self) -> None:
+        """Nothing is answered any more; say so."""
+        for caller, look in self._under_way:
+            answer = look() or CallAnswer(success=False, message=_ENDED)
+            self._replies.appendleft((caller, answer))
+        self.reply(time.monotonic() + _REPLYING)
+
+
+class Neighbours:
+    """Serves the calls of other programs, and publishes `/diagnostics` once a second.
+
+    A call is answered when its answer is there; nothing waits for it. Where the messages of
+    `/diagnostics` are not installed, nothing is published.
+
+    Args:
+        node: the console's, which nobody spins.
+        outside: answers, and tells; what may be called is `~/<name>`.
+
+    Raises:
+        MadrobError: the type of the services is not installed.
+    """
+
+    def __init__(self, node: RosObject, outside: Outside) -> None:
+        self._outside = outside
+        # who calls and goes before its answer is no news
+        warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
+        try:
+            self._served = tuple(_Served(node, s) for s in _URGENT_FIRST if s in outside.services)
+        except ImportError:
+            raise MadrobError(
+                "setting `ros.services`: std_srvs is not installed: install madrob-console[ros], "
+                "or the package ros-jazzy-std-srvs, or allow no service"
+            ) from None
+        self._clock = node.get_clock()
+        self._array: RosObject = None
+        self._publisher: RosObject = None
+        with suppress(MadrobError):  # `madrob doctor` says it
+            self._array = load_message_class("diagnostic_msgs/msg/DiagnosticArray")
+            self._status = load_message_class("diagnostic_msgs/msg/DiagnosticStatus")
+            self._value = load_message_class("diagnostic_msgs/msg/KeyValue")
+            self._publisher = node.create_publisher(
+                self._array, DIAGNOSTICS_TOPIC, qos_profile(Qos(), 1)
+            )
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ros neighbours", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Serve nobody any more."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        due = 0.0
+        while not self._stop.wait(_PERIOD if self._served else _DIAGNOSIS / 4):
+            with suppress(RuntimeError):  # a middleware that fails: the source says so
+                for served in self._served:
+                    served.take(self._outside)
+                for served in self._served:
+                    served.reply(time.monotonic() + _REPLYING)
+            if self._publisher is not None and time.monotonic() >= due:
+                due = time.monotonic() + _DIAGNOSIS
+                with suppress(RuntimeError):
+                    self._publisher.publish(self._message())
+        with suppress(RuntimeError):
+            for served in self._served:
+                served.end()
+
+    def _message(self) -> RosObject:
+        array = self._array(status=[self._as_status(d) for d in self._outside.diagnose()])
+        array.header.stamp = self._clock.now().to_msg()
+        return array
+
+    def _as_status(self, diagnosis: Diagnosis) -> RosObject:
+        return self._status(
+            level=bytes([diagnosis.level]),
+            name=f"madrob: {diagnosis.name}",
+            message=diagnosis.message,
+            values=[self._value(key=key, value=value) for key, value in diagnosis.values.items()],
+        )
+
+
+def _never_spun(_request: RosObject, response: RosObject) -> RosObject:
+    """What an executor would call: calls are taken by `_Served.take` instead, as messages are."""
+    return response
