@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from madrob_console.archive.scored import Scored
-from madrob_console.report.markup import Content, Markup, element, escaped, section
+from madrob_console.report.markup import NOTHING, Content, Markup, element, escaped, section
 from madrob_console.report.meanings import PASSAGE
 from madrob_console.report.theme import themed
 from scoring.figure_table import FigureName, Quantity
@@ -38,26 +38,36 @@ def figures(scored: Scored) -> Markup:
     spoken = alternatives_of(result, rows, condition)
 
     def cells() -> Iterator[Markup]:
-        for name in FigureName:
-            anchor = f"figure-{name.number}"
-            if name in missing:
-                words = f"Figure {name.number} is missing: {missing[name]}."
-                yield element("p", words, class_="missing", id=anchor)
-                continue
-            picture = inline(svg(drawn[name]), name.number, spoken[name])
+        for name, figure in drawn.items():
+            picture = inline(svg(figure), name.number, spoken[name])
             caption = element("figcaption", name.spec.caption, _handle(scored, name))
-            yield element("figure", picture, caption, id=anchor)
+            yield element("figure", picture, caption, id=_anchor(name))
 
-    pictures = element("div", cells(), _passage(scored), class_="figures")
+    sensors = _passage(scored)
+    lacking = [
+        _missing(f"Figure {name.number} is missing: {reason}.", _anchor(name))
+        for name, reason in missing.items()
+    ]
+    if sensors is None:
+        lacking.append(_missing("No passage sensor saw anything after the start.", PASSAGE))
+    # what is missing has a place, too, behind what is there: an even number leaves no hole
+    pictures = element("div", cells(), sensors or NOTHING, lacking, class_="figures")
     return section("Figures", element("p", _GREY), pictures, name="figures")
 
 
-def _passage(scored: Scored) -> Markup:
-    """What the passage sensors saw, in the last place: an even number leaves no hole."""
+def _missing(words: str, name: str) -> Markup:
+    return element("p", words, class_="missing", id=name)
+
+
+def _anchor(name: FigureName) -> str:
+    return f"figure-{name.number}"
+
+
+def _passage(scored: Scored) -> Markup | None:
+    """What the passage sensors saw."""
     found = passage_figure(scored.result, scored.rows, scored.record.setup.condition)
     if found is None:
-        words = "The passage sensors are missing: none saw anything after the start."
-        return element("p", words, class_="missing", id=PASSAGE)
+        return None
     occupied = scored.result.indicators[IndicatorName.DOOR_OCCUPATION_TIME]
     return element(
         "figure",

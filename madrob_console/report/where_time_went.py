@@ -56,7 +56,8 @@ def phases(scored: Scored, place: PagePlace) -> Markup:
     if place.field:
         columns.append(_Column("median", median_phases(run.phases for run in place.field)))
     if best is not None:
-        columns.append(_Column("team's best", best.phases))
+        next_best = _leads(place, best)
+        columns.append(_Column("team's next" if next_best else "team's best", best.phases))
     shown = [phase for phase in TimedPhase if any(phase in column.phases for column in columns)]
     names = [element("span", column.name) for column in columns]
     style = f"line-height: {BAR}px"
@@ -77,6 +78,12 @@ def phases(scored: Scored, place: PagePlace) -> Markup:
 
 def _of_team(run: ComparedRun, scored: Scored) -> bool:
     return run.summary.subject == scored.record.setup.subject
+
+
+def _leads(place: PagePlace, best: ComparedRun) -> bool:
+    """Whether this run is the team's best, before the best of the others."""
+    itself = place.itself
+    return itself is not None and itself.valid and rank(itself) < _rank(best)
 
 
 def _rank(run: ComparedRun) -> tuple[float, bool, float, float]:
@@ -117,6 +124,8 @@ def _words(
 
 def _lost(own: _Column, median: _Column, least: float) -> Iterator[Content]:
     """Where most time was lost, and where most was won, if it is more than sampling leaves."""
+    if (rest := own.phases.get(TimedPhase.REST, 0.0)) > least:
+        yield f"For the last {rest:.2f} s no further step was done."
     both = [
         (own.phases[phase] - time, phase)
         for phase, time in median.phases.items()
@@ -130,7 +139,8 @@ def _lost(own: _Column, median: _Column, least: float) -> Iterator[Content]:
         said.append(f"most time was lost from {slow[1].words}: {slow[0]:.2f} s")
     if fast[0] < -least:
         said.append(f"most was won from {fast[1].words}: {-fast[0]:.2f} s")
-    yield f"Beside the median, {'; '.join(said) or 'no phase differs'}."
+    alike = f"no phase that was ended differs by more than {least:.2f} s"
+    yield f"Beside the median, {'; '.join(said) or alike}."
 
 
 def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> Content:
@@ -138,7 +148,7 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> Content
     there, own = best.summary, scored.result.indicators[name]
     which = f"run {there.run_number} ({there.outcome_word})"
     words = f"The best of the team's other runs in this condition is {which}."
-    if place.itself is not None and place.itself.valid and rank(place.itself) < rank(there):
+    if _leads(place, best):
         words = f"This is the team's best run in this condition; the next is {which}."
     theirs = there.values.get(name)
     if own.value is not None and theirs is not None:
