@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -22,7 +22,7 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
-    RunId,
+    RunName,
     lies_in_practice,
     parse_folder_name,
     run_folder_names,
@@ -44,13 +44,13 @@ from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
-from scoring.protocol import Condition, Outcome
+from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (5, RESULT_FORMAT)
+_INDEX_VERSION = (6, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -109,6 +109,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         voided: the referee says that it counts nowhere, whatever its outcome.
         never_ran: why there is nothing to score, in words; empty = there is, or may be.
         flags: what a decision on it hangs on, the heaviest first.
+        run_id: which run of all testbeds it is; empty where its files do not say.
+        testbed: the name of the testbed; empty where it had none.
+        thresholds: which of the testbed's numbers are not the protocol's; None = not known.
+        rate: how often the door's angle was sampled, Hz; None = not known.
     """
 
     folder: str
@@ -134,6 +138,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     never_ran: str = ""
     flags: tuple[Flag, ...] = ()
     voided: bool = False
+    run_id: str = ""
+    testbed: Name = ""
+    thresholds: dict[str, Any] | None = None
+    rate: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -183,7 +191,12 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 self.outcome or "",
             ),
             *(self.closing, self.team_word or "", self.source or "", self.ruleset),
-            *(self.competition, self.problem or "", "practice" if self.practice else ""),
+            *(
+                self.competition,
+                self.testbed,
+                self.problem or "",
+                "practice" if self.practice else "",
+            ),
             *(flag.words for flag in self.flags),
         )
         return " ".join(parts).casefold()
@@ -229,18 +242,18 @@ class History:
         parsed = parse_folder_name(name)
         if parsed is None:  # a date that does not exist
             return None
-        run_id, local = parsed
+        named, local = parsed
         unread = RunSummary(
             folder=name,
-            subject=run_id.subject,
-            condition=run_id.condition,
-            run_number=run_id.run,
+            subject=named.subject,
+            condition=named.condition,
+            run_number=named.run,
             started=local.timestamp(),
             practice=lies_in_practice(name),
         )
         try:
             result, stamp = read_result(folder)
-            if (why := _misplaced(result, run_id)) is not None:
+            if (why := _misplaced(result, named)) is not None:
                 return replace(unread, problem=why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
@@ -309,6 +322,7 @@ _TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
     "outcome": lambda run: f"{run.outcome_word} {run.outcome or ''}",
     "closed": lambda run: run.closing,
     "ruleset": lambda run: run.ruleset,
+    "testbed": lambda run: run.testbed,
 }
 _FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
 """A word that looks at one field alone; a time of day, `14:28`, does not."""
@@ -355,7 +369,14 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
     if setup is None:
         return unread
     practice = unread.practice or setup.practice
-    return replace(unread, team=setup.team, ruleset=setup.ruleset, practice=practice)
+    return replace(
+        unread,
+        team=setup.team,
+        ruleset=setup.ruleset,
+        practice=practice,
+        run_id=setup.run_id,
+        testbed=setup.testbed,
+    )
 
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
@@ -384,15 +405,28 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         competition=result.competition,
         ruleset=result.ruleset,
         flags=result.flags or (),
+        run_id=result.run_id,
+        testbed=result.testbed,
+        thresholds=_unlike_protocol(result.thresholds),
+        rate=result.rate,
     )
 
 
-def _misplaced(result: ListedResult, folder: RunId) -> str | None:
+def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
+    """Which of a testbed's numbers are not the protocol's."""
+    if thresholds is None:
+        return None
+    usual = msgspec.to_builtins(Thresholds())
+    found = msgspec.to_builtins(thresholds)
+    return {name: value for name, value in found.items() if value != usual[name]}
+
+
+def _misplaced(result: ListedResult, folder: RunName) -> str | None:
     """A result in the folder of another run would count twice, or for another team."""
-    run = RunId(result.subject, result.condition_number, result.run_number)
+    run = RunName(result.subject, result.condition_number, result.run_number)
     if result.corrections:  # the folder is named after what was set up first
         first = result.corrections[0].before
-        run = RunId(first.subject, first.condition.number, first.run_number)
+        run = RunName(first.subject, first.condition.number, first.run_number)
     if run == folder:
         return None
     of = f"subject {run.subject}, condition {run.condition}, run {run.run}"

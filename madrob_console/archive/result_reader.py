@@ -6,13 +6,14 @@ need, with the bounds within which they are believed.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from madrob_console.archive.digests import FileDigest
+from madrob_console.archive.digests import FileDigest, run_id_at, run_id_of
 from madrob_console.archive.folders import LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
@@ -33,7 +34,7 @@ from madrob_console.referee.run import (
 )
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Condition, Outcome
+from scoring.protocol import Condition, Outcome, Signal, Thresholds
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""
@@ -98,6 +99,19 @@ class CorrectionPart(msgspec.Struct, frozen=True):
     before: FormerSetup
 
 
+class SignalRate(msgspec.Struct, frozen=True):
+    """How often a signal was sampled, Hz."""
+
+    signal: str
+    rate: Annotated[float, Meta(ge=0)] | None = None
+
+
+class RatesPart(msgspec.Struct, frozen=True):
+    """What is read of the data quality."""
+
+    signals: Annotated[tuple[SignalRate, ...], Meta(max_length=50)] = ()
+
+
 class RunKind(msgspec.Struct, frozen=True):
     """What is read of the set-up in a result; older ones know no practice."""
 
@@ -126,6 +140,16 @@ class ListedResult(msgspec.Struct, frozen=True):
     corrections: tuple[CorrectionPart, ...] = ()
     setup: RunKind = RunKind()
     libraries: Libraries | None = None
+    run_id: Name = ""
+    testbed: Name = ""
+    thresholds: Thresholds | None = None
+    quality: RatesPart = RatesPart()
+
+    @property
+    def rate(self) -> float | None:
+        """How often the door's angle was sampled, Hz; None where it does not say."""
+        door = Signal.DOOR.value
+        return next((one.rate for one in self.quality.signals if one.signal == door), None)
 
     @property
     def valid(self) -> bool:
@@ -152,6 +176,8 @@ class SetupPart(msgspec.Struct, frozen=True):
     team: Name
     ruleset: Name
     practice: bool = False
+    run_id: Name = ""
+    testbed: Name = ""
 
 
 class _Format(msgspec.Struct):
@@ -249,7 +275,18 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
     result = _decoded(_results, data)
     if result.flags is None:
         result = replace(result, flags=_flags_of(data))
+    if not result.run_id:
+        result = replace(result, run_id=_run_id_of(folder, data))
     return result, stamp
+
+
+def _run_id_of(folder: str, data: bytes) -> str:
+    """The identity of a run whose result has none; of its recording, where it has no digest."""
+    try:
+        found = run_id_of(_files.decode(data).files)
+    except _DAMAGED:
+        found = ""
+    return found or run_id_at(Path(folder))
 
 
 def _flags_of(data: bytes) -> tuple[Flag, ...]:

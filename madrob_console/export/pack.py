@@ -168,7 +168,8 @@ def _outcome(result: ListedResult) -> str:
     void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
     flagged = [flag.words for flag in weighty(result.flags or ()) if flag.kind not in told]
-    return ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
+    words = ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
+    return "; ".join(filter(None, (words, result.testbed, result.run_id)))
 
 
 def _runs_of(root: Path, subject: int, *, practice: bool) -> tuple[list[Path], list[Path]]:
