@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -65,6 +65,10 @@ VOID = "VOID"
 """In place of these, of a run that the referee voided."""
 
 
+TWICE = "TWICE"
+"""Likewise, of a run that is there a second time."""
+
+
 class ConditionWords(NamedTuple):
     """A condition in words: `pull, from CW to CCW` and the benchmark type."""
 
@@ -113,6 +117,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         testbed: the name of the testbed; empty where it had none.
         thresholds: which of the testbed's numbers are not the protocol's; None = not known.
         rate: how often the door's angle was sampled, Hz; None = not known.
+        twin: the folder of the same run that counts in place of this one; empty = this one does.
     """
 
     folder: str
@@ -142,11 +147,18 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     testbed: Name = ""
     thresholds: dict[str, Any] | None = None
     rate: float | None = None
+    twin: str = ""
 
     @property
     def valid(self) -> bool:
         """Whether its indicators count (protocol section 2)."""
-        return self.outcome in VALID_OUTCOMES and not self.voided and self.problem is None
+        ended = self.outcome in VALID_OUTCOMES and not self.voided
+        return ended and self.problem is None and not self.twin
+
+    @property
+    def why_twin(self) -> str:
+        """Why it does not count although it is valid, in words."""
+        return f"the same run as {self.twin}, which counts"
 
     @property
     def official(self) -> bool:
@@ -162,6 +174,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """How it ended, in a word; in capitals where it does not count."""
         if self.problem is not None:
             return "DAMAGED"
+        if self.twin:
+            return TWICE
         if self.outcome is None:
             return "never ran" if self.never_ran else "unfinished"
         return VOID if self.voided else OUTCOME_WORDS[self.outcome]
@@ -231,7 +245,7 @@ class History:
             runs = [run for run in found if run is not None]
             self._index.keep_only(names)
             self._index.save()
-        return tuple(sorted(runs, key=lambda run: (run.started, run.folder)))
+        return twins_told(sorted(runs, key=lambda run: (run.started, run.folder)))
 
     def _summary(self, name: str, index: StampedIndex[RunSummary]) -> RunSummary | None:
         folder = f"{self._root}/{name}"
@@ -253,7 +267,7 @@ class History:
         )
         try:
             result, stamp = read_result(folder)
-            if (why := _misplaced(result, named)) is not None:
+            if (why := misplaced(result, named)) is not None:
                 return replace(unread, problem=why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
@@ -279,6 +293,22 @@ class History:
         if stamp is not None:
             self._open[unread.folder] = (stamp, run)
         return run
+
+
+def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
+    """The same runs; of those that are there several times all but one have the `twin` that counts.
+
+    That is the one with the latest issue, else the first.
+    """
+    counting: dict[str, RunSummary] = {}
+    for run in runs:
+        if run.run_id and run.issue > getattr(counting.get(run.run_id), "issue", -1):
+            counting[run.run_id] = run
+    return tuple(
+        run if kept is None or kept is run else replace(run, twin=kept.folder)
+        for run in runs
+        for kept in [counting.get(run.run_id)]
+    )
 
 
 def earlier_runs(
@@ -421,7 +451,7 @@ def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
     return {name: value for name, value in found.items() if value != usual[name]}
 
 
-def _misplaced(result: ListedResult, folder: RunName) -> str | None:
+def misplaced(result: ListedResult, folder: RunName) -> str | None:
     """A result in the folder of another run would count twice, or for another team."""
     run = RunName(result.subject, result.condition_number, result.run_number)
     if result.corrections:  # the folder is named after what was set up first

@@ -55,6 +55,10 @@ def document(run: RunSummary) -> dict[str, Any]:
             }
             for name in IndicatorName
         },
+        "run_id": run.run_id,
+        "testbed": run.testbed,
+        "quality": {"signals": [{"signal": "door angle", "rate": run.rate}]},
+        **({} if run.thresholds is None else {"thresholds": run.thresholds}),
         "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
         if run.final
         else None,
