@@ -95,14 +95,22 @@ def of_testbed(runs: Iterable[RunSummary], name: str) -> list[RunSummary]:
         MadrobError: there is none.
     """
     every = list(runs)
-    found = [run for run in every if run.testbed == name]
-    if not found:
-        names = sorted({f"'{terminal_safe(run.testbed)}'" for run in every})
-        known = ", ".join(names) or "none"
+    demand_testbed(name, {run.testbed for run in every})
+    return [run for run in every if run.testbed == name]
+
+
+def demand_testbed(name: str, testbeds: Iterable[str]) -> None:
+    """There are runs of the testbed of a name.
+
+    Raises:
+        MadrobError: there are none.
+    """
+    names = sorted(testbeds)
+    if name not in names:
+        known = ", ".join(f"'{terminal_safe(one)}'" for one in names) or "none"
         raise MadrobError(
             f"--testbed-name '{terminal_safe(name)}': no such runs; there are {known}"
         )
-    return found
 
 
 def _is_listed(run: RunPath) -> bool:

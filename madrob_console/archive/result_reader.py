@@ -69,6 +69,8 @@ class IndicatorPart(msgspec.Struct, frozen=True):
     """One indicator; no value where there is a reason instead."""
 
     value: int | float | None
+    unit: str = ""
+    reason: str | None = None
     uncertainty: UncertaintyPart | None = None
     doubts: tuple[str, ...] = ()
 
@@ -235,6 +237,41 @@ class _Marks(msgspec.Struct, frozen=True):
         return tuple(TestbedFault(0.0, text) for text in found)
 
 
+class EventPart(msgspec.Struct, frozen=True):
+    """Something that happened, s since the epoch and since the start."""
+
+    time: float
+    since_start: float
+    event: Name
+
+
+class RulingPart(msgspec.Struct, frozen=True):
+    """The referee's word on a step."""
+
+    confirmed: bool | None
+
+
+class StepPart(msgspec.Struct, frozen=True):
+    """One of the six steps: its times, s since the epoch."""
+
+    step: Annotated[int, Meta(ge=1, le=6)]
+    name: Name
+    sensors: float | None = None
+    referee: RulingPart | None = None
+    final: float | None = None
+    reason: str | None = None
+
+
+class TabledResult(ListedResult, frozen=True):
+    """What the tables of runs read besides."""
+
+    stop: float | None = None
+    lock_detection: Name = ""
+    software: str = ""
+    events: tuple[EventPart, ...] = ()
+    steps: tuple[StepPart, ...] = ()
+
+
 class _Files(msgspec.Struct):
     files: dict[str, FileDigest]
 
@@ -247,9 +284,12 @@ class _FirstEntry(msgspec.Struct):
     details: _Details
 
 
+_Listed = TypeVar("_Listed", bound=ListedResult)
+
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
+_tabled = msgspec.json.Decoder(TabledResult)
 _files = msgspec.json.Decoder(_Files)
 _quality = msgspec.json.Decoder(_OfQuality)
 _marks = msgspec.json.Decoder(_Marks)
@@ -272,12 +312,27 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, stamp = _read(folder)
-    result = _decoded(_results, data)
+    return _completed(_decoded(_results, data), folder, data), stamp
+
+
+def read_tabled_result(folder: str) -> TabledResult:
+    """The same, and what the tables of runs want besides.
+
+    Raises:
+        FileNotFoundError: there is none.
+        UnusableResultError: it cannot be used; the message says why and what to do.
+    """
+    data, _ = _read(folder)
+    return _completed(_decoded(_tabled, data), folder, data)
+
+
+def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
+    """With what a result of an earlier version does not say itself."""
     if result.flags is None:
         result = replace(result, flags=_flags_of(data))
     if not result.run_id:
         result = replace(result, run_id=_run_id_of(folder, data))
-    return result, stamp
+    return result
 
 
 def _run_id_of(folder: str, data: bytes) -> str:

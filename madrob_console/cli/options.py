@@ -196,12 +196,22 @@ def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
     """
     from madrob_console.archive.collection import collected, collected_in
 
+    paths = run_paths(arguments, settings)
+    if arguments.paths:
+        return collected(paths, arguments.testbed_name)
+    return collected_in(paths[0], arguments.testbed_name)
+
+
+def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
+    """Where runs are to be looked for.
+
+    Raises:
+        MadrobError: paths and a results folder are named.
+    """
     paths: list[Path] = arguments.paths
     if paths and arguments.results is not None:
         raise MadrobError("PATH and --results: give one of the two")
-    if paths:
-        return collected([path.expanduser() for path in paths], arguments.testbed_name)
-    return collected_in(results_folder(arguments, settings), arguments.testbed_name)
+    return [path.expanduser() for path in paths] or [results_folder(arguments, settings)]
 
 
 def add_teams(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
-from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
 from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -166,7 +166,7 @@ def _print(
     grades: Counter[Grade | None] = Counter()
     printed = 0
     met: dict[str, str] = {}
-    same: list[str] = []
+    same: list[tuple[str, str]] = []
     if as_json:
         print('{\n  "runs": [', end="")
     tell(0, len(runs))
@@ -177,7 +177,7 @@ def _print(
                 bad.add(one.problem, run.name)
                 continue
             if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
-                same.append(f"{run.name} and {first}")
+                same.append((run.name, first))
             if as_json:
                 print(
                     "," if printed else "", indent(one.text, "    "), sep="\n", end="", flush=True
@@ -188,9 +188,7 @@ def _print(
             grades[one.grade] += 1
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
-    if same:
-        told = f"{same[0]} are the same run" + f" ({len(same)} such pairs)" * (len(same) > 1)
-        complain(f"note: {told}: count it once, by its run_id")
+    name_twins(same)
     return bad.count, grades
 
 
