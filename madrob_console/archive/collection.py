@@ -33,7 +33,7 @@ class Collection:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What of it is not as somebody may think, in words."""
-        twins = [f"{run.folder}: {run.why_twin}" for run in self.runs if run.twin]
+        twins = [run.why_twin for run in self.runs if run.twin]
         named = (f"{path}: is not called like a run and left out" for path in self.unlisted)
         return (*twins, *named)
 

@@ -158,7 +158,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     @property
     def why_twin(self) -> str:
         """Why it does not count although it is valid, in words."""
-        return f"the same run as {self.twin}, which counts"
+        return f"{self.folder} is the same run as {self.twin}, which counts"
 
     @property
     def official(self) -> bool:

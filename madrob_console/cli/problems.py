@@ -50,7 +50,7 @@ def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
         pairs: of each the place that does not count, and the one that does.
     """
     for place, counting in pairs[:MOST_ALIKE]:
-        complain(f"note: {place}: the same run as {counting}, which counts")
+        complain(f"note: {place} is the same run as {counting}, which counts")
     if len(pairs) > MOST_ALIKE:
         complain(f"note: and {len(pairs) - MOST_ALIKE} more runs that are there twice")
 

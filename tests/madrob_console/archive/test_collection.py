@@ -76,7 +76,8 @@ def test_the_same_run_met_twice_counts_once_and_both_places_are_named(halls: Pat
     found = collected_in(Path("a"))
     assert [run.outcome_word for run in found.runs].count("TWICE") == 1
     (left_out,) = competition_standings(found.runs, made=0.0).left_out
-    assert left_out.why.startswith("the same run as ")
+    assert first.name in left_out.why
+    assert again.name in left_out.why
 
 
 def test_of_a_run_that_is_there_twice_the_latest_issue_counts(halls: Path) -> None:
@@ -132,7 +133,7 @@ def test_standings_plan_and_export_take_several_folders(
     assert main(["standings", *every]) == 0
     said = capsys.readouterr().out
     assert "3 Team 3: 4 completed; on Hall A, Hall B" in said
-    assert "TWICE: the same run as " in said
+    assert "TWICE: " in said
     Path("plan.csv").write_text("3,7,6\n")
     Path("madrob.toml").write_text('[competition]\nname = "Autumn Cup"\n')
     settings = ["--settings", "madrob.toml"]
