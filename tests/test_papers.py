@@ -10,10 +10,11 @@ import runpy
 import shlex
 import shutil
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -21,13 +22,16 @@ from madrob_console.archive import score
 from madrob_console.cli.main import build_parser, main
 from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.tidy.run_tables import RUN_TABLES, WHOSE
 from madrob_console.tidy.sample_tables import SAMPLE_TABLES
+from madrob_console.tidy.tidy_table import TidyColumn
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, Outcome, Step, Thresholds
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import recorded
+from tests.madrob_console.run_folders import summary, write
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("madrob_console", "scoring", "recorder")
@@ -255,16 +259,39 @@ def test_the_readme_s_example_scores_a_run(
     assert re.fullmatch(r"\d+ samples of the door, 1\.\d\d rad at most", told[8])
 
 
-def test_the_readme_names_the_columns_of_the_tables_of_samples() -> None:
+def test_the_readme_names_the_columns_of_the_tables() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     section = text.partition("## Tables to compute with")[2].partition("\n## ")[0]
+    every: list[tuple[str, Sequence[TidyColumn]]] = [("all four", WHOSE)]
+    every += [(table.name, table.columns[len(WHOSE) :]) for table in RUN_TABLES]
+    every += [(table.name, tuple(table.columns)) for table in SAMPLE_TABLES]
     assert [tuple(row) for row in rows(section)] == [
-        (table.name, column.name, column.unit, column.meaning)
-        for table in SAMPLE_TABLES
-        for column in table.columns
+        (name, column.name, column.unit, column.meaning)
+        for name, columns in every
+        for column in columns
     ]
-    for table in SAMPLE_TABLES:
+    for table in RUN_TABLES:
+        assert table.columns[: len(WHOSE)] == WHOSE
+    for table in (*RUN_TABLES, *SAMPLE_TABLES):
         assert f"- `{table.name}`: {table.row}\n" in section
+
+
+def test_the_readme_s_lines_for_pandas_give_the_mean_of_each_team(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for subject, hall in ((3, "Hall A"), (3, "Hall B"), (4, "Hall B")):
+        for number, seconds in ((1, 20.0), (2, 21.0 + subject)):
+            told: dict[str, Any] = {"testbed": hall, "run_id": f"{hall}{subject}{number}"}
+            told |= {"team": f"T{subject}", "values": {"execution_time": seconds}}
+            write(Path(hall), summary(subject, run_number=number, **told))
+    write(Path("Hall A"), summary(5, outcome=Outcome.ABORTED, values={}, run_id="x"))
+    assert main(["table", "indicators", ".", "--output", "indicators.csv"]) == 0
+    (example,) = (one for one in readme_examples() if "indicators.csv" in one)
+    Path("example.py").write_text(example, encoding="utf-8")
+    times = runpy.run_path("example.py")["times"]
+    means = times.groupby(["team", "testbed"])["value"].mean().to_dict()
+    assert means == {("T3", "Hall A"): 22.0, ("T3", "Hall B"): 22.0, ("T4", "Hall B"): 22.5}
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[Scored
     """Score a bag, or every run of a folder, one after the other.
 
     Args:
-        path: a bag, a run folder, a results folder, or a folder of published EUROBENCH files.
+        path: a bag, a run folder, a folder with runs at any depth, or one of published
+            EUROBENCH files.
         rules: the ruleset; that of the run if not given, `protocol` for EUROBENCH files whose run
             info names none.
 

@@ -11,11 +11,13 @@ from pathlib import Path
 
 from madrob_console.files.plain import open_plain, refusal
 from madrob_console.referee.run import Sha256
+from madrob_console.referee.run_identity import derived_run_id
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
-_DATA = (".mcap", ".yaml", ".csv")
+_RECORDING = ".mcap"
+_DATA = (_RECORDING, ".yaml", ".csv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,23 @@ def digests_of(
         except OSError as error:
             left_out.append(f"{name}: cannot be read ({refusal(error)})")
     return digests, tuple(left_out)
+
+
+def run_id_of(files: Mapping[str, FileDigest]) -> str:
+    """The identity of a run of an earlier version, by its files; empty without a recording."""
+    recordings = sorted(name for name in files if name.endswith(_RECORDING))
+    return derived_run_id(files[recordings[0]].sha256) if recordings else ""
+
+
+def run_id_at(path: Path) -> str:
+    """The same of a bag or a run folder on disk; empty where its recording cannot be read."""
+    names = [path.name] if path.is_file() else _data_files(path)
+    folder = path.parent if path.is_file() else path
+    recordings = sorted(name for name in names if name.endswith(_RECORDING))
+    try:
+        return run_id_of({name: _digest(folder / name) for name in recordings[:1]})
+    except OSError:
+        return ""
 
 
 def _data_files(folder: Path) -> list[str]:

@@ -51,8 +51,11 @@ _FOLDER = re.compile(r"subject_([0-9]{3})_cond_([0-9]{3})_run_([0-9]{3})_([0-9]{
 
 
 @dataclass(frozen=True, slots=True)
-class RunId:
-    """Which run it is: the repetition `run` of `subject` in `condition` (its number, 1..20)."""
+class RunName:
+    """What its folder is called after: repetition `run` of `subject` in `condition` (1..20).
+
+    Two testbeds may give the same name; the identity of a run is its `run_id` (section 2).
+    """
 
     subject: int
     condition: int
@@ -81,7 +84,7 @@ def lies_in_practice(name: str) -> bool:
     return name.startswith(_IN_PRACTICE)
 
 
-def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
+def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
     """Which run a folder is for, and its local start time; None for any other name."""
     match = _FOLDER.fullmatch(name.removeprefix(_IN_PRACTICE))
     if match is None:
@@ -91,7 +94,7 @@ def parse_folder_name(name: str) -> tuple[RunId, datetime] | None:
         started = datetime.strptime(match[4], _TIME_FORMAT).astimezone()
     except (ValueError, OverflowError):
         return None
-    return RunId(subject, condition, run), started
+    return RunName(subject, condition, run), started
 
 
 def run_folder_names(root: Path) -> list[str]:
@@ -149,7 +152,7 @@ def next_run_number(root: Path, subject: int, condition: int, *, practice: bool 
 
 
 def reserve_run_folder(
-    root: Path, run: RunId, start_time: float, *, practice: bool = False
+    root: Path, run: RunName, start_time: float, *, practice: bool = False
 ) -> Path:
     """Give out a run number for good; returns the run's folder, which the recorder makes.
 
@@ -194,13 +197,13 @@ def give_out_run_number(root: Path, subject: int, condition: int) -> int:
         MadrobError: all numbers are used, or the folder cannot be read or written.
     """
     while not _given_out(
-        root, run := RunId(subject, condition, next_run_number(root, subject, condition))
+        root, run := RunName(subject, condition, next_run_number(root, subject, condition))
     ):
         pass  # another program was faster
     return run.run
 
 
-def _line(run: RunId) -> bytes:
+def _line(run: RunName) -> bytes:
     return msgspec.json.encode(run) + b"\n"
 
 
@@ -219,14 +222,14 @@ def _used_numbers(root: Path, subject: int, condition: int) -> set[int]:
         given_out = b""
     except OSError as error:
         raise _no_numbers(root, error) from None
-    start = re.escape(_line(RunId(subject, condition, 0)).removesuffix(b"0}\n"))
+    start = re.escape(_line(RunName(subject, condition, 0)).removesuffix(b"0}\n"))
     lines = re.findall(rb"^" + start + rb"([0-9]{1,3})\}$", given_out, re.MULTILINE)
     digits = slice(len(series), len(series) + 3)
     folders = (name[digits] for name in names if name.startswith(series))
     return {int(line) for line in lines} | {int(n) for n in folders if n.isdecimal()}
 
 
-def _given_out(root: Path, run: RunId) -> bool:
+def _given_out(root: Path, run: RunName) -> bool:
     """Write a number down for good, and tell whether nobody did so before.
 
     Nobody is waited for: of two programs that append the same line at once the first one has it.

@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -22,7 +22,7 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
-    RunId,
+    RunName,
     lies_in_practice,
     parse_folder_name,
     run_folder_names,
@@ -45,13 +45,13 @@ from madrob_console.referee.flags import Flag
 from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, Outcome
+from scoring.protocol import Condition, Outcome, Thresholds
 from scoring.result import DOUBTED, Uncertainty
 
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (5, RESULT_FORMAT)
+_INDEX_VERSION = (6, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -64,6 +64,10 @@ OUTCOME_WORDS = {
 
 VOID = "VOID"
 """In place of these, of a run that the referee voided."""
+
+
+TWICE = "TWICE"
+"""Likewise, of a run that is there a second time."""
 
 
 class ConditionWords(NamedTuple):
@@ -110,6 +114,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         voided: the referee says that it counts nowhere, whatever its outcome.
         never_ran: why there is nothing to score, in words; empty = there is, or may be.
         flags: what a decision on it hangs on, the heaviest first.
+        run_id: which run of all testbeds it is; empty where its files do not say.
+        testbed: the name of the testbed; empty where it had none.
+        thresholds: which of the testbed's numbers are not the protocol's; None = not known.
+        rate: how often the door's angle was sampled, Hz; None = not known.
+        twin: the folder of the same run that counts in place of this one; empty = this one does.
     """
 
     folder: str
@@ -135,11 +144,22 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     never_ran: str = ""
     flags: tuple[Flag, ...] = ()
     voided: bool = False
+    run_id: str = ""
+    testbed: Name = ""
+    thresholds: dict[str, Any] | None = None
+    rate: float | None = None
+    twin: str = ""
 
     @property
     def valid(self) -> bool:
         """Whether its indicators count (protocol section 2)."""
-        return self.outcome in VALID_OUTCOMES and not self.voided and self.problem is None
+        ended = self.outcome in VALID_OUTCOMES and not self.voided
+        return ended and self.problem is None and not self.twin
+
+    @property
+    def why_twin(self) -> str:
+        """Why it does not count although it is valid, in words."""
+        return f"{self.folder} is the same run as {self.twin}, which counts"
 
     @property
     def official(self) -> bool:
@@ -155,6 +175,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """How it ended, in a word; in capitals where it does not count."""
         if self.problem is not None:
             return "DAMAGED"
+        if self.twin:
+            return TWICE
         if self.outcome is None:
             return "never ran" if self.never_ran else "unfinished"
         return VOID if self.voided else OUTCOME_WORDS[self.outcome]
@@ -184,7 +206,12 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 self.outcome or "",
             ),
             *(self.closing, self.team_word or "", self.source or "", self.ruleset),
-            *(self.competition, self.problem or "", "practice" if self.practice else ""),
+            *(
+                self.competition,
+                self.testbed,
+                self.problem or "",
+                "practice" if self.practice else "",
+            ),
             *(flag.words for flag in self.flags),
         )
         return " ".join(parts).casefold()
@@ -219,7 +246,7 @@ class History:
             runs = [run for run in found if run is not None]
             self._index.keep_only(names)
             self._index.save()
-        return tuple(sorted(runs, key=lambda run: (run.started, run.folder)))
+        return twins_told(sorted(runs, key=lambda run: (run.started, run.folder)))
 
     def _summary(self, name: str, index: StampedIndex[RunSummary]) -> RunSummary | None:
         folder = f"{self._root}/{name}"
@@ -230,18 +257,18 @@ class History:
         parsed = parse_folder_name(name)
         if parsed is None:  # a date that does not exist
             return None
-        run_id, local = parsed
+        named, local = parsed
         unread = RunSummary(
             folder=name,
-            subject=run_id.subject,
-            condition=run_id.condition,
-            run_number=run_id.run,
+            subject=named.subject,
+            condition=named.condition,
+            run_number=named.run,
             started=local.timestamp(),
             practice=lies_in_practice(name),
         )
         try:
             result, stamp = read_result(folder)
-            if (why := _misplaced(result, run_id)) is not None:
+            if (why := misplaced(result, named)) is not None:
                 return replace(unread, problem=why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
@@ -267,6 +294,22 @@ class History:
         if stamp is not None:
             self._open[unread.folder] = (stamp, run)
         return run
+
+
+def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
+    """The same runs; of those that are there several times all but one have the `twin` that counts.
+
+    That is the one with the latest issue, else the first.
+    """
+    counting: dict[str, RunSummary] = {}
+    for run in runs:
+        if run.run_id and run.issue > getattr(counting.get(run.run_id), "issue", -1):
+            counting[run.run_id] = run
+    return tuple(
+        run if kept is None or kept is run else replace(run, twin=kept.folder)
+        for run in runs
+        for kept in [counting.get(run.run_id)]
+    )
 
 
 def earlier_runs(
@@ -321,6 +364,7 @@ _TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
     "outcome": lambda run: f"{run.outcome_word} {run.outcome or ''}",
     "closed": lambda run: run.closing,
     "ruleset": lambda run: run.ruleset,
+    "testbed": lambda run: run.testbed,
 }
 _FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
 """A word that looks at one field alone; a time of day, `14:28`, does not."""
@@ -367,7 +411,14 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
     if setup is None:
         return unread
     practice = unread.practice or setup.practice
-    return replace(unread, team=setup.team, ruleset=setup.ruleset, practice=practice)
+    return replace(
+        unread,
+        team=setup.team,
+        ruleset=setup.ruleset,
+        practice=practice,
+        run_id=setup.run_id,
+        testbed=setup.testbed,
+    )
 
 
 def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
@@ -396,15 +447,28 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         competition=result.competition,
         ruleset=result.ruleset,
         flags=result.flags or (),
+        run_id=result.run_id,
+        testbed=result.testbed,
+        thresholds=_unlike_protocol(result.thresholds),
+        rate=result.rate,
     )
 
 
-def _misplaced(result: ListedResult, folder: RunId) -> str | None:
+def _unlike_protocol(thresholds: Thresholds | None) -> dict[str, Any] | None:
+    """Which of a testbed's numbers are not the protocol's."""
+    if thresholds is None:
+        return None
+    usual = msgspec.to_builtins(Thresholds())
+    found = msgspec.to_builtins(thresholds)
+    return {name: value for name, value in found.items() if value != usual[name]}
+
+
+def misplaced(result: ListedResult, folder: RunName) -> str | None:
     """A result in the folder of another run would count twice, or for another team."""
-    run = RunId(result.subject, result.condition_number, result.run_number)
+    run = RunName(result.subject, result.condition_number, result.run_number)
     if result.corrections:  # the folder is named after what was set up first
         first = result.corrections[0].before
-        run = RunId(first.subject, first.condition.number, first.run_number)
+        run = RunName(first.subject, first.condition.number, first.run_number)
     if run == folder:
         return None
     of = f"subject {run.subject}, condition {run.condition}, run {run.run}"

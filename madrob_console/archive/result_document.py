@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from madrob_console.archive.digests import FileDigest, digests_of
+from madrob_console.archive.digests import FileDigest, digests_of, run_id_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
@@ -36,6 +36,7 @@ from madrob_console.referee.run import (
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries, libraries_here
 from scoring.procedure import Ruling
+from scoring.protocol import Thresholds
 from scoring.rest import HandleRest
 from scoring.result import Result
 
@@ -45,7 +46,10 @@ if TYPE_CHECKING:
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
-_ADDED = {"doubts", "impossible", "out_of_plan", "practice", "team_reason", "uncertainty"}
+_ADDED = {
+    *("doubts", "impossible", "out_of_plan", "practice", "run_id", "team_reason", "testbed"),
+    "uncertainty",
+}
 """Keys of its parts that results of earlier versions lack."""
 
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
@@ -66,6 +70,11 @@ class Heading:
         run_number: the repetition, 1 to 999.
         condition_number: 1 to 20, as EUROBENCH counts.
         setup: what was set for the run.
+        run_id: which run of all testbeds it is: a UUID of version 7, made at the set-up; for runs
+            of earlier versions one of version 5, from the digest of the recording; empty where
+            that has none.
+        testbed: the name of the testbed; empty in runs of earlier versions.
+        thresholds: the testbed's numbers, of which the events and the doubts come.
     """
 
     format: Literal[1]
@@ -78,6 +87,9 @@ class Heading:
     run_number: int
     condition_number: int
     setup: RunSetup
+    run_id: str = ""
+    testbed: str = ""
+    thresholds: Thresholds | UnsetType = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +156,9 @@ class ResultDocument(Result, Heading):
             run_number=setup.run_number,
             condition_number=setup.condition.number,
             setup=setup,
+            run_id=setup.run_id or run_id_of(files),
+            testbed=setup.testbed,
+            thresholds=record.thresholds,
             **{each.name: getattr(scored.result, each.name) for each in fields(Result)},
             waivers=run.waivers,
             false_starts=run.false_starts,

@@ -6,13 +6,14 @@ need, with the bounds within which they are believed.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from madrob_console.archive.digests import FileDigest
+from madrob_console.archive.digests import FileDigest, run_id_at, run_id_of
 from madrob_console.archive.folders import LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
@@ -33,7 +34,7 @@ from madrob_console.referee.run import (
 )
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Condition, Outcome, Step
+from scoring.protocol import Condition, Outcome, Signal, Step, Thresholds
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""
@@ -68,6 +69,8 @@ class IndicatorPart(msgspec.Struct, frozen=True):
     """One indicator; no value where there is a reason instead."""
 
     value: int | float | None
+    unit: str = ""
+    reason: str | None = None
     uncertainty: UncertaintyPart | None = None
     doubts: tuple[str, ...] = ()
 
@@ -104,6 +107,19 @@ class ZeroPart(msgspec.Struct, frozen=True):
     mean: int | float
 
 
+class SignalRate(msgspec.Struct, frozen=True):
+    """How often a signal was sampled, Hz."""
+
+    signal: str
+    rate: Annotated[float, Meta(ge=0)] | None = None
+
+
+class RatesPart(msgspec.Struct, frozen=True):
+    """What is read of the data quality."""
+
+    signals: Annotated[tuple[SignalRate, ...], Meta(max_length=50)] = ()
+
+
 class RunKind(msgspec.Struct, frozen=True):
     """What is read of the set-up in a result; older ones know no practice."""
 
@@ -133,6 +149,16 @@ class ListedResult(msgspec.Struct, frozen=True):
     setup: RunKind = RunKind()
     libraries: Libraries | None = None
     zero_samples: ZeroPart | None = None
+    run_id: Name = ""
+    testbed: Name = ""
+    thresholds: Thresholds | None = None
+    quality: RatesPart = RatesPart()
+
+    @property
+    def rate(self) -> float | None:
+        """How often the door's angle was sampled, Hz; None where it does not say."""
+        door = Signal.DOOR.value
+        return next((one.rate for one in self.quality.signals if one.signal == door), None)
 
     @property
     def valid(self) -> bool:
@@ -152,11 +178,21 @@ class ListedResult(msgspec.Struct, frozen=True):
         return self.setup.practice or self.source == SourceKind.SIMULATED
 
 
+class RulingPart(msgspec.Struct, frozen=True):
+    """The referee's word on a step."""
+
+    confirmed: bool | None
+
+
 class StepPart(msgspec.Struct, frozen=True):
-    """When a step was done, as it counts, s since the epoch; null = not done."""
+    """One of the six steps: its times, s since the epoch; null = not done."""
 
     step: Step
+    name: Name = ""
+    sensors: StartTime | None = None
+    referee: RulingPart | None = None
     final: StartTime | None = None
+    reason: str | None = None
 
 
 class StepsPart(msgspec.Struct, frozen=True):
@@ -179,6 +215,8 @@ class SetupPart(msgspec.Struct, frozen=True):
     team: Name
     ruleset: Name
     practice: bool = False
+    run_id: Name = ""
+    testbed: Name = ""
 
 
 class _Format(msgspec.Struct):
@@ -236,6 +274,24 @@ class _Marks(msgspec.Struct, frozen=True):
         return tuple(TestbedFault(0.0, text) for text in found)
 
 
+class EventPart(msgspec.Struct, frozen=True):
+    """Something that happened, s since the epoch and since the start."""
+
+    time: float
+    since_start: float
+    event: Name
+
+
+class TabledResult(ListedResult, frozen=True):
+    """What the tables of runs read besides."""
+
+    stop: float | None = None
+    lock_detection: Name = ""
+    software: str = ""
+    events: tuple[EventPart, ...] = ()
+    steps: tuple[StepPart, ...] = ()
+
+
 class _Files(msgspec.Struct):
     files: dict[str, FileDigest]
 
@@ -248,9 +304,12 @@ class _FirstEntry(msgspec.Struct):
     details: _Details
 
 
+_Listed = TypeVar("_Listed", bound=ListedResult)
+
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
+_tabled = msgspec.json.Decoder(TabledResult)
 _files = msgspec.json.Decoder(_Files)
 _steps = msgspec.json.Decoder(StepsPart)
 _quality = msgspec.json.Decoder(_OfQuality)
@@ -274,10 +333,36 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, stamp = _read(folder)
-    result = _decoded(_results, data)
+    return _completed(_decoded(_results, data), folder, data), stamp
+
+
+def read_tabled_result(folder: str) -> TabledResult:
+    """The same, and what the tables of runs want besides.
+
+    Raises:
+        FileNotFoundError: there is none.
+        UnusableResultError: it cannot be used; the message says why and what to do.
+    """
+    data, _ = _read(folder)
+    return _completed(_decoded(_tabled, data), folder, data)
+
+
+def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
+    """With what a result of an earlier version does not say itself."""
     if result.flags is None:
         result = replace(result, flags=_flags_of(data))
-    return result, stamp
+    if not result.run_id:
+        result = replace(result, run_id=_run_id_of(folder, data))
+    return result
+
+
+def _run_id_of(folder: str, data: bytes) -> str:
+    """The identity of a run whose result has none; of its recording, where it has no digest."""
+    try:
+        found = run_id_of(_files.decode(data).files)
+    except _DAMAGED:
+        found = ""
+    return found or run_id_at(Path(folder))
 
 
 def _flags_of(data: bytes) -> tuple[Flag, ...]:

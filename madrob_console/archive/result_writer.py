@@ -69,6 +69,7 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
             "source": record.source.value,
             "competition": record.competition,
             "practice": setup.practice,
+            **({"run_id": setup.run_id, "testbed": setup.testbed} if setup.run_id else {}),
         },
         set_up_as=(
             (first.subject, first.condition.number, first.run_number)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.archive.folders import run_folder_names
-from madrob_console.errors import MadrobError
+from madrob_console.archive.folders import parse_folder_name
 from scoring.eurobench.run_names import run_prefixes
 
 
@@ -37,35 +36,46 @@ class RunPath:
 
 
 def runs_at(path: Path) -> list[RunPath]:
-    """The runs at a path, in order.
+    """The runs at a path, at any depth, in the order of their names.
 
-    Those of a results folder, run folders that somebody renamed among them, or of a folder of
-    published files; else the path itself, which may be a bag, or nothing that can be read: reading
-    it says so. In a folder with a bag, the bag is the run.
+    Run folders, also those that somebody renamed, and folders of published files; else the path
+    itself, which may be a bag, or nothing that can be read: reading it says so. In a folder with a
+    bag, the bag is the run. Links and hidden folders in it are not followed.
     """
-    try:
-        names = os.listdir(path)  # noqa: PTH208  ten thousand Paths take too long
-    except OSError:  # a file, or nothing
-        return [RunPath(path)]
-    if _is_bag(names):
-        return [RunPath(path)]
-    if prefixes := run_prefixes(names):
-        return [RunPath(path, prefix) for prefix in prefixes]
-    try:
-        folders = sorted(run_folder_names(path))
-    except MadrobError:
-        folders = []
-    folders += sorted(name for name in set(names).difference(folders) if _holds_bag(path / name))
-    return [run for name in folders for run in runs_at(path / name)] or [RunPath(path)]
+    return list(_runs_below(path)) or [RunPath(path)]
+
+
+def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
+    """The runs at some paths, in their order; what lies at two of them once."""
+    found: dict[tuple[str, str], RunPath] = {}
+    for path in paths:
+        for run in runs_at(path):
+            found.setdefault((os.path.realpath(run.path), run.prefix), run)
+    return list(found.values())
+
+
+def _runs_below(top: Path) -> Iterator[RunPath]:
+    folders = [top]
+    while folders:
+        path = folders.pop()
+        try:
+            names = os.listdir(path)  # noqa: PTH208  ten thousand Paths take too long
+        except NotADirectoryError:
+            continue
+        except OSError:  # reading it says why; the path that was named is looked at by `runs_at`
+            if path is not top:
+                yield RunPath(path)
+            continue
+        if _is_bag(names):
+            yield RunPath(path)
+        elif prefixes := run_prefixes(names):
+            yield from (RunPath(path, prefix) for prefix in prefixes)
+        elif path is not top and parse_folder_name(path.name) is not None:
+            yield RunPath(path)  # its recording is missing
+        else:
+            below = (path / name for name in sorted(names, reverse=True) if name[0] != ".")
+            folders += [folder for folder in below if not folder.is_symlink()]
 
 
 def _is_bag(names: Iterable[str]) -> bool:
     return any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names)
-
-
-def _holds_bag(path: Path) -> bool:
-    """Whether it is a folder with a recording; no link."""
-    try:
-        return not path.is_symlink() and _is_bag(os.listdir(path))  # noqa: PTH208
-    except OSError:  # a file, or nothing that may be read
-        return False

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import msgspec
 
+from madrob_console.archive.digests import run_id_at
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import TopicMapping
@@ -28,6 +29,29 @@ RECORD_NAME = "madrob_run"
 _KEY = "run"
 
 A = TypeVar("A", bound=LiveAssessment)
+
+
+@dataclass(frozen=True, slots=True)
+class RunLabel:
+    """Whose run it is, and which of all: what tables for programs join by.
+
+    Attributes:
+        subject: the robot's number; None = not known.
+        team: the team's name; empty where unknown.
+        condition: its number.
+        run: the repetition; None = not known.
+        run_id: which run of all testbeds it is (section 2); empty where unknown.
+        testbed: the name of the testbed; empty where it had none.
+        competition: its name; empty where none was set.
+    """
+
+    subject: int | None
+    team: str
+    condition: int
+    run: int | None
+    run_id: str = ""
+    testbed: str = ""
+    competition: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +81,23 @@ class RunRecord:
     def corrected(self, run: Run) -> RunRecord:
         """With the set-up of the run as it stands, after what was corrected."""
         return self if run.setup is None else replace(self, setup=run.setup)
+
+    def label(self, recording: Path) -> RunLabel:
+        """Whose run it is.
+
+        Args:
+            recording: its bag or its folder, which identifies a run of an earlier version.
+        """
+        setup = self.setup
+        return RunLabel(
+            setup.subject,
+            setup.team,
+            setup.condition.number,
+            setup.run_number,
+            setup.run_id or run_id_at(recording),
+            setup.testbed,
+            self.competition,
+        )
 
     def to_metadata(self) -> dict[str, str]:
         """The record as MCAP metadata."""

@@ -22,7 +22,7 @@ from madrob_console.archive.result_reader import (
 )
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.run_record import RECORD_NAME, RunRecord
+from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.plain import refusal
@@ -40,6 +40,7 @@ from recorder.reader import Bag, read_bag
 from scoring.errors import ScoringError
 from scoring.eurobench.published import evaluate_published, rules_told
 from scoring.eurobench.run_files import EurobenchRun, read_run
+from scoring.eurobench.run_names import numbers_of
 from scoring.evaluate import Assessment, LiveAssessment
 from scoring.kinematics import load_filters
 from scoring.protocol import Condition, Outcome
@@ -134,6 +135,7 @@ class ScoredPath:
         result: by the ruleset that was asked for.
         rows: cut to the run.
         condition: of the run.
+        label: whose run it is.
         flags: what a decision on the run hangs on; of EUROBENCH's files, whether it was practice.
     """
 
@@ -141,6 +143,7 @@ class ScoredPath:
     result: Result
     rows: Rows
     condition: Condition
+    label: RunLabel
     flags: tuple[Flag, ...] = ()
 
 
@@ -163,14 +166,17 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
             chosen = [ruleset(name) if name else told for name in rules]
             pairs = [evaluate_published(published, one) for one in chosen]
             condition = published.condition
+            subject, _, number = numbers_of(run.prefix) or (None, 0, None)
+            label = RunLabel(subject, "", condition.number, number)
             found = [_flags_told(published) for _ in pairs]
         else:
             scored = score_recording(run.path, rules)
             pairs = [(one.result, one.rows) for one in scored]
             found = [one.flags for one in scored]
             condition = scored[0].record.setup.condition
+            label = scored[0].record.label(run.path)
     return tuple(
-        ScoredPath(Path(run.name), result, rows, condition, flagged)
+        ScoredPath(Path(run.name), result, rows, condition, label, flagged)
         for (result, rows), flagged in zip(pairs, found, strict=True)
     )
 

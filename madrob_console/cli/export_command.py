@@ -32,7 +32,7 @@ def add(commands: options.Commands) -> None:
     parser.add_argument(
         "--practice", action="store_true", help="the practice runs instead, marked as such"
     )
-    options.add_results(parser)
+    options.add_run_paths(parser)
     parser.add_argument(
         "--output",
         type=Path,
@@ -54,9 +54,10 @@ def main(arguments: argparse.Namespace) -> int:
 
     settings = load_settings(arguments.settings)
     teams = options.team_list(arguments, settings)
+    found = options.collection(arguments, settings)
     with progress("runs") as tell:
         export = export_team(
-            options.results_folder(arguments, settings),
+            found,
             arguments.subject,
             settings.mappings(),
             time.time(),
@@ -69,7 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
         )
     for problem in export.problems:
         complain(problem)
-    for words in export.renamed:
+    for words in (*export.renamed, *found.remarks):
         print(f"note: {terminal_safe(words)}")
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")

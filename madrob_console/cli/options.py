@@ -15,6 +15,7 @@ from madrob_console.testbeds.ros_domain import domain_number
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
+    from madrob_console.archive.collection import Collection
     from madrob_console.config import Settings
     from madrob_console.referee.competition_plan import PlanSource
     from madrob_console.referee.teams import TeamList, TeamSource
@@ -179,6 +180,50 @@ def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
     """Where the runs are kept."""
     chosen: Path = arguments.results or settings.results.root
     return chosen.expanduser().absolute()
+
+
+def add_run_paths(parser: argparse.ArgumentParser) -> None:
+    """Whose runs: any number of folders, or the results folder; and of which testbed."""
+    parser.add_argument(
+        "paths",
+        nargs="*",
+        type=Path,
+        metavar="PATH",
+        help="folders with runs, at any depth, each run once; else the results folder",
+    )
+    add_results(parser)
+    parser.add_argument(
+        "--testbed-name",
+        default=None,
+        metavar="NAME",
+        help="only runs of the testbed of this name (setting `testbed.name`)",
+    )
+
+
+def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
+    """The runs that are named, each once.
+
+    Raises:
+        MadrobError: a folder does not exist or cannot be read, or there is no such testbed.
+    """
+    from madrob_console.archive.collection import collected, collected_in
+
+    paths = run_paths(arguments, settings)
+    if arguments.paths:
+        return collected(paths, arguments.testbed_name)
+    return collected_in(paths[0], arguments.testbed_name)
+
+
+def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
+    """Where runs are to be looked for.
+
+    Raises:
+        MadrobError: paths and a results folder are named.
+    """
+    paths: list[Path] = arguments.paths
+    if paths and arguments.results is not None:
+        raise MadrobError("PATH and --results: give one of the two")
+    return [path.expanduser() for path in paths] or [results_folder(arguments, settings)]
 
 
 def add_teams(parser: argparse.ArgumentParser) -> None:

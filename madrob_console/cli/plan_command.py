@@ -42,14 +42,13 @@ def add(commands: options.Commands) -> None:
         help="everything, for programs; - or nothing = standard output",
     )
     options.add_teams(parser)
-    options.add_results(parser)
+    options.add_run_paths(parser)
     options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Print the plan, or write its JSON; lines that cannot be used are named."""
     with imports_kept():
-        from madrob_console.archive.history import History
         from madrob_console.config import load_settings
         from madrob_console.files.whole import atomic_write
         from madrob_console.referee.competition_plan import plan_progress
@@ -60,8 +59,8 @@ def main(arguments: argparse.Namespace) -> int:
     plan = _plan(options.plan_source(arguments, settings))
     teams = options.team_list(arguments, settings).names
     competition = settings.competition.name
-    runs = History(options.results_folder(arguments, settings)).refresh()
-    found = plan_progress(plan, runs, competition)
+    collection = options.collection(arguments, settings)
+    found = plan_progress(plan, collection.runs, competition)
     target: Path | None = arguments.json
     if target is None:
         for line in plan_lines(found, competition, teams):
@@ -74,6 +73,8 @@ def main(arguments: argparse.Namespace) -> int:
         else:
             atomic_write(target, data)
             print(terminal_safe(str(target)))
+    for remark in collection.remarks:
+        complain(f"note: {remark}")
     for problem in plan.problems:
         complain(problem)
     return BAD_INPUT if plan.problems else 0

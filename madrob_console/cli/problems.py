@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -40,6 +41,18 @@ def complain(problem: object) -> None:
         problem: a text, or the error whose message names the cause and the remedy.
     """
     print(f"madrob: {terminal_safe(str(problem))}", file=sys.stderr, flush=True)
+
+
+def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
+    """Name runs that are there several times; of many the first.
+
+    Args:
+        pairs: of each the place that does not count, and the one that does.
+    """
+    for place, counting in pairs[:MOST_ALIKE]:
+        complain(f"note: {place} is the same run as {counting}, which counts")
+    if len(pairs) > MOST_ALIKE:
+        complain(f"note: and {len(pairs) - MOST_ALIKE} more runs that are there twice")
 
 
 class Complaints:

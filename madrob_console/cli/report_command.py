@@ -32,7 +32,8 @@ def add(commands: options.Commands) -> None:
         "report",
         main,
         "a page for the team: report.html in the run folder, or the figures alone",
-        "PATH is a run folder, a results folder or a bag; of EUROBENCH folders the figures only.",
+        "PATH is a run folder, a bag, or a folder with runs at any depth; of EUROBENCH folders the "
+        "figures only.",
         examples=("madrob report my_run", "madrob report --figures svg --output figures my_run"),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
@@ -51,12 +52,12 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Make the files of every path; a bad one is named and does not stop the rest."""
     with imports_kept():
-        from madrob_console.archive.run_paths import runs_at
+        from madrob_console.archive.run_paths import all_runs_at
         from madrob_console.report.surroundings import Surroundings
 
     around = Surroundings()
     written: set[Path] = set()
-    runs = list(dict.fromkeys(run.path for path in arguments.paths for run in runs_at(path)))
+    runs = list(dict.fromkeys(run.path for run in all_runs_at(arguments.paths)))
     with progress("pages" if arguments.figures is None else "runs") as tell, Complaints() as bad:
         tell(0, len(runs))
         for number, run in enumerate(runs, start=1):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
-from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
 from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -43,12 +43,14 @@ class RunText(NamedTuple):
         problem: why it cannot be scored, on one line; None = it can.
         grade: what a check found; None = nothing was checked.
         values_hold: whether it differs in uncertainties and doubts only.
+        run_id: which run it is; empty = not known, or it does not matter.
     """
 
     text: str
     problem: str | None = None
     grade: Grade | None = None
     values_hold: bool = False
+    run_id: str = ""
 
 
 class Destination(NamedTuple):
@@ -70,7 +72,8 @@ def add(commands: options.Commands) -> None:
         "score",
         main,
         "score recorded runs, or check their stored results",
-        "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a results folder. "
+        "PATH is a bag, a run folder, a folder of EUROBENCH csv files or a folder with runs at any "
+        "depth. Runs that are there twice are named. "
         "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
         "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
         "it says which), or differs: exit code 1, also where only uncertainties and doubts differ; "
@@ -131,10 +134,10 @@ class _Write(argparse.Action):
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
     from madrob_console.archive.grades import Grade
-    from madrob_console.archive.run_paths import runs_at
+    from madrob_console.archive.run_paths import all_runs_at
     from madrob_console.cli.batch import in_order
 
-    runs = [run for path in arguments.paths for run in runs_at(path)]
+    runs = all_runs_at(arguments.paths)
     rules = _rules(arguments.ruleset)
     describe = partial(
         describe_run,
@@ -172,6 +175,8 @@ def _print(
     """
     grades: Counter[Grade | None] = Counter()
     printed = held = 0
+    met: dict[str, str] = {}
+    same: list[tuple[str, str]] = []
     if as_json:
         print('{\n  "runs": [', end="")
     tell(0, len(runs))
@@ -181,6 +186,8 @@ def _print(
             if one.problem is not None:
                 bad.add(one.problem, run.name)
                 continue
+            if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
+                same.append((run.name, first))
             if as_json:
                 print(
                     "," if printed else "", indent(one.text, "    "), sep="\n", end="", flush=True
@@ -192,6 +199,7 @@ def _print(
             held += one.values_hold
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
+    name_twins(same)
     return bad.count, grades, held
 
 
@@ -231,13 +239,14 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
 
     scored = score_run(run, rules)
     if as_json:
-        return RunText(_json(run, _document(scored)))
+        return RunText(_json(run, _document(scored)), run_id=scored[0].label.run_id)
     results = [one.result for one in scored]
     found = scored[0].flags
     lines = (
         result_lines(results[0], found) if len(results) == 1 else comparison_lines(results, found)
     )
-    return RunText("\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)]))
+    text = "\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)])
+    return RunText(text, run_id=scored[0].label.run_id)
 
 
 def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
@@ -246,14 +255,16 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
     from madrob_console.cli.score_table import difference
 
     told = {"flags": msgspec.to_builtins(scored[0].flags)}
+    label: dict[str, Any] = msgspec.to_builtins(scored[0].label)
     if len(scored) == 1:
-        return _content(scored[0].result) | told
+        return label | _content(scored[0].result) | told
     first, *others = (each.result for each in scored)
     differences: dict[str, Any] = {}
     for name, one in first.indicators.items():
         by = {other.ruleset: difference(one, other.indicators[name]) for other in others}
         differences[name] = by if len(others) > 1 else next(iter(by.values()))
     return {
+        **label,
         "rulesets": {result.ruleset: _content(result) for result in (first, *others)},
         "differences": differences,
         **told,

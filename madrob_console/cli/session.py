@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from socket import gethostname
 from typing import assert_never
 
 from madrob_console.cli import options
@@ -50,6 +51,7 @@ def open_engine(
         thresholds=settings.scoring_thresholds(),
         limits=settings.sensor_limits(),
         competition=settings.competition.name,
+        testbed=settings.testbed_name(gethostname()),
         disk_needed=settings.checks.disk_space,
         lossless=arguments.speed == 0,
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import whole_number
-from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -32,7 +32,11 @@ def add(commands: options.Commands) -> None:
         "all teams, in each condition and in all: a table, csv, json, html",
         "Mean, median and standard deviation over the valid runs; invalid and interrupted ones are "
         "listed with their reasons. Exit code 2 when a result is damaged; the rest is there.",
-        examples=("madrob standings", "madrob standings --best 3 --html hall.html"),
+        examples=(
+            "madrob standings",
+            "madrob standings --best 3 --html hall.html",
+            "madrob standings hall_a hall_b             # one competition in two halls",
+        ),
     )
     for kind, text in (
         ("csv", "a row for each team, condition and indicator, with how many runs are flagged"),
@@ -59,7 +63,7 @@ def add(commands: options.Commands) -> None:
         "--practice", action="store_true", help="the practice runs instead, marked as such"
     )
     options.add_teams(parser)
-    options.add_results(parser)
+    options.add_run_paths(parser)
     options.add_settings(parser)
 
 
@@ -99,7 +103,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _found(arguments: argparse.Namespace) -> CompetitionStandings:
-    from madrob_console.archive.history import History
     from madrob_console.config import load_settings
     from madrob_console.standings.competition import competition_standings
 
@@ -107,11 +110,15 @@ def _found(arguments: argparse.Namespace) -> CompetitionStandings:
     best = settings.competition.best_runs if arguments.best is None else arguments.best
     if best < 0:
         raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
-    results = (arguments.results or settings.results.root).expanduser()
-    if not results.is_dir():
-        raise MadrobError(f"{results}: no such results folder; name one with --results")
+    if not arguments.paths:
+        results = options.results_folder(arguments, settings)
+        if not results.is_dir():
+            raise MadrobError(f"{results}: no such results folder; name one with --results")
+    found = options.collection(arguments, settings)
+    for path in found.unlisted:
+        complain(f"{path}: is not called like a run and left out")
     return competition_standings(
-        History(results).refresh(),
+        found.runs,
         made=time.time(),
         competition=arguments.competition,
         official=not arguments.practice,

@@ -3,28 +3,47 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import closing, nullcontext
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, Complaints
-from madrob_console.cli.progress import progress
+from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
+from madrob_console.cli.progress import Tell, progress
+from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
+from madrob_console.tidy.run_tables import RUN_TABLES
 from madrob_console.tidy.sample_tables import SAMPLE_TABLES
-from madrob_console.tidy.tidy_table import TableFormat, column_lines
+from madrob_console.tidy.tidy_table import TableFormat, TidyTable, column_lines
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
     from madrob_console.archive.run_paths import RunPath
+    from madrob_console.tidy.run_rows import Row
+    from madrob_console.tidy.table_files import TableWriter
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
-the result. PATH is a bag, a run folder or a results folder. Each run gets these files, called \
-like its folder: RUN_run.csv, RUN_door.csv and so on.
+the result. PATH is a bag, a run folder or a folder with runs at any depth. Each run gets these \
+files, called like its folder: RUN_run.csv, RUN_door.csv and so on.
 """
+
+
+_RUNS = """\
+Of the stored results (result.json) of all runs, at any depth below PATH, each run once. Exit \
+code 2 when a result is missing or cannot be used; the rest is there.
+"""
+
+_STDOUT = Path("-")
+
+_ROWS_AT_ONCE = 10_000
+"""No more rows than these and those of one run are in memory."""
 
 
 class _Written(NamedTuple):
@@ -40,10 +59,16 @@ def add(commands: options.Commands) -> None:
         commands,
         "table",
         None,
-        "runs as tables for programs, csv or Parquet",
-        examples=("madrob table samples --help",),
+        "runs as tables for programs: csv, NDJSON or Parquet",
+        examples=(
+            "madrob table runs ~/madrob_runs > runs.csv",
+            "madrob table indicators hall_a hall_b --format parquet --output all.parquet",
+            "madrob table samples --help",
+        ),
     )
     parts = parser.add_subparsers(metavar="WHAT")
+    for table in RUN_TABLES:
+        _add_runs(parts, table)
     samples = options.command(
         parts,
         "samples",
@@ -63,28 +88,128 @@ def add(commands: options.Commands) -> None:
         metavar="FOLDER",
         help="folder for the tables; made if there is none",
     )
-    options.add_choice(
-        samples,
-        "--format",
-        TableFormat,
-        TableFormat.CSV,
-        "of the files; parquet needs the extra `tables`",
-    )
+    _add_format(samples)
     options.add_choice(
         samples, "--ruleset", RulesetName, None, "the rules; those of the run if not given"
     )
     options.add_jobs(samples, "read")
 
 
+def _add_runs(parts: options.Commands, table: TidyTable) -> None:
+    """The command line of a table of all runs."""
+    parser = options.command(
+        parts,
+        table.name,
+        partial(_runs, table=table),
+        table.row,
+        "\n".join([_RUNS, *column_lines([table])]),
+        (f"madrob table {table.name} ~/madrob_runs --output {table.name}.csv",),
+    )
+    options.add_run_paths(parser)
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=_STDOUT,
+        metavar="FILE",
+        help="the file; standard output if not given, or -",
+    )
+    _add_format(parser)
+    options.add_settings(parser)
+
+
+def _add_format(parser: argparse.ArgumentParser) -> None:
+    options.add_choice(
+        parser,
+        "--format",
+        TableFormat,
+        TableFormat.CSV,
+        "csv, ndjson (a JSON object on each line) or parquet, which needs the extra `tables`",
+    )
+
+
+def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
+    """Write a table of all runs; one that cannot be used is named and does not stop the rest."""
+    from madrob_console.archive.run_paths import all_runs_at
+    from madrob_console.config import load_settings
+    from madrob_console.files.whole import whole_file
+    from madrob_console.tidy.table_files import TableWriter, check_writable
+
+    output: Path = arguments.output
+    check_writable(arguments.format)
+    to_terminal = output == _STDOUT
+    if to_terminal and arguments.format is TableFormat.PARQUET:
+        raise MadrobError("Parquet is no text: name a file with --output")
+    runs = all_runs_at(options.run_paths(arguments, load_settings(arguments.settings)))
+    target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
+    with (
+        Complaints() as bad,
+        progress("runs") as tell,
+        target as file,
+        closing(TableWriter(file, table, arguments.format)) as writer,
+    ):
+        _write_runs(runs, arguments.testbed_name, table, writer, bad, tell)
+    if not to_terminal:
+        print(terminal_safe(str(output)))
+    return BAD_INPUT if bad.count else 0
+
+
+def _write_runs(
+    runs: Sequence[RunPath],
+    testbed: str | None,
+    table: TidyTable,
+    writer: TableWriter,
+    bad: Complaints,
+    tell: Tell,
+) -> None:
+    """The rows of all runs, some runs after the other."""
+    from madrob_console.archive.collection import demand_testbed
+    from madrob_console.archive.stored_runs import Counted, stored_run
+    from madrob_console.tidy.run_rows import cells_of, rows_of
+
+    counted = Counted.of(runs)
+    if testbed is not None:
+        demand_testbed(testbed, counted.testbeds)
+    rows: list[Row] = []
+    twins: list[tuple[str, str]] = []
+    tell(0, len(runs))
+    for number, run in enumerate(runs, start=1):
+        try:
+            stored = stored_run(run)
+        except MadrobError as error:
+            bad.add(error, run.name)
+            continue
+        label = stored.label
+        if (place := counted.places.get(label.run_id, run.name)) != run.name:
+            twins.append((run.name, place))
+        elif testbed in (None, label.testbed):
+            rows += rows_of(table, stored)
+        if len(rows) >= _ROWS_AT_ONCE:
+            writer.add(cells_of(table, rows))
+            rows = []
+        tell(number, len(runs))
+    if rows:
+        writer.add(cells_of(table, rows))
+    name_twins(twins)
+
+
+class _StandardOutput(BytesIO):
+    """The standard output as a file."""
+
+    def write(self, data: Buffer, /) -> int:
+        """Write bytes at once."""
+        put_bytes(bytes(data))
+        return len(bytes(data))
+
+
 def _samples(arguments: argparse.Namespace) -> int:
     """Write the tables of every run at the paths; a bad one is named and does not stop the rest."""
-    from madrob_console.archive.run_paths import runs_at
+    from madrob_console.archive.run_paths import all_runs_at
     from madrob_console.cli.batch import in_order
     from madrob_console.tidy.table_files import check_writable
 
     output: Path = arguments.output
     check_writable(arguments.format)
-    runs = [run for path in arguments.paths for run in runs_at(path)]
+    runs = all_runs_at(arguments.paths)
     chosen = {run.own_name: run for run in reversed(runs)}  # the first of each name
     write = partial(write_samples, output=output, rules=arguments.ruleset, kind=arguments.format)
     to_write = [run for run in runs if chosen[run.own_name] is run]
@@ -127,7 +252,8 @@ def write_samples(
     if run.prefix:
         return _Written(problem=f"{run.name}: files without a recording: give the run's bag")
     try:
-        rows = sample_rows(run.own_name, *score_with_series(run.path, rules))
+        scored, series = score_with_series(run.path, rules)
+        rows = sample_rows(run.own_name, scored, series, scored.record.label(run.path))
         output.mkdir(parents=True, exist_ok=True)
         files = []
         for table in SAMPLE_TABLES:

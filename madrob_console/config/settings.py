@@ -35,6 +35,7 @@ from madrob_console.config.tables import (
 )
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
+from madrob_console.names import LONGEST_NAME, clean_name
 from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
@@ -70,6 +71,14 @@ class Settings(SettingsTable, frozen=True):
         _no_repetition("topics", [topic.signal.value for topic in self.topics])
         _no_repetition("teams", [str(team.subject) for team in self.teams])
         _no_repetition("start_poses", [pose.name for pose in self.start_poses])
+
+    def testbed_name(self, host: str) -> str:
+        """What the testbed is called (protocol section 2).
+
+        Args:
+            host: the name of this machine, for a testbed that was given none.
+        """
+        return self.testbed.name or clean_name(host[:LONGEST_NAME], "host")
 
     def team_names(self) -> dict[int, str]:
         """Subject number -> team."""

@@ -162,8 +162,12 @@ def start_pose_on(side: Side, poses: Iterable[StartPoseSetting]) -> StartPose:
 
 
 class SourceSetting(SettingsTable, frozen=True):
-    """[testbed]: where the messages come from."""
+    """[testbed]: where the messages come from. The name is cleaned."""
 
+    name: (
+        Annotated[str, Meta(description="stands with every run; the host's name when not set")]
+        | None
+    ) = None
     kind: (
         Annotated[SourceKind, Meta(description="ros or simulated; found out when not set")] | None
     ) = None
@@ -175,6 +179,8 @@ class SourceSetting(SettingsTable, frozen=True):
     ) = None
 
     def __post_init__(self) -> None:
+        if self.name is not None:
+            force_setattr(self, "name", clean_name(self.name, "name"))
         if self.kind is SourceKind.REPLAY:
             raise ValueError("kind: a replay needs its bag, use `--testbed replay PATH`")
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
+from madrob_console.archive.collection import Collection
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
 )
-from madrob_console.archive.history import VOID, History, RunSummary
+from madrob_console.archive.history import VOID, RunSummary
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import (
     ListedResult,
@@ -65,7 +67,7 @@ class Export:
 
 
 def export_team(  # noqa: PLR0913  what is packed, and how
-    root: Path,
+    found: Collection,
     subject: int,
     mappings: Sequence[TopicMapping],
     now: float,
@@ -80,7 +82,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     """Pack all official runs of a team; the one that goes on is left out and named.
 
     Args:
-        root: the results folder.
+        found: all runs; of those that are there twice one is packed.
         subject: the team's number.
         mappings: which topic carries which signal, for the layout.
         now: s since the epoch.
@@ -94,11 +96,12 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     Raises:
         MadrobError: the team has no such runs, or the zip cannot be written.
     """
-    runs, going_on = _runs_of(root, subject, practice=practice)
+    runs, going_on = _runs_of(found, subject, practice=practice)
     known = {run: _Known.of(run) for run in runs}
     called = TeamName.of(team, (known[run].team for run in runs))
     name = file_name(subject, called.name, now, practice=practice)
-    path = target or root / EXPORTS_FOLDER / name
+    path = target or found.root / EXPORTS_FOLDER / name
+    names_in = _names_in_archive(runs)
     with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
@@ -107,8 +110,8 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = _add_run(archive, run, without)
-            packed.append(PackedRun(run.name, terminal_safe(known[run].words), added))
+            added = _add_run(archive, run, names_in[run], without)
+            packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
         layout = foxglove_layout(mappings, thresholds, zeros[-1] if zeros else None)
@@ -182,10 +185,22 @@ def _outcome(result: ListedResult) -> str:
     void = [f"{VOID} ({result.why_invalid})"] if result.voided else []
     told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
     flagged = [flag.words for flag in weighty(result.flags or ()) if flag.kind not in told]
-    return ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
+    words = ", ".join([f"{condition}: {result.outcome}", *void, final, *unofficial, *flagged])
+    return "; ".join(filter(None, (words, result.testbed, result.run_id)))
 
 
-def _runs_of(root: Path, subject: int, *, practice: bool) -> tuple[list[Path], list[Path]]:
+def _names_in_archive(runs: Iterable[Path]) -> dict[Path, str]:
+    """What the folders of runs are called there: of two testbeds' with one name one is another."""
+    names: dict[Path, str] = {}
+    taken: Counter[str] = Counter()
+    for run in runs:
+        taken[run.name] += 1
+        number = taken[run.name]
+        names[run] = run.name if number == 1 else f"{run.name}_{number}"
+    return names
+
+
+def _runs_of(found: Collection, subject: int, *, practice: bool) -> tuple[list[Path], list[Path]]:
     """The official or the practice runs of a team, oldest first.
 
     Returns:
@@ -195,10 +210,11 @@ def _runs_of(root: Path, subject: int, *, practice: bool) -> tuple[list[Path], l
         MadrobError: there is none to be packed, or the folder cannot be read.
     """
     teams: dict[int, list[RunSummary]] = {}
-    for run in History(root).refresh():  # a folder keeps its name when its subject is corrected
-        teams.setdefault(run.subject, []).append(run)
+    for run in found.runs:  # a folder keeps its name when its subject is corrected
+        if not run.twin:
+            teams.setdefault(run.subject, []).append(run)
     own = sorted(teams.get(subject, ()), key=lambda run: (run.folder[-15:], run.folder))
-    wanted = [root / run.folder for run in own if run.practice == practice]
+    wanted = [found.root / run.folder for run in own if run.practice == practice]
     going_on = [
         run
         for run in wanted
@@ -213,7 +229,7 @@ def _runs_of(root: Path, subject: int, *, practice: bool) -> tuple[list[Path], l
         raise MadrobError(_all_of_the_other_kind(subject, len(own), practice=practice))
     others = ", ".join(map(str, sorted(teams)))
     known = f"there are runs of subject {others}" if teams else "it holds no runs at all"
-    raise MadrobError(f"subject {subject} has no runs in {root}: {known}; check --results")
+    raise MadrobError(f"subject {subject} has no runs in {found.root}: {known}; check --results")
 
 
 def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
@@ -222,10 +238,12 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def _add_run(archive: Archive, run: Path, without: tuple[str, ...]) -> list[str]:
+def _add_run(archive: Archive, run: Path, called: str, without: tuple[str, ...]) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = archive.add_folder(run, without=without)
+    added = archive.add_folder(run, called, without=without)
+    if called != run.name:
+        archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:
         archive.problems.append(f"{run.name}: its result changed meanwhile: export again")
     return added

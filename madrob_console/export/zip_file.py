@@ -41,14 +41,17 @@ class Archive:
         self._zip = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED)
         self._sums: list[str] = []
 
-    def add_folder(self, folder: Path, *, without: tuple[str, ...] = ()) -> list[str]:
-        """Add the files of a folder under its name; what cannot be read is a problem.
+    def add_folder(
+        self, folder: Path, called: str = "", *, without: tuple[str, ...] = ()
+    ) -> list[str]:
+        """Add the files of a folder; what cannot be read is a problem.
 
         Links are not followed, hidden files are temporary ones. Names that not every system can
         unpack are replaced, see `portable_names`.
 
         Args:
             folder: the folder.
+            called: its name in the archive, where that is another than its own.
             without: files whose names have one of these parts are left out.
 
         Returns:
@@ -58,7 +61,7 @@ class Archive:
             OSError: the archive cannot be written.
         """
         added = []
-        for found in self._files_in(folder):
+        for found in self._files_in(folder, called or folder.name):
             if not any(part in found.path for part in without):
                 added += [found.name] if self._add(found) else []
         return added
@@ -126,13 +129,13 @@ class Archive:
         self.count += 1
         self._sums.append(f"{digest}  {name}\n")
 
-    def _files_in(self, folder: Path) -> Iterator[_Found]:
+    def _files_in(self, folder: Path, named: str) -> Iterator[_Found]:
         """The files below a folder, by name; folders that are links are problems."""
 
         def tell(error: OSError) -> None:
             self.problems.append(f"{folder.name}: cannot be read ({error.strerror})")
 
-        called = {str(folder): folder.name}
+        called = {str(folder): named}
         for path, folders, files, number in _walk(folder, tell):
             under = called[path]
             names = self._portable(under, (*folders, *files))

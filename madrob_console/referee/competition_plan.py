@@ -206,6 +206,11 @@ class RunFacts(Protocol):
         """Why nothing is known of it."""
         ...
 
+    @property
+    def twin(self) -> str:
+        """Which other folder holds it and counts; empty = this one does."""
+        ...
+
 
 def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> PlanProgress:
     """How much of a plan is done.
@@ -233,7 +238,7 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
 
 def is_attempt(run: RunFacts) -> bool:
     """Whether a run uses up an attempt."""
-    ended = run.outcome in _ENDED and not run.voided
+    ended = run.outcome in _ENDED and not run.voided and not run.twin
     return run.official and run.problem is None and ended
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
 
@@ -98,6 +98,9 @@ class RunSetup:
         team_reason: why the team has another name than in the list of teams; empty = it has not.
         practice: it counts for nothing and stands apart from official runs (protocol section 2).
         out_of_plan: it was set up beyond the competition's plan.
+        run_id: which run of all testbeds it is, a UUID; empty in runs of earlier versions. Set-ups
+            that differ in nothing but this and `testbed` are equal.
+        testbed: the name of the testbed; likewise.
     """
 
     subject: int
@@ -113,6 +116,8 @@ class RunSetup:
     team_reason: str = ""
     practice: bool = False
     out_of_plan: bool = False
+    run_id: str = field(default="", compare=False)
+    testbed: str = field(default="", compare=False)
 
     def problem(self) -> str | None:
         """Why a run cannot be set up like this, naming the field; None when it can."""

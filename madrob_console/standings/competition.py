@@ -13,6 +13,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.standings.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
+from madrob_console.standings.testbeds_apart import how_testbeds_differ
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
 from scoring.protocol import Condition, Outcome
 from scoring.result import DOUBTED, decimals_left
@@ -57,6 +58,7 @@ class CompetitionStandings:
         flagged: valid runs with a flag that weighs, oldest first.
         provisional: valid runs whose result is not final yet.
         protested: valid runs against whose final result the team protested.
+        apart: in what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
     """
 
     made: float
@@ -68,6 +70,7 @@ class CompetitionStandings:
     flagged: tuple[RunSummary, ...]
     provisional: int
     protested: int
+    apart: str = ""
 
     @property
     def title(self) -> str:
@@ -87,6 +90,8 @@ class CompetitionStandings:
             remarks.append(
                 f"Runs under several rulesets stand apart, do not compare them: {names}."
             )
+        if self.apart:
+            remarks.append(self.apart)
         remarks += self._other_names()
         if self.provisional:
             remarks.append(f"Not final: {self.provisional} of the valid runs.")
@@ -190,6 +195,7 @@ def competition_standings(
         flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
         provisional=sum(run.valid and not run.final for run in entering),
         protested=sum(run.valid and run.closing == "protested" for run in entering),
+        apart=how_testbeds_differ(entering),
     )
 
 
@@ -272,6 +278,8 @@ def _of_kind(run: RunSummary, *, official: bool) -> bool:
 def _why(run: RunSummary) -> str:
     if run.problem is not None:
         return run.problem
+    if run.twin:
+        return run.why_twin
     if run.outcome is None:
         return "no result yet: it goes on, or waits for a decision in `madrob console`"
     if run.reason:

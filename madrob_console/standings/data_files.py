@@ -25,7 +25,7 @@ ALL = "all"
 
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
-    *("subject", "team", "completed", "timeout", "invalid", "interrupted", "void"),
+    *("subject", "team", "testbed", "completed", "timeout", "invalid", "interrupted", "void"),
     *("flagged", "undecided"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
     *("expanded_uncertainty", "doubts", "not_distinguishable_from"),
@@ -110,6 +110,9 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
                 "outcome": run.outcome,
                 "void": run.voided,
                 "damaged": run.problem is not None,
+                "run_id": run.run_id,
+                "testbed": run.testbed,
+                "same_run_as": run.twin or None,
                 "why": why,
             }
             for run, why in found.left_out
@@ -122,7 +125,11 @@ def _rows(
     found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
 ) -> Iterator[dict[str, object]]:
     """The cells by column, and more that the csv file has no column for."""
-    names = {"ruleset": _cell(tally.ruleset), "team": _cell(tally.team)}
+    names = {
+        "ruleset": _cell(tally.ruleset),
+        "team": _cell(tally.team),
+        "testbed": _cell("; ".join(tally.testbeds)),
+    }
     told = {**_tally(tally), "source": _source(found), **names, **condition}
     for indicator, numbers in told["indicators"].items():
         alike = " ".join(map(str, numbers["not_distinguishable_from"]))
@@ -143,6 +150,7 @@ def _tally(tally: Tally) -> dict[str, Any]:
         "subject": tally.subject,
         "team": tally.team,
         "other_names": tally.other_names,
+        "testbeds": tally.testbeds,
         "completed": tally.completed,
         "timeout": tally.timeout,
         "invalid": tally.aborted,

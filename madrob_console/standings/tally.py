@@ -87,6 +87,7 @@ class Tally:
         subject, ruleset: whose runs, under which rules.
         team: its name; empty = it has none.
         other_names: what else runs of it are called; they count all the same.
+        testbeds: the names of those on which its runs were, where they have one.
         completed, timeout: valid runs.
         aborted: invalid runs.
         voided: runs that the referee voided, however they ended; the other counts are without them.
@@ -105,6 +106,7 @@ class Tally:
     team: str
     ruleset: str
     other_names: tuple[str, ...] = ()
+    testbeds: tuple[str, ...] = ()
     completed: int = 0
     timeout: int = 0
     aborted: int = 0
@@ -231,7 +233,7 @@ def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
     groups: dict[_Key, list[RunSummary]] = defaultdict(list)
     unfinished: list[RunSummary] = []
     for run in runs:
-        if run.problem is not None or run.never_ran:
+        if run.problem is not None or run.never_ran or run.twin:
             continue
         if run.outcome is None:
             unfinished.append(run)
@@ -273,7 +275,9 @@ def _tally(
     voided = 0
     counted: list[RunSummary] = []
     flagged: list[RunSummary] = []
+    testbeds: set[str] = set()
     for runs in groups:
+        testbeds.update(run.testbed for run in runs if run.testbed)
         outcomes += [run.outcome for run in runs if not run.voided]
         voided += sum(run.voided for run in runs)
         valid = sorted((run for run in runs if run.valid), key=rank)
@@ -285,6 +289,7 @@ def _tally(
         "subject": key.subject,
         "team": team.name,
         "other_names": team.others,
+        "testbeds": tuple(sorted(testbeds)),
         "ruleset": key.ruleset,
         "completed": outcomes.count(Outcome.COMPLETED),
         "timeout": outcomes.count(Outcome.TIMEOUT),

@@ -69,7 +69,8 @@ def _team_lines(tallies: Sequence[Tally]) -> Iterator[str]:
     A team's name may be long: the tables have its number.
     """
     for tally in tallies:
-        yield f"{f'{tally.subject} {tally.team}'.rstrip()}: {', '.join(counts(tally))}"
+        where = f"; on {', '.join(tally.testbeds)}" if tally.testbeds else ""
+        yield f"{f'{tally.subject} {tally.team}'.rstrip()}: {', '.join(counts(tally))}{where}"
     for first in range(0, len(IndicatorName), _ACROSS):
         names = list(IndicatorName)[first : first + _ACROSS]
         yield _columns("subject", (name.spec.title for name in names))

@@ -98,7 +98,8 @@ def _row(tally: Tally) -> Iterator[Content]:
     lines = list(counts(tally))
     if isinstance(tally, Overall):
         lines.append(f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions")
-    yield [element("small", line) for line in lines]
+    lines += [f"on {name}" for name in tally.testbeds]
+    yield [element("small", said(line)) for line in lines]
     for name in IndicatorName:
         yield _indicator(tally, name)
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TypeAlias
 
 import numpy as np
 
+from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored
+from madrob_console.tidy.run_rows import task_cells
 from madrob_console.tidy.sample_tables import DOOR, HANDLE, LATCH, PASSAGE, RUN
 from madrob_console.tidy.table_files import Cells, Chosen
 from scoring.kinematics import Array
@@ -19,13 +22,14 @@ SampleRows: TypeAlias = Mapping[str, Mapping[str, Cells]]
 """By table, by column: the cells."""
 
 
-def sample_rows(name: str, scored: Scored, series: WholeSeries) -> SampleRows:
+def sample_rows(name: str, scored: Scored, series: WholeSeries, label: RunLabel) -> SampleRows:
     """The tables of one run.
 
     Args:
         name: of the run, as the tables call it.
         scored: the run, by the rules of the tables.
         series: all that its sensors said.
+        label: whose run it is.
     """
     start, thresholds = scored.result.start, scored.record.thresholds
 
@@ -39,7 +43,7 @@ def sample_rows(name: str, scored: Scored, series: WholeSeries) -> SampleRows:
 
     rows, passage = series.rows, series.passage
     return {
-        RUN.name: _run(name, scored, series),
+        RUN.name: _run(name, scored, series, label),
         DOOR.name: timed(rows.joint_state.time, _door(series)),
         HANDLE.name: timed(rows.force_time, {"force": rows.force}),
         PASSAGE.name: timed(passage.time, _passage(passage, thresholds.lintel_height)),
@@ -47,19 +51,13 @@ def sample_rows(name: str, scored: Scored, series: WholeSeries) -> SampleRows:
     }
 
 
-def _run(name: str, scored: Scored, series: WholeSeries) -> Mapping[str, Cells]:
+def _run(name: str, scored: Scored, series: WholeSeries, label: RunLabel) -> Mapping[str, Cells]:
     setup, result, limits = scored.record.setup, scored.result, scored.record.thresholds
-    condition = setup.condition
+    told = {**asdict(label), "run_number": label.run, **task_cells(setup.condition)}
     return {
+        **{column: [cell] for column, cell in told.items()},
         "run": [name],
-        "subject": [setup.subject],
-        "condition": [condition.number],
-        "run_number": [setup.run_number],
         "practice": [setup.practice],
-        "benchmark_type": [condition.benchmark_type.value],
-        "opening_side": [condition.opening_side.value],
-        "starting_side": [condition.starting_side.value],
-        "destination_side": [condition.destination_side.value],
         "ruleset": [result.ruleset.value],
         "lock_detection": [result.lock_detection.value],
         "outcome": [result.outcome.value],

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from madrob_console.tidy.run_tables import COURSE, PRACTICE, TASK, WHOSE
 from madrob_console.tidy.tidy_table import CellKind, TidyColumn, TidyTable
 
 _RUN = TidyColumn("run", CellKind.TEXT, "", "name of the run's folder")
@@ -10,25 +13,22 @@ _TIMES = (
     TidyColumn("since_start", CellKind.NUMBER, "s", "the same, since the start of the run"),
 )
 
+
+def _series(name: str, row: str, *columns: TidyColumn) -> TidyTable:
+    """A table of one sensor's samples."""
+    return TidyTable(name, row, (_RUN, *_TIMES, *columns))
+
+
 RUN = TidyTable(
     "run",
     "one row, what else the indicators hang on",
     (
         _RUN,
-        TidyColumn("subject", CellKind.COUNT, "", "number of the team"),
-        TidyColumn("condition", CellKind.COUNT, "", "number of the condition, 1 to 20"),
-        TidyColumn("run_number", CellKind.COUNT, "", "number of the repetition"),
-        TidyColumn("practice", CellKind.FLAG, "", "whether it was practice"),
-        TidyColumn("benchmark_type", CellKind.TEXT, "", "how the door is braked"),
-        TidyColumn("opening_side", CellKind.TEXT, "", "cw or ccw: to where the door opens"),
-        TidyColumn("starting_side", CellKind.TEXT, "", "cw or ccw: where the robot starts"),
-        TidyColumn("destination_side", CellKind.TEXT, "", "cw or ccw: where it has to go"),
+        *(replace(one, name="run_number") if one.name == "run" else one for one in WHOSE),
+        PRACTICE,
+        *TASK,
         TidyColumn("ruleset", CellKind.TEXT, "", "by which rules the tables are made"),
-        TidyColumn("lock_detection", CellKind.TEXT, "", "what decides step 6"),
-        TidyColumn("outcome", CellKind.TEXT, "", "how the run ended"),
-        TidyColumn("start", CellKind.NUMBER, "s", "of the run, since 1970 (UTC)"),
-        TidyColumn("stop", CellKind.NUMBER, "s", "likewise; empty: it was cut off"),
-        TidyColumn("duration", CellKind.NUMBER, "s", "from start to stop; empty: likewise"),
+        *COURSE,
         TidyColumn("rows_from", CellKind.NUMBER, "s", "since_start of the first rows that count"),
         TidyColumn("rows_until", CellKind.NUMBER, "s", "since_start of the last rows that count"),
         TidyColumn("handle_zero", CellKind.NUMBER, "N", "force of the handle at rest"),
@@ -41,61 +41,45 @@ RUN = TidyTable(
     ),
 )
 
-DOOR = TidyTable(
+DOOR = _series(
     "door",
     "one row for each angle of the panel",
-    (
-        _RUN,
-        *_TIMES,
-        TidyColumn("position", CellKind.NUMBER, "rad", "angle; 0 = closed, positive = ccw"),
-        TidyColumn("velocity", CellKind.NUMBER, "rad/s", "empty beside gaps and at the ends"),
-        TidyColumn("acceleration", CellKind.NUMBER, "rad/s^2", "likewise"),
-        TidyColumn(
-            "low_passed_acceleration", CellKind.NUMBER, "rad/s^2", "as unsafety has it; likewise"
-        ),
-        TidyColumn(
-            "jerk", CellKind.NUMBER, "rad/s^3", "as smoothness has it; empty: it does not count"
-        ),
+    TidyColumn("position", CellKind.NUMBER, "rad", "angle; 0 = closed, positive = ccw"),
+    TidyColumn("velocity", CellKind.NUMBER, "rad/s", "empty beside gaps and at the ends"),
+    TidyColumn("acceleration", CellKind.NUMBER, "rad/s^2", "likewise"),
+    TidyColumn(
+        "low_passed_acceleration", CellKind.NUMBER, "rad/s^2", "as unsafety has it; likewise"
+    ),
+    TidyColumn(
+        "jerk", CellKind.NUMBER, "rad/s^3", "as smoothness has it; empty: it does not count"
     ),
 )
 
-HANDLE = TidyTable(
+HANDLE = _series(
     "handle",
     "one row for each force on the handle",
-    (
-        _RUN,
-        *_TIMES,
-        TidyColumn("force", CellKind.NUMBER, "N", "as recorded; positive = towards ccw"),
-    ),
+    TidyColumn("force", CellKind.NUMBER, "N", "as recorded; positive = towards ccw"),
 )
 
-PASSAGE = TidyTable(
+PASSAGE = _series(
     "passage",
     "one row for each used passage sensor and message of its strip",
-    (
-        _RUN,
-        *_TIMES,
-        TidyColumn("side", CellKind.TEXT, "", "cw or ccw: over which side it hangs"),
-        TidyColumn("index", CellKind.COUNT, "", "0 (farthest from the hinge) to 4"),
-        TidyColumn("strip", CellKind.TEXT, "", "which strip holds it"),
-        TidyColumn("element", CellKind.COUNT, "", "its place in the strip, 0 to 3"),
-        TidyColumn("range", CellKind.NUMBER, "m", "down; inf = nothing there, empty = no reading"),
-        TidyColumn("height", CellKind.NUMBER, "m", "of the obstacle; -inf = nothing there"),
-        TidyColumn(
-            "present", CellKind.FLAG, "", "something is there, as it counts; empty = not known yet"
-        ),
-        TidyColumn("masked", CellKind.FLAG, "", "the panel passes under it"),
+    TidyColumn("side", CellKind.TEXT, "", "cw or ccw: over which side it hangs"),
+    TidyColumn("index", CellKind.COUNT, "", "0 (farthest from the hinge) to 4"),
+    TidyColumn("strip", CellKind.TEXT, "", "which strip holds it"),
+    TidyColumn("element", CellKind.COUNT, "", "its place in the strip, 0 to 3"),
+    TidyColumn("range", CellKind.NUMBER, "m", "down; inf = nothing there, empty = no reading"),
+    TidyColumn("height", CellKind.NUMBER, "m", "of the obstacle; -inf = nothing there"),
+    TidyColumn(
+        "present", CellKind.FLAG, "", "something is there, as it counts; empty = not known yet"
     ),
+    TidyColumn("masked", CellKind.FLAG, "", "the panel passes under it"),
 )
 
-LATCH = TidyTable(
+LATCH = _series(
     "latch",
     "one row for each message of the latch sensor; none without one",
-    (
-        _RUN,
-        *_TIMES,
-        TidyColumn("engaged", CellKind.FLAG, "", "whether the latch is engaged"),
-    ),
+    TidyColumn("engaged", CellKind.FLAG, "", "whether the latch is engaged"),
 )
 
 SAMPLE_TABLES = (RUN, DOOR, HANDLE, PASSAGE, LATCH)

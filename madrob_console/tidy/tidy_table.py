@@ -11,6 +11,7 @@ class TableFormat(StrEnum):
     """How tables are written."""
 
     CSV = "csv"
+    NDJSON = "ndjson"
     PARQUET = "parquet"
 
 

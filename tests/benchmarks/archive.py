@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import msgspec
 
-from madrob_console.archive.folders import NUMBERS_FILE, RESULT_FILE, RunId, next_run_number
+from madrob_console.archive.folders import NUMBERS_FILE, RESULT_FILE, RunName, next_run_number
 from madrob_console.archive.history import INDEX_FILE, History
 from madrob_console.standings.tally import standings
 from tests.benchmarks.report import Baseline, Figure, Goal
@@ -51,7 +51,7 @@ def _fill(root: Path, size: int) -> None:
     ]
     for run in runs:
         write(root, run)
-    ids = [RunId(run.subject, run.condition, run.run_number) for run in runs]
+    ids = [RunName(run.subject, run.condition, run.run_number) for run in runs]
     (root / NUMBERS_FILE).write_bytes(b"".join(msgspec.json.encode(one) + b"\n" for one in ids))
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from madrob_console.archive.folders import RunId
+from madrob_console.archive.folders import RunName
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import read_recorded_run
 from madrob_console.clock import NS, nanoseconds
@@ -61,7 +61,7 @@ def long_bag(run: Path, folder: Path, length: float, density: int = 1) -> Path:
     assert start is not None
     assert stop is not None
     long = replace(record, setup=replace(record.setup, timeout=length))
-    target = folder / RunId(3, 1, 1).folder_name(0.0)
+    target = folder / RunName(3, 1, 1).folder_name(0.0)
     folder.mkdir()
     entries = [entry for entry in recorded.entries if entry.time <= start]
     details = {"outcome": Outcome.TIMEOUT, "time": start + length}

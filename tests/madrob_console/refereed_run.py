@@ -20,7 +20,7 @@ from madrob_console.archive.folders import (
     NUMBERS_FILE,
     PRACTICE_FOLDER,
     RESULT_FILE,
-    RunId,
+    RunName,
     parse_folder_name,
     run_folder_names,
 )
@@ -464,22 +464,22 @@ def _numbers_used_twice(results: Path) -> Iterator[str]:
         yield f"never given out: {missing}"
 
 
-def _given_out(results: Path) -> list[RunId]:
+def _given_out(results: Path) -> list[RunName]:
     found = []
     with suppress(FileNotFoundError):
         for line in (results / PRACTICE_FOLDER / NUMBERS_FILE).read_bytes().splitlines():
             with suppress(msgspec.DecodeError):  # torn
-                found.append(msgspec.json.decode(line, type=RunId))
+                found.append(msgspec.json.decode(line, type=RunName))
     return found
 
 
-def _folders(results: Path) -> list[RunId]:
+def _folders(results: Path) -> list[RunName]:
     with suppress(MadrobError):
         return [_run_of(name) for name in run_folder_names(results)]
     return []
 
 
-def _run_of(name: str) -> RunId:
+def _run_of(name: str) -> RunName:
     parsed = parse_folder_name(name)
     assert parsed is not None
     return parsed[0]

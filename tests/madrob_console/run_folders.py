@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from madrob_console.archive.folders import RESULT_FILE, RunId
+from madrob_console.archive.folders import RESULT_FILE, RunName
 from madrob_console.archive.history import RunSummary
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from scoring.indicator_table import IndicatorName
@@ -55,6 +55,10 @@ def document(run: RunSummary) -> dict[str, Any]:
             }
             for name in IndicatorName
         },
+        "run_id": run.run_id,
+        "testbed": run.testbed,
+        "quality": {"signals": [{"signal": "door angle", "rate": run.rate}]},
+        **({} if run.thresholds is None else {"thresholds": run.thresholds}),
         "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
         if run.final
         else None,
@@ -92,7 +96,7 @@ def summary(
     told.update(fields)
     told.setdefault("practice", told["source"] == "simulated")
     return RunSummary(
-        folder=RunId(subject, condition, run_number).folder_name(started),
+        folder=RunName(subject, condition, run_number).folder_name(started),
         subject=subject,
         condition=condition,
         run_number=run_number,

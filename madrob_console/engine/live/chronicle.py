@@ -136,6 +136,8 @@ class Chronicle:
             "subject": setup.subject if setup else None,
             "team": setup.team if setup else None,
             "run_number": setup.run_number if setup else None,
+            "run_id": setup.run_id if setup else None,
+            "testbed": setup.testbed if setup else None,
             "condition_number": condition.number if condition else None,
             "benchmark_type": condition.benchmark_type if condition else None,
             "opening_side": condition.opening_side if condition else None,

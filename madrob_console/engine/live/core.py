@@ -37,6 +37,7 @@ from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_identity import new_run_id
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.source import Source
@@ -352,6 +353,8 @@ class Engine:
             rest_force=self.config.thresholds.touch_force / 2,
             teams=self._teams,
             steps=self._observation.steps,
+            testbed=self.config.testbed,
+            new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
         )
 
     @property

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.messages.codec import MessageTypes, TopicMapping
+from madrob_console.referee.run_identity import Randomness
 from madrob_console.version import software_version
 from scoring.protocol import Thresholds
 
@@ -22,8 +24,10 @@ class EngineConfig:
         thresholds: the testbed's numbers.
         limits: what counts as a healthy testbed.
         competition: its name.
+        testbed: the testbed's name; empty = it has none.
         version: of the software.
         lossless: wait for the disk instead of dropping messages (virtual time).
+        random: tells the identity of a run from all others.
     """
 
     results: Path
@@ -32,8 +36,10 @@ class EngineConfig:
     thresholds: Thresholds = field(default_factory=Thresholds)
     limits: SensorLimits = field(default_factory=SensorLimits)
     competition: str = ""
+    testbed: str = ""
     version: str = field(default_factory=software_version)
     lossless: bool = False
+    random: Randomness = os.urandom
 
     def limited(self, types: MessageTypes) -> EngineConfig:
         """The same with a limit for the messages of each topic."""

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 
-from madrob_console.archive.folders import RunId, reserve_run_folder
+from madrob_console.archive.folders import RunName, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.engine.live.reading import Reader
 from madrob_console.engine.shown.snapshot import RecorderView
@@ -52,8 +52,8 @@ class Recording:
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
-        run_id = RunId(setup.subject, setup.condition.number, setup.run_number)
-        self.folder = reserve_run_folder(root, run_id, start, practice=setup.practice)
+        name = RunName(setup.subject, setup.condition.number, setup.run_number)
+        self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
         self._monotonic = monotonic
         self._reading = reading

@@ -37,6 +37,8 @@ class Situation:
         steps: the six as they stand; empty where they are of no interest.
         simulated: what the simulated testbed plays, in words; None = a real one.
         indicators: of the result that is written; empty without one.
+        testbed: its name; empty where it has none.
+        new_id: makes the identity of a run; empty where none is set up.
     """
 
     run: Run
@@ -49,6 +51,8 @@ class Situation:
     steps: tuple[StepRecord, ...] = ()
     simulated: str | None = None
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
+    testbed: str = ""
+    new_id: Callable[[], str] = str
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:

@@ -32,10 +32,10 @@ class SetUp(Act):
         return self.setup.problem() or situation.teams.problem(self.setup)
 
     def settled(self, situation: Situation) -> Act:
-        """On a simulated testbed every run is practice (protocol section 2)."""
-        if situation.simulated is None or self.setup.practice:
-            return self
-        return SetUp(replace(self.setup, practice=True))
+        """With its identity; on a simulated testbed every run is practice (protocol section 2)."""
+        practice = self.setup.practice or situation.simulated is not None
+        run_id, testbed = situation.new_id(), situation.testbed
+        return SetUp(replace(self.setup, practice=practice, run_id=run_id, testbed=testbed))
 
     def unless_final(self, view: RunView) -> Act | Ask[Act]:
         """At once; asked first if the last result waits for a signature.

@@ -64,6 +64,7 @@ def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Colu
         number_column("issue", "issue of the result", lambda r: r.issue or None, 6),
         Column("result", "whether the result is final", _closing, lambda r: r.closing, 9),
         text_column("ruleset", "ruleset", lambda r: r.ruleset, 14),
+        text_column("testbed", "testbed", lambda r: r.testbed, 12),
         Column("folder", "folder", lambda r: Span(r.folder, Tone.DIM), lambda r: r.folder, 44),
     ]  # fmt: skip
 

@@ -206,6 +206,8 @@ def about(run: RunSummary, name: str | None = None) -> str:
     """
     if run.problem is not None:
         return f"{run.problem} (folder {run.folder})"
+    if run.twin:
+        return run.why_twin
     task = ", ".join(word for word in condition_words(run.condition) if word)
     told = [task or f"condition {run.condition} does not exist", run.outcome_word]
     if run.outcome is None:

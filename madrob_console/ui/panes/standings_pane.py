@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,6 +13,7 @@ from textual.binding import Binding, BindingType
 from madrob_console.archive.history import VOID, RunSummary, condition_words
 from madrob_console.standings.competition import SIGNS
 from madrob_console.standings.tally import ALIKE, Standing, standings, subjects_text
+from madrob_console.standings.testbeds_apart import how_testbeds_differ
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import Span, Tone
@@ -50,11 +51,13 @@ class Tables:
         of: the standings by (official, only the best runs).
         any_official: whether there are official runs at all.
         damaged: runs left out because their result is damaged.
+        apart: in what the testbeds differ, of official runs and of practice; empty = in nothing.
     """
 
     of: Mapping[tuple[bool, bool], Sequence[Standing]]
     any_official: bool
     damaged: int
+    apart: Mapping[bool, str] = field(default_factory=dict)
 
 
 class StandingsPane(RunsPane[Tables, Standing]):
@@ -112,7 +115,13 @@ class StandingsPane(RunsPane[Tables, Standing]):
             for only_best in {False, self._best > 0}
         }
         damaged = sum(run.problem is not None for run in runs)
-        return Tables(made, any(run.official for run in runs), damaged)
+        apart = {
+            official: how_testbeds_differ(
+                run for run in runs if (run.official if official else run.practice)
+            )
+            for official in (True, False)
+        }
+        return Tables(made, any(run.official for run in runs), damaged, apart)
 
     def take(self, content: Tables) -> None:
         """Other runs."""
@@ -160,6 +169,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
             text += f"; {self._tables.damaged} DAMAGED left out"
+        if apart := self._tables.apart.get(official):
+            text += f". {apart}"
         self.say(text)
 
     def _columns(self) -> list[Column[Standing]]:
@@ -185,6 +196,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
             number_column("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
             text_column("ruleset", "ruleset", lambda s: s.ruleset, 14),
+            text_column("testbeds", "testbeds", lambda s: ", ".join(s.testbeds), 12),
         ]
 
     def _indicator(self, name: IndicatorName) -> Column[Standing]:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from madrob_console.archive import folders
 from madrob_console.archive.folders import (
     NUMBERS_FILE,
-    RunId,
+    RunName,
     next_run_number,
     parse_folder_name,
     reserve_run_folder,
@@ -25,7 +25,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.whole import atomic_write, free_space
 
 START = 1_700_000_000.25
-RUN = RunId(subject=3, condition=7, run=1)
+RUN = RunName(subject=3, condition=7, run=1)
 numbers = st.integers(1, 999)
 
 
@@ -43,8 +43,8 @@ def test_a_folder_is_named_after_the_run_and_its_local_start_time() -> None:
     assert RUN.folder_name(START) == "subject_003_cond_007_run_001_20231114_231320"
 
 
-@given(st.builds(RunId, numbers, numbers, numbers), st.integers(0, 4_000_000_000))
-def test_a_folder_name_tells_which_run_it_is(run: RunId, start: int) -> None:
+@given(st.builds(RunName, numbers, numbers, numbers), st.integers(0, 4_000_000_000))
+def test_a_folder_name_tells_which_run_it_is(run: RunName, start: int) -> None:
     parsed = parse_folder_name(run.folder_name(start))
     assert parsed is not None
     assert parsed[0] == run
@@ -77,14 +77,14 @@ def test_run_numbers_count_up_for_each_subject_and_condition(tmp_path: Path) -> 
     folder = reserve_run_folder(root, RUN, START)
     assert folder == root / RUN.folder_name(START)
     assert not folder.exists()  # the recorder makes it
-    reserve_run_folder(root, RunId(3, 7, 5), START)
+    reserve_run_folder(root, RunName(3, 7, 5), START)
     assert next_run_number(root, 3, 7) == 6
     assert next_run_number(root, 3, 8) == 1
     assert next_run_number(root, 30, 7) == 1
 
 
 def test_folders_that_came_from_elsewhere_count(tmp_path: Path) -> None:
-    (tmp_path / RunId(3, 7, 12).folder_name(START)).mkdir()
+    (tmp_path / RunName(3, 7, 12).folder_name(START)).mkdir()
     assert next_run_number(tmp_path, 3, 7) == 13
 
 
@@ -100,7 +100,7 @@ def test_a_torn_last_line_costs_nothing_but_itself(tmp_path: Path) -> None:
     with (tmp_path / NUMBERS_FILE).open("ab") as file:
         file.write(b'{"subject":3,"condition":7,"run":99')
     assert next_run_number(tmp_path, 3, 7) == 2
-    reserve_run_folder(tmp_path, RunId(3, 7, 2), START)
+    reserve_run_folder(tmp_path, RunName(3, 7, 2), START)
     assert next_run_number(tmp_path, 3, 7) == 3
     with pytest.raises(MadrobError, match="exists"):
         reserve_run_folder(tmp_path, RUN, START)
@@ -126,16 +126,20 @@ def test_two_consoles_never_get_the_same_number(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("run", "field"),
-    [(RunId(0, 7, 1), "subject 0"), (RunId(1000, 7, 1), "subject 1000"), (RunId(3, 7, 0), "run")],
+    [
+        (RunName(0, 7, 1), "subject 0"),
+        (RunName(1000, 7, 1), "subject 1000"),
+        (RunName(3, 7, 0), "run"),
+    ],
 )
-def test_numbers_out_of_range_are_refused(tmp_path: Path, run: RunId, field: str) -> None:
+def test_numbers_out_of_range_are_refused(tmp_path: Path, run: RunName, field: str) -> None:
     with pytest.raises(MadrobError, match=f"{field}.*use a number from 1 to 999"):
         reserve_run_folder(tmp_path, run, START)
     assert not list(tmp_path.iterdir())
 
 
 def test_when_all_numbers_are_used_it_says_so(tmp_path: Path) -> None:
-    reserve_run_folder(tmp_path, RunId(3, 7, 999), START)
+    reserve_run_folder(tmp_path, RunName(3, 7, 999), START)
     with pytest.raises(MadrobError, match="choose another results folder"):
         next_run_number(tmp_path, 3, 7)
 
@@ -191,7 +195,7 @@ def test_whoever_locks_the_numbers_file_keeps_nobody_from_starting(tmp_path: Pat
     reserve_run_folder(tmp_path, RUN, START)
     with (tmp_path / NUMBERS_FILE).open("rb") as stranger:
         fcntl.flock(stranger, fcntl.LOCK_EX)
-        reserve_run_folder(tmp_path, RunId(3, 7, 2), START)
+        reserve_run_folder(tmp_path, RunName(3, 7, 2), START)
         assert next_run_number(tmp_path, 3, 7) == 3
 
 
@@ -205,10 +209,10 @@ def test_of_two_that_saw_a_number_free_the_first_line_has_it(
 
 
 def test_only_run_folders_are_runs(tmp_path: Path) -> None:
-    folders = {_made(tmp_path, RUN, START + 100), _made(tmp_path, RunId(9, 20, 2), START)}
+    folders = {_made(tmp_path, RUN, START + 100), _made(tmp_path, RunName(9, 20, 2), START)}
     (tmp_path / "notes").mkdir()
-    (tmp_path / RunId(4, 1, 1).folder_name(START)).write_text("a file")
-    (tmp_path / RunId(5, 1, 1).folder_name(START)).symlink_to(min(folders))
+    (tmp_path / RunName(4, 1, 1).folder_name(START)).write_text("a file")
+    (tmp_path / RunName(5, 1, 1).folder_name(START)).symlink_to(min(folders))
     assert {tmp_path / name for name in run_folder_names(tmp_path)} == folders
     assert run_folder_names(tmp_path / "none") == []
 
@@ -257,7 +261,7 @@ def test_free_space_is_known_for_a_folder_yet_to_be_made(tmp_path: Path) -> None
     assert free_space(tmp_path / "file" / "b") is None
 
 
-def _made(root: Path, run: RunId, start: float) -> Path:
+def _made(root: Path, run: RunName, start: float) -> Path:
     folder = reserve_run_folder(root, run, start)
     folder.mkdir()
     return folder

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from madrob_console.archive.folders import RESULT_FORMAT, RunId
+from madrob_console.archive.folders import RESULT_FORMAT, RunName
 from madrob_console.archive.history import (
     INDEX_FILE,
     History,
@@ -33,6 +33,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import EPOCH, document, summary, write
 
+FIELDS = "subject, sub, cond, run, team, outcome, closed, ruleset, testbed"
 NUMBERS = st.integers(1, 999)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 RUNS = st.builds(
@@ -127,8 +128,8 @@ def test_runs_come_oldest_first_and_strangers_are_skipped(tmp_path: Path) -> Non
     write(tmp_path, later)
     write(tmp_path, earlier)
     (tmp_path / "notes").mkdir()
-    (tmp_path / RunId(1, 1, 1).folder_name(EPOCH)).write_text("a file")
-    (tmp_path / RunId(2, 1, 1).folder_name(EPOCH)).symlink_to(tmp_path / later.folder)
+    (tmp_path / RunName(1, 1, 1).folder_name(EPOCH)).write_text("a file")
+    (tmp_path / RunName(2, 1, 1).folder_name(EPOCH)).symlink_to(tmp_path / later.folder)
     (tmp_path / "subject_001_cond_001_run_001_20239999_000000").mkdir()
     assert History(tmp_path).refresh() == (earlier, later)
 
@@ -463,7 +464,7 @@ def test_the_word_of_an_outcome_and_its_name_are_both_found() -> None:
 @pytest.mark.parametrize("text", ["foo:bar", "delft foo:", "FOO:bar", "ÉQUIPE:1"])
 def test_a_field_that_no_run_has_is_named_with_those_that_there_are(text: str) -> None:
     name = "équipe" if "QU" in text else "foo"
-    problem = f"no field {name}: there are subject, sub, cond, run, team, outcome, closed, ruleset"
+    problem = f"no field {name}: there are {FIELDS}"
     assert filter_problem(text) == problem
     assert not matches(RUN, text)
 
@@ -490,7 +491,7 @@ def test_every_run_is_found_by_its_own_team_and_numbers(run: RunSummary) -> None
 def test_a_folder_of_a_condition_that_does_not_exist_is_listed(
     tmp_path: Path, condition: int
 ) -> None:
-    (tmp_path / RunId(3, condition, 1).folder_name(EPOCH)).mkdir()
+    (tmp_path / RunName(3, condition, 1).folder_name(EPOCH)).mkdir()
     (run,) = History(tmp_path).refresh()
     assert run.condition == condition
     assert matches(run, f"cond:{condition}") or condition == 0

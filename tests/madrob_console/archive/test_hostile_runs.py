@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, next_run_number
 from madrob_console.archive.history import History
 from madrob_console.archive.run_paths import RunPath
@@ -263,8 +264,8 @@ def test_a_spoilt_run_spoils_nothing_else(results: Path, case: str, *, cut_off: 
         assert "report it" not in why
     competition_standings([good, run], made=0.0, official=False)
     if "grown" not in case and "huge" not in case:
-        export_team(results, run.subject, DEFAULT_MAPPINGS, 0.0, practice=True)
-        _words(lambda: export_team(results, run.subject, DEFAULT_MAPPINGS, 0.0))
+        export_team(collected_in(results), run.subject, DEFAULT_MAPPINGS, 0.0, practice=True)
+        _words(lambda: export_team(collected_in(results), run.subject, DEFAULT_MAPPINGS, 0.0))
 
 
 def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -> None:

@@ -52,6 +52,10 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return captured.err
 
 
+LABEL = ("subject", "team", "condition", "run", "run_id", "testbed", "competition")
+"""What `score --json` says of each run besides its result."""
+
+
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """A results folder with three runs."""
@@ -72,7 +76,8 @@ def test_every_run_of_a_results_folder_is_scored_in_the_order_of_their_names(
     assert score(results) == 0
     captured = capsys.readouterr()
     assert [line for line in captured.out.splitlines() if line.startswith("/")] == runs
-    assert captured.err == ""
+    first, second, _ = runs[1:] + runs[:1]
+    assert captured.err == f"madrob: note: {second} is the same run as {first}, which counts\n"
 
 
 def test_the_handle_at_rest_before_and_after_the_run_and_its_drift_are_told(
@@ -188,9 +193,20 @@ def test_all_rulesets_stand_side_by_side_with_their_differences(
     beside = scored(capsys, "--ruleset", "all", *runs)
     for name in RulesetName:
         alone = scored(capsys, "--ruleset", name, *runs)
-        for key in ("path", "flags"):
+        for key in ("path", "flags", *LABEL):
             assert [run[key] for run in beside] == [run.pop(key) for run in alone]
         assert [run["rulesets"][name] for run in beside] == alone
+
+
+def test_each_run_says_whose_and_which_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    run = recorded(Scenario.NOMINAL)
+    stored = json.loads((run / "result.json").read_text())
+    (told,) = scored(capsys, run)
+    assert {key: told[key] for key in LABEL} == {
+        **{key: stored[key] for key in ("subject", "team", "run_id", "testbed", "competition")},
+        "condition": stored["condition_number"],
+        "run": stored["run_number"],
+    }
 
 
 TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
@@ -380,7 +396,7 @@ def test_run_folders_that_somebody_renamed_are_scored_under_their_names(
     (tmp_path / "link").symlink_to(tmp_path / "Delft, second try")
     assert score(tmp_path) == 0
     said = capsys.readouterr()
-    assert said.err == ""
+    assert len(said.err.splitlines()) == 1  # they are the same run
     named = [line for line in said.out.splitlines() if not line.startswith(" ")]
     assert [Path(line).name for line in named] == [
         "Delft, second try",

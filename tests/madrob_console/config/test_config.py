@@ -315,10 +315,12 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
     for listed in ("topics", "teams", "start_poses"):
         assert shown.pop(listed)
         del defaults[listed]
-    assert [line.split()[0] for line in unset] == ["#kind", "#domain", "#ascii", "#start_distance"]
+    assert [line.split()[0] for line in unset] == [
+        *("#name", "#kind", "#domain", "#ascii", "#start_distance")
+    ]
     assert defaults["simulated"]["robot"].pop("start_distance") is None
     assert defaults["console"].pop("ascii") is None
-    assert defaults.pop("testbed") == {"kind": None, "domain": None}
+    assert defaults.pop("testbed") == {"name": None, "kind": None, "domain": None}
     assert shown.pop("testbed") == {}
     assert shown == defaults
 

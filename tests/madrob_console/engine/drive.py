@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
+from random import Random
 
 from madrob_console.archive.scored import Scored
 from madrob_console.clock import VirtualClock
@@ -27,6 +29,8 @@ from tests.watching import until
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP = 0.02
+_SEEDS = count()
+"""Of the random bytes: each engine has its own, and a process of tests always the same ones."""
 _ON_DISK_NS = 100_000_000  # how old the newest message may be
 PULL = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 
@@ -45,12 +49,20 @@ class Drive:
         latch: bool = False,
         keepers: Keepers | None = None,
         scorer: Scorer | None = None,
+        testbed: str = "Hall A",
     ) -> None:
         self.clock = VirtualClock(EPOCH_NS)
         types = MessageTypes()
-        testbed = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
-        self.source = self.SOURCE(testbed, self.clock, types)
-        config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
+        simulated = SimulatedTestbed(scenario, seed, sensors=SensorSettings(latch=latch))
+        self.source = self.SOURCE(simulated, self.clock, types)
+        config = EngineConfig(
+            results,
+            DEFAULT_MAPPINGS,
+            lossless=True,
+            disk_needed=0,
+            testbed=testbed,
+            random=Random(next(_SEEDS)).randbytes,
+        )
         self.engine = Engine(self.source, self.clock, config, types, keepers=keepers, scorer=scorer)
         self.engine.open()
 

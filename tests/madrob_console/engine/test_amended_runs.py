@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.check import check_run
+from madrob_console.archive.collection import collected_in
 from madrob_console.archive.comparison import EQUAL
 from madrob_console.archive.folders import JOURNAL_FILE, next_run_number
 from madrob_console.archive.history import History, RunSummary, earlier_runs
@@ -299,13 +300,15 @@ def test_what_was_taken_back_is_not_kept_from_a_result_that_does_not_know_it(
 def test_a_corrected_run_is_packed_for_its_team(desk: Desk) -> None:
     desk.act(Correct(4, PULL, "typed wrongly"), Void("protest accepted"))
     desk.engine.close()
-    made = export_team(desk.results, 4, DEFAULT_MAPPINGS, 0.0, bags=False, practice=True)
+    made = export_team(
+        collected_in(desk.results), 4, DEFAULT_MAPPINGS, 0.0, bags=False, practice=True
+    )
     with zipfile.ZipFile(made.path) as packed:
         text = " ".join(packed.read(README_FILE).decode().split())
     assert f"{desk.run_folder.name}" in text
     assert "run 1: completed, VOID (protest accepted), not final" in text
     with pytest.raises(MadrobError, match="there are runs of subject 4"):
-        export_team(desk.results, 3, DEFAULT_MAPPINGS, 0.0, practice=True)
+        export_team(collected_in(desk.results), 3, DEFAULT_MAPPINGS, 0.0, practice=True)
 
 
 def test_the_report_tells_what_was_put_right(desk: Desk) -> None:

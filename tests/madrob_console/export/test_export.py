@@ -21,6 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
 from madrob_console.errors import MadrobError
@@ -85,7 +86,7 @@ def folders(root: Path, subject: int = 3) -> list[Path]:
 
 
 def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Export:
-    return export_team(root, 3, DEFAULT_MAPPINGS, NOW, bags=bags, practice=practice)
+    return export_team(collected_in(root), 3, DEFAULT_MAPPINGS, NOW, bags=bags, practice=practice)
 
 
 def unpacked(path: Path, target: Path) -> Path:
@@ -224,7 +225,7 @@ def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
     (only,) = folders(root, 4)
     (only / "result.json").unlink()
     with held(only), pytest.raises(MadrobError, match="only run of subject 4 goes on"):
-        export_team(root, 4, DEFAULT_MAPPINGS, NOW)
+        export_team(collected_in(root), 4, DEFAULT_MAPPINGS, NOW)
     assert not (root / "exports").exists()
 
 
@@ -412,8 +413,10 @@ def test_a_result_that_changes_meanwhile_is_named(
     first = folders(root)[0]
     add_folder = zip_file.Archive.add_folder
 
-    def ruled(self: zip_file.Archive, folder: Path, *, without: tuple[str, ...] = ()) -> list[str]:
-        added = add_folder(self, folder, without=without)
+    def ruled(
+        self: zip_file.Archive, folder: Path, called: str = "", *, without: tuple[str, ...] = ()
+    ) -> list[str]:
+        added = add_folder(self, folder, called, without=without)
         if folder == first:
             (folder / "result.json").write_text("{}")
         return added
@@ -430,7 +433,7 @@ def text_in(made: pack.Export) -> str:
 def test_the_text_says_how_each_run_ended(root: Path) -> None:
     write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}))
     text = text_in(export(root))
-    assert "condition 7, run 1: completed, not final\n" in text
+    assert "condition 7, run 1: completed, not final; " in text
     assert "condition 7, run 4: aborted, not final\n" in text
 
 
@@ -439,7 +442,7 @@ def test_the_text_says_what_a_decision_on_a_run_hangs_on(root: Path) -> None:
     told = json.loads(result.read_text()) | {"flags": [msgspec.to_builtins(UNDECIDED_START)]}
     result.write_text(json.dumps(told))
     text = text_in(export(root))
-    assert "run 1: completed, not final, 1 false start UNDECIDED (handle touched)\n" in text
+    assert "run 1: completed, not final, 1 false start UNDECIDED (handle touched); " in text
 
 
 def test_practice_runs_are_packed_apart_wherever_they_lie(root: Path) -> None:
@@ -527,7 +530,8 @@ def test_the_layout_shows_phases_and_events_in_their_own_words() -> None:
 def test_the_layout_in_a_zip_has_the_handle_zero_of_the_newest_run(
     recorded: Path, tmp_path: Path
 ) -> None:
-    export_team(recorded, 3, DEFAULT_MAPPINGS, NOW, practice=True, target=tmp_path / "a.zip")
+    found = collected_in(recorded)
+    export_team(found, 3, DEFAULT_MAPPINGS, NOW, practice=True, target=tmp_path / "a.zip")
     home = unpacked(tmp_path / "a.zip", tmp_path / "home")
     layout = json.loads((home / "madrob_foxglove_layout.json").read_text())
     (_, above, below) = layout["configById"]["Plot!handle"]["paths"]

@@ -26,7 +26,7 @@ from tests.madrob_console.ui.pane_app import showing
 
 TITLES = (
     *("sub", "team", "cond", "task", "compl", "timeo", "inval", "exec s", "hand s", "occup s"),
-    *("pass s", "unsafe", "smooth", "rough N", "cap", "door", "inter", "ruleset"),
+    *("pass s", "unsafe", "smooth", "rough N", "cap", "door", "inter", "ruleset", "testbeds"),
 )
 
 
@@ -61,6 +61,18 @@ def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
                 shown.text
             )
             assert PRACTICE_BANNER not in shown.text
+
+    asyncio.run(drive())
+
+
+def test_testbeds_that_differ_are_told_in_the_head_line() -> None:
+    async def drive() -> None:
+        halls = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
+        async with showing(pane_of(halls)) as shown:
+            text = " ".join(shown.text.split())
+            assert "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B)." in text
+        async with showing(pane_of([*halls[:1], timed(2, 20.0, testbed="B", rate=50.0)])) as shown:
+            assert "differ" not in shown.text
 
     asyncio.run(drive())
 

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive import score
-from madrob_console.archive.folders import RunId, reserve_run_folder
+from madrob_console.archive.folders import RunName, reserve_run_folder
 from madrob_console.archive.history import History
 from madrob_console.archive.scored import open_run
 from madrob_console.archive.unfinished import find_unfinished
@@ -233,7 +233,7 @@ def _team_names(place: Place, examples: int) -> None:
 
         only_words(name)
         with suppress(MadrobError):
-            folder = reserve_run_folder(place.inside, RunId(len(content) % 1000, 1, 1), 1.7e9)
+            folder = reserve_run_folder(place.inside, RunName(len(content) % 1000, 1, 1), 1.7e9)
             assert folder.parent == place.inside
 
     in_each(place, examples, b'subject,team\n1,Delft\n2;"Nova, Rot"\n3\tDoor Bots\n', check)

@@ -1,0 +1,104 @@
+"""The stored results of any number of runs, one after the other, for tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from madrob_console.archive.agreement import disagreement, out_of_date
+from madrob_console.archive.folders import PRACTICE_FOLDER, RESULT_FILE, parse_folder_name
+from madrob_console.archive.history import misplaced
+from madrob_console.archive.result_reader import (
+    TabledResult,
+    UnusableResultError,
+    read_result,
+    read_tabled_result,
+)
+from madrob_console.archive.run_journal import UnusableJournalError
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.run_record import RunLabel
+from madrob_console.errors import MadrobError
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A run folder with its result.
+
+    Attributes:
+        folder: where it lies.
+        result: what its `result.json` says.
+    """
+
+    folder: Path
+    result: TabledResult
+
+    @property
+    def label(self) -> RunLabel:
+        """Whose run it is."""
+        told = self.result
+        return RunLabel(
+            told.subject,
+            told.team,
+            told.condition_number,
+            told.run_number,
+            told.run_id,
+            told.testbed,
+            told.competition,
+        )
+
+    @property
+    def practice(self) -> bool:
+        """Whether it counts for nothing and stands apart (protocol section 2)."""
+        return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Which of the places of each run counts, where it is there several times.
+
+    Attributes:
+        places: by `run_id`, the name of the place with the latest issue, else of the first.
+        testbeds: the names of all testbeds.
+    """
+
+    places: dict[str, str]
+    testbeds: frozenset[str]
+
+    @classmethod
+    def of(cls, runs: Iterable[RunPath]) -> Counted:
+        """Look through the results of runs; what cannot be read is passed over."""
+        issues: dict[str, int] = {}
+        places: dict[str, str] = {}
+        testbeds = set()
+        for run in runs:
+            try:
+                result, _ = read_result(str(run.path))
+            except (FileNotFoundError, UnusableResultError):
+                continue
+            testbeds.add(result.testbed)
+            if result.run_id and result.issue > issues.get(result.run_id, -1):
+                issues[result.run_id], places[result.run_id] = result.issue, run.name
+        return cls(places, frozenset(testbeds))
+
+
+def stored_run(run: RunPath) -> StoredRun:
+    """The stored result of a run.
+
+    Raises:
+        MadrobError: it has none, or one that cannot be used; the message names path and remedy.
+    """
+    folder = run.path
+    try:
+        result = read_tabled_result(str(folder))
+        named = parse_folder_name(folder.name)
+        why = None if named is None else misplaced(result, named[0])
+        if why is None and (differing := disagreement(result, folder)) is not None:
+            why = out_of_date(differing)
+    except FileNotFoundError:
+        why = f"has no {RESULT_FILE}: the console decides on a run that was cut off"
+    except (UnusableResultError, UnusableJournalError) as error:
+        why = str(error)
+    if why is not None:
+        raise MadrobError(f"{run.name}: {why}")
+    return StoredRun(folder, result)

@@ -1,0 +1,194 @@
+"""`madrob table runs`, `indicators`, `events`, `steps`: all runs as one table each."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from madrob_console.cli.main import main
+from madrob_console.testbeds.simulated import Scenario
+from madrob_console.tidy.run_tables import RUN_TABLES
+from madrob_console.tidy.tidy_table import CellKind, TidyTable
+from tests.madrob_console.recorded_runs import appealed, recorded
+from tests.madrob_console.run_folders import summary, write
+
+_EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
+"""Older versions round the last digit of what they read."""
+
+OLDER = Path(__file__).parents[1] / "whole/version_0_1_0/results"
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs of today, one of them with all that a referee can say."""
+    root = tmp_path_factory.mktemp("archive")
+    for number, run in enumerate((recorded(Scenario.TOUCH_ONLY), appealed())):
+        shutil.copytree(run, root / f"hall_{number}" / "practice" / run.name)
+    return root
+
+
+def results_below(root: Path) -> list[dict[str, Any]]:
+    return [json.loads(path.read_text()) for path in sorted(root.rglob("result.json"))]
+
+
+def table(capsys: pytest.CaptureFixture[str], name: str, *arguments: object) -> pd.DataFrame:
+    assert main(["table", name, *map(str, arguments)]) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    frame: pd.DataFrame = pd.read_csv(StringIO(told.out), **_EXACTLY)
+    return frame
+
+
+def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
+    archive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = table(capsys, "runs", archive)
+    for row, stored in zip(frame.to_dict("records"), results_below(archive), strict=True):
+        for key in ("subject", "team", "run_id", "testbed", "start", "outcome", "ruleset", "issue"):
+            assert row[key] == stored[key]
+        assert (row["condition"], row["run"]) == (stored["condition_number"], stored["run_number"])
+        assert row["valid"] == (stored["outcome"] in {"completed", "timeout"})
+        assert row["practice"]
+        assert row["final"] == (stored["closure"] is not None)
+        assert row["flags"] == "; ".join(flag["words"] for flag in stored["flags"])
+        assert row["duration"] == stored["stop"] - stored["start"]
+        assert json.loads((Path(row["place"]) / "result.json").read_text()) == stored
+
+
+def test_indicators_events_and_steps_have_what_the_results_have(
+    archive: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = {result["run_id"]: result for result in results_below(archive)}
+    indicators = table(capsys, "indicators", archive)
+    assert len(indicators) == 8 * len(results)
+    for row in indicators.to_dict("records"):
+        one = results[row["run_id"]]["indicators"][row["indicator"]]
+        known = one["uncertainty"] or {"u": None, "expanded": None}
+        told = row["value"], row["uncertainty"], row["expanded_uncertainty"], row["reason"]
+        stored = one["value"], known["u"], known["expanded"], one["reason"]
+        assert [None if pd.isna(cell) else cell for cell in told] == list(stored)
+        assert row["unit"] == one["unit"]
+        assert ("" if pd.isna(row["doubts"]) else row["doubts"]) == "; ".join(one["doubts"])
+    events = table(capsys, "events", archive)
+    assert list(zip(events.run_id, events.event, events.time, strict=True)) == [
+        (key, event["event"], event["time"])
+        for key, result in results.items()
+        for event in result["events"]
+    ]
+    steps = table(capsys, "steps", archive)
+    counting = [step["final"] for result in results.values() for step in result["steps"]]
+    assert [None if pd.isna(cell) else cell for cell in steps.time] == counting
+    assert steps.done.tolist() == [time is not None for time in counting]
+
+
+def test_every_format_has_the_same_cells_with_their_types(archive: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra `tables`")
+    for one in RUN_TABLES:
+        for kind in ("csv", "ndjson", "parquet"):
+            file = tmp_path / f"{one.name}.{kind}"
+            arguments = ["table", one.name, str(archive), "--format", kind, "--output", str(file)]
+            assert main(arguments) == 0
+        lines = (tmp_path / f"{one.name}.ndjson").read_text().splitlines()
+        rows = [json.loads(line) for line in lines]
+        frame = pd.read_parquet(tmp_path / f"{one.name}.parquet")
+        plain = frame.astype(object).where(frame.notna(), None)
+        assert plain.to_dict("records") == rows
+        kinds: dict[str, Any] = {column.name: column.kind.value for column in one.columns}
+        text = pd.read_csv(tmp_path / f"{one.name}.csv", dtype=kinds, **_EXACTLY)
+        assert list(text) == list(frame) == [column.name for column in one.columns]
+        for column in one.columns:
+            if column.kind is not CellKind.TEXT:
+                assert frame[column.name].dtype == column.kind.value
+                pd.testing.assert_series_equal(text[column.name], frame[column.name])
+            assert frame.attrs[column.name] == f"{column.meaning} [{column.unit or '-'}]"
+
+
+def test_runs_of_before_are_in_the_tables_and_what_has_no_result_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(OLDER, tmp_path / "a")
+    shutil.copytree(OLDER, tmp_path / "deep/er/b")
+    assert main(["table", "runs", str(tmp_path), "--format", "ndjson"]) == 2
+    told = capsys.readouterr()
+    rows = [json.loads(line) for line in told.out.splitlines()]
+    assert len(rows) == len({row["run_id"] for row in rows}) == 5
+    assert {row["testbed"] for row in rows} == {""}
+    assert told.err.count("has no result.json") == 2
+    assert told.err.count("the same run as") == 3
+    assert "and 2 more runs that are there twice" in told.err
+
+
+def test_an_archive_without_runs_gives_the_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "a", summary(testbed="Hall A"))
+    assert main(["table", "runs", str(tmp_path), "--testbed-name", "Hall B"]) == 2
+    assert "no such runs; there are 'Hall A'" in capsys.readouterr().err
+    write(tmp_path / "b", summary(testbed="Hall B"))
+    assert main(["table", "events", str(tmp_path), "--testbed-name", "Hall B"]) == 0
+    assert capsys.readouterr().out.startswith("subject,team,condition,run,run_id,testbed,")
+    assert main(["table", "runs", str(tmp_path), "--format", "parquet"]) == 2
+    assert "--output" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("one", RUN_TABLES, ids=lambda one: one.name)
+def test_the_help_says_of_each_column_what_it_is(
+    one: TidyTable, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["table", one.name, "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    for column in one.columns:
+        assert " ".join(f"{column.name} {column.unit} {column.meaning}".split()) in text
+
+
+_MEASURED = """
+import re, sys
+from pathlib import Path
+from madrob_console.cli.main import main
+code = main(sys.argv[1:])
+print(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
+sys.exit(code)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+@pytest.mark.parametrize("kind", ["csv", "ndjson", "parquet"])
+def test_more_runs_need_no_more_memory(
+    kind: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    pytest.importorskip("pyarrow", reason="the extra `tables`")
+    few = max(request.config.getoption("--runs"), 500)
+    (told,) = results_below(recorded(Scenario.TOUCH_ONLY))
+    peaks, made = [], 0
+    for count in (few, 4 * few):
+        while made < count:
+            made += 1
+            run = summary(made % 999 + 1, made % 20 + 1, made // 999 + 1, hour=made / 10)
+            result = {
+                **told,
+                "subject": run.subject,
+                "condition_number": run.condition,
+                "run_number": run.run_number,
+                "run_id": f"{made:032x}",
+                "corrections": [],
+            }
+            del result["journal"]
+            (tmp_path / "runs" / run.folder).mkdir(parents=True)
+            (tmp_path / "runs" / run.folder / "result.json").write_text(json.dumps(result))
+        command = ["table", "indicators", str(tmp_path / "runs"), "--format", kind]
+        command += ["--output", str(tmp_path / "table")]
+        program = [sys.executable, "-c", _MEASURED, *command]
+        said = subprocess.run(program, capture_output=True, text=True, check=True)
+        peaks.append(int(said.stdout.split()[-1]) * 1024)
+    print(f"{few} runs: {peaks[0] / 1e6:.1f} MB, {4 * few}: {peaks[1] / 1e6:.1f} MB")
+    assert peaks[1] - peaks[0] < 4000 * 3 * few  # what is known of a run, without its rows
