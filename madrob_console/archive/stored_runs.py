@@ -96,7 +96,8 @@ def stored_run(run: RunPath) -> StoredRun:
         if why is None and (differing := disagreement(result, folder)) is not None:
             why = out_of_date(differing)
     except FileNotFoundError:
-        why = f"has no {RESULT_FILE}: the console decides on a run that was cut off"
+        why = f"has no {RESULT_FILE}: name folders with runs; the console decides on one cut off"
+        why = why if folder.exists() else "no such folder; name folders with runs"
     except (UnusableResultError, UnusableJournalError) as error:
         why = str(error)
     if why is not None:
