@@ -45,6 +45,13 @@ def test_the_engine_that_a_console_starts_has_the_lists_that_were_named(option: 
     assert getattr(typed("engine", "serve", *words), option) == Path("cup.csv")
 
 
+def test_the_engine_that_a_console_starts_has_the_names_of_the_launch_file() -> None:
+    ros = ["-r", "__ns:=/hall2", "--remap", "door/angle:=/lab/angle"]
+    words = engine_options(typed("console", "--testbed=ros", "--domain=7", "--ros-args", *ros))
+    serve = typed("engine", "serve", *words)
+    assert (serve.ros_args, serve.testbed, serve.domain) == (ros, ["ros"], 7)
+
+
 @pytest.mark.parametrize(
     ("option", "there"), [("teams", "no teams file"), ("plan", "no plan's file")]
 )
