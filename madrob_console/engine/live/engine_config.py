@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from random import Random
 
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.messages.codec import MessageTypes, TopicMapping
@@ -27,7 +27,8 @@ class EngineConfig:
         testbed: the testbed's name; empty = it has none.
         version: of the software.
         lossless: wait for the disk instead of dropping messages (virtual time).
-        random: tells the identity of a run from all others.
+        random: tells the identity of a run from all others; asks the system for nothing, for the
+            core does.
     """
 
     results: Path
@@ -39,7 +40,7 @@ class EngineConfig:
     testbed: str = ""
     version: str = field(default_factory=software_version)
     lossless: bool = False
-    random: Randomness = os.urandom
+    random: Randomness = field(default_factory=lambda: Random().randbytes)
 
     def limited(self, types: MessageTypes) -> EngineConfig:
         """The same with a limit for the messages of each topic."""
