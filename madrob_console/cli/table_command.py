@@ -135,10 +135,10 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.tidy.table_files import TableWriter, check_writable
 
     output: Path = arguments.output
-    check_writable(arguments.format)
     to_terminal = output == _STDOUT
     if to_terminal and arguments.format is TableFormat.PARQUET:
         raise MadrobError("Parquet is no text: name a file with --output")
+    check_writable(arguments.format)
     runs = all_runs_at(options.run_paths(arguments, load_settings(arguments.settings)))
     target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
     with (
