@@ -53,8 +53,12 @@ def digests_of(
 
 
 def run_id_of(files: Mapping[str, FileDigest]) -> str:
-    """The identity of a run of an earlier version, by its files; empty without a recording."""
-    recordings = sorted(name for name in files if name.endswith(_RECORDING))
+    """The identity of a run of an earlier version, by its files; empty without a recording.
+
+    An empty recording, as a sync that keeps names only leaves it, says nothing of which run it is.
+    """
+    named = (name for name, of in files.items() if name.endswith(_RECORDING) and of.bytes)
+    recordings = sorted(named)
     return derived_run_id(files[recordings[0]].sha256) if recordings else ""
 
 

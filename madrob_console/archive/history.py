@@ -38,6 +38,7 @@ from madrob_console.archive.result_reader import (
 )
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.stamped_index import StampedIndex
+from madrob_console.archive.twins import RunPlace, places_that_count, why_twin
 from madrob_console.archive.unfinished import is_held
 from madrob_console.files.bounded import Stamp, stamp_of
 from madrob_console.kinds import SourceKind
@@ -159,7 +160,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     @property
     def why_twin(self) -> str:
         """Why it does not count although it is valid, in words."""
-        return f"{self.folder} is the same run as {self.twin}, which counts"
+        return why_twin(self.folder, self.twin)
 
     @property
     def official(self) -> bool:
@@ -297,18 +298,14 @@ class History:
 
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
-    """The same runs; of those that are there several times all but one have the `twin` that counts.
-
-    That is the one with the latest issue, else the first.
-    """
-    counting: dict[str, RunSummary] = {}
-    for run in runs:
-        if run.run_id and run.issue > getattr(counting.get(run.run_id), "issue", -1):
-            counting[run.run_id] = run
+    """The same runs; those that are there several times have the `twin` that counts but for it."""
+    counting = places_that_count(
+        RunPlace(run.folder, run.run_id, run.practice, run.issue) for run in runs
+    )
     return tuple(
-        run if kept is None or kept is run else replace(run, twin=kept.folder)
+        run if kept == run.folder else replace(run, twin=kept)
         for run in runs
-        for kept in [counting.get(run.run_id)]
+        for kept in [counting.get(run.run_id, run.folder)]
     )
 
 

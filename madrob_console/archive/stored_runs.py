@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +13,12 @@ from madrob_console.archive.history import misplaced
 from madrob_console.archive.result_reader import (
     TabledResult,
     UnusableResultError,
-    read_result,
     read_tabled_result,
 )
 from madrob_console.archive.run_journal import UnusableJournalError
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RunLabel
+from madrob_console.archive.twins import RunPlace, places_that_count
 from madrob_console.errors import MadrobError
 
 
@@ -58,7 +59,7 @@ class Counted:
     """Which of the places of each run counts, where it is there several times.
 
     Attributes:
-        places: by `run_id`, the name of the place with the latest issue, else of the first.
+        places: by `run_id`, the name of the place that counts.
         testbeds: the names of all testbeds.
     """
 
@@ -67,19 +68,17 @@ class Counted:
 
     @classmethod
     def of(cls, runs: Iterable[RunPath]) -> Counted:
-        """Look through the results of runs; what cannot be read is passed over."""
-        issues: dict[str, int] = {}
-        places: dict[str, str] = {}
+        """Look through the results of runs; what cannot be used is passed over."""
         testbeds = set()
-        for run in runs:
-            try:
-                result, _ = read_result(str(run.path))
-            except (FileNotFoundError, UnusableResultError):
-                continue
-            testbeds.add(result.testbed)
-            if result.run_id and result.issue > issues.get(result.run_id, -1):
-                issues[result.run_id], places[result.run_id] = result.issue, run.name
-        return cls(places, frozenset(testbeds))
+
+        def places() -> Iterator[RunPlace]:
+            for run in runs:
+                with suppress(MadrobError):
+                    one = stored_run(run)
+                    testbeds.add(one.result.testbed)
+                    yield RunPlace(run.name, one.result.run_id, one.practice, one.result.issue)
+
+        return cls(places_that_count(places()), frozenset(testbeds))
 
 
 def stored_run(run: RunPath) -> StoredRun:

@@ -38,7 +38,8 @@ def add(commands: options.Commands) -> None:
         type=Path,
         default=None,
         metavar="FILE.zip",
-        help="the zip; in the folder `exports` of the results folder if not given",
+        help="the zip; if not given, in the folder `exports` of the results folder, or here where "
+        "several paths are given",
     )
     parser.add_argument(
         "--without-bags", action="store_true", help="leave out the recordings, the largest files"

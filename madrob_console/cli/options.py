@@ -194,9 +194,8 @@ def add_run_paths(parser: argparse.ArgumentParser) -> None:
     add_results(parser)
     parser.add_argument(
         "--testbed-name",
-        default=None,
         metavar="NAME",
-        help="only runs of the testbed of this name (setting `testbed.name`)",
+        help="only runs of the testbed of this name, as its settings call it",
     )
 
 

@@ -47,10 +47,10 @@ def name_twins(pairs: Sequence[tuple[str, str]]) -> None:
     """Name runs that are there several times; of many the first.
 
     Args:
-        pairs: of each the place that does not count, and the one that does.
+        pairs: of each two places.
     """
-    for place, counting in pairs[:MOST_ALIKE]:
-        complain(f"note: {place} is the same run as {counting}, which counts")
+    for place, other in pairs[:MOST_ALIKE]:
+        complain(f"note: {place} is the same run as {other}")
     if len(pairs) > MOST_ALIKE:
         complain(f"note: and {len(pairs) - MOST_ALIKE} more runs that are there twice")
 

@@ -139,7 +139,11 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     if to_terminal and arguments.format is TableFormat.PARQUET:
         raise MadrobError("Parquet is no text: name a file with --output")
     check_writable(arguments.format)
-    runs = all_runs_at(options.run_paths(arguments, load_settings(arguments.settings)))
+    paths = options.run_paths(arguments, load_settings(arguments.settings))
+    for path in paths:
+        if not path.exists():  # before it takes the place of a table that is there
+            raise MadrobError(f"{path}: no such folder; name a folder with runs")
+    runs = all_runs_at(paths)
     target = nullcontext(_StandardOutput()) if to_terminal else whole_file(output)
     with (
         Complaints() as bad,

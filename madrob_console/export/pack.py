@@ -229,7 +229,8 @@ def _runs_of(found: Collection, subject: int, *, practice: bool) -> tuple[list[P
         raise MadrobError(_all_of_the_other_kind(subject, len(own), practice=practice))
     others = ", ".join(map(str, sorted(teams)))
     known = f"there are runs of subject {others}" if teams else "it holds no runs at all"
-    raise MadrobError(f"subject {subject} has no runs in {found.root}: {known}; check --results")
+    where = "here" if found.root == Path() else f"in {found.root}"
+    raise MadrobError(f"subject {subject} has no runs {where}: {known}; name other folders")
 
 
 def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:

@@ -82,6 +82,7 @@ def set_up(record: RunRecord, result: Result) -> Markup:
         ("handle zero", _zero(record)),
         ("referee", said(setup.referee) if setup.referee else NONE),
         ("data from", SOURCES[record.source]),
+        ("testbed", said(setup.testbed) if setup.testbed else NONE),
     ]
     pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
     return section("Set-up", element("dl", pairs), name="setup")

@@ -93,7 +93,14 @@ class Surroundings:
         setup = scored.record.setup
         itself = next((run for run in runs if run.folder == name), None)
         mine = setup.practice if itself is None else itself.practice
-        others = [run for run in runs if run.folder != name and run.practice is mine]
+        run_id = scored.run.setup.run_id if scored.run.setup is not None else ""
+        others = [
+            run
+            for run in runs
+            if run.folder != name
+            and run.practice is mine
+            and not (run_id and run.run_id == run_id)  # the same run in another place
+        ]
         team = [run for run in others if run.subject == setup.subject and not run.never_ran]
         field = [run for run in others if _comparable(run, scored, practice=mine)]
         return PagePlace(

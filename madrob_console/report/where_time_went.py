@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from madrob_console.archive.history import rank
 from madrob_console.archive.scored import Scored
-from madrob_console.report.explanations import NONE
+from madrob_console.report.explanations import NONE, date_text
 from madrob_console.report.markup import NOTHING, Content, Markup, element, section, table
 from madrob_console.report.surroundings import ComparedRun, PagePlace
 from madrob_console.report.theme import themed
@@ -112,10 +112,12 @@ def _words(
         return
     teams = len({run.summary.subject for run in place.field})
     runs = _counted(len(place.field), "other valid run")
+    latest = date_text(max(run.summary.started for run in place.field))
     yield element(
         "small",
         f"Median: of each phase over the {runs} of {_counted(teams, 'team')} in this condition, "
-        "of those that brought it to its end; known when this page was made. Its sum is no run's.",
+        "of those that brought it to its end. Its sum is no run's. Compared with what was known "
+        f"when this page was made; the latest started {latest}.",
     )
     yield from _lost(columns[0], columns[1], _ALIKE / scored.rows.thresholds.rate)
     if best is not None:
@@ -149,7 +151,7 @@ def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> Content
     which = f"run {there.run_number} ({there.outcome_word})"
     words = f"The best of the team's other runs in this condition is {which}."
     if _leads(place, best):
-        words = f"This is the team's best run in this condition; the next is {which}."
+        words = f"This is the team's best run in this condition so far; the next is {which}."
     theirs = there.values.get(name)
     if own.value is not None and theirs is not None:
         known = own.uncertainty, there.uncertainties.get(name)

@@ -44,6 +44,7 @@ def _judged(run: StoredRun) -> Row:
     return {
         "practice": run.practice,
         "ruleset": run.result.ruleset,
+        "outcome": run.result.outcome.value,
         "valid": run.result.valid,
     }
 
@@ -58,7 +59,6 @@ def _runs(run: StoredRun) -> Iterator[Row]:
         "place": str(run.folder),
         "source": result.source or "",
         "lock_detection": result.lock_detection,
-        "outcome": result.outcome.value,
         "start": result.start,
         "stop": result.stop,
         "duration": None if result.stop is None else result.stop - result.start,

@@ -23,9 +23,11 @@ TASK = (
 )
 """What the condition is."""
 
+_OUTCOME = TidyColumn("outcome", CellKind.TEXT, "", "how the run ended")
+
 COURSE = (
     TidyColumn("lock_detection", CellKind.TEXT, "", "what decides step 6"),
-    TidyColumn("outcome", CellKind.TEXT, "", "how the run ended"),
+    _OUTCOME,
     TidyColumn("start", CellKind.NUMBER, "s", "of the run, since 1970 (UTC)"),
     TidyColumn("stop", CellKind.NUMBER, "s", "likewise; empty: it was cut off"),
     TidyColumn("duration", CellKind.NUMBER, "s", "from start to stop; empty: likewise"),
@@ -73,6 +75,7 @@ INDICATORS = TidyTable(
         *WHOSE,
         PRACTICE,
         _RULESET,
+        _OUTCOME,
         _VALID,
         TidyColumn("indicator", CellKind.TEXT, "", "its name"),
         TidyColumn("value", CellKind.NUMBER, "", "in its unit; empty: there is none"),

@@ -6,6 +6,7 @@ Nothing is judged here: words and faults are those that the screens show.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from madrob_console.referee.health import Freshness
@@ -34,7 +35,11 @@ def diagnoses(snapshot: Snapshot, rate: float) -> tuple[Diagnosis, ...]:
         rate: what the topics should have, Hz.
     """
     topics = tuple(_topic(view, rate) for view in snapshot.topics)
-    return (_engine(snapshot), _recorder(snapshot), _disk(snapshot), *topics)
+    told = (_recorder(snapshot), _disk(snapshot), *topics)
+    if snapshot.pulse.stale:  # what is known of them is old
+        words = str(snapshot.pulse.words)
+        told = tuple(replace(one, level=Level.STALE, message=words) for one in told)
+    return (_engine(snapshot), *told)
 
 
 def failure(words: str) -> Diagnosis:

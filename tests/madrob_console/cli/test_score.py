@@ -77,7 +77,7 @@ def test_every_run_of_a_results_folder_is_scored_in_the_order_of_their_names(
     captured = capsys.readouterr()
     assert [line for line in captured.out.splitlines() if line.startswith("/")] == runs
     first, second, _ = runs[1:] + runs[:1]
-    assert captured.err == f"madrob: note: {second} is the same run as {first}, which counts\n"
+    assert captured.err == f"madrob: note: {second} is the same run as {first}\n"
 
 
 def test_the_handle_at_rest_before_and_after_the_run_and_its_drift_are_told(

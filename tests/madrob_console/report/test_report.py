@@ -480,7 +480,7 @@ def test_a_run_that_is_the_teams_best_is_told_so(scored: Scored) -> None:
     itself = summary(3, 1, 9, values={**VALUES, "execution_time": 1.0})
     place = PagePlace(field=(beside(3, 2),), itself=itself)
     told = Page(report_html(scored, place=place)).section("Where the time went")
-    assert "This is the team's best run in this condition; the next is run 2" in told
+    assert "This is the team's best run in this condition so far; the next is run 2" in told
     assert "team's next, s" in told
 
 

@@ -192,3 +192,13 @@ def test_more_runs_need_no_more_memory(
         peaks.append(int(said.stdout.split()[-1]) * 1024)
     print(f"{few} runs: {peaks[0] / 1e6:.1f} MB, {4 * few}: {peaks[1] / 1e6:.1f} MB")
     assert peaks[1] - peaks[0] < 4000 * 3 * few  # what is known of a run, without its rows
+
+
+def test_a_path_that_does_not_exist_leaves_the_table_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "runs.csv"
+    table.write_text("kept\n")
+    assert main(["table", "runs", str(tmp_path / "none"), "--output", str(table)]) == 2
+    assert "no such folder" in capsys.readouterr().err
+    assert table.read_text() == "kept\n"
