@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import signal
 import sys
 from pathlib import Path
 
@@ -28,9 +29,13 @@ def inputs(run: Path) -> list[Path]:
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    """The exit code of `run_madrob`."""
+    """The exit code of `run_madrob`, which heeds no Ctrl+C any more when it has ended."""
     monkeypatch.setattr(sys, "argv", ["run_madrob", *map(str, arguments)])
-    return run_madrob()
+    heeded = signal.getsignal(signal.SIGINT)
+    try:
+        return run_madrob()
+    finally:
+        signal.signal(signal.SIGINT, heeded)
 
 
 @pytest.fixture(scope="module")
