@@ -145,6 +145,7 @@ def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
 
 
 @pytest.mark.slow
+@pytest.mark.machine
 def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     silent, wrong, _ = (m.topic for m in DEFAULT_MAPPINGS[:3])
     peer.publisher(silent, DEFAULT_MAPPINGS[0].type, BEST_EFFORT)
@@ -160,7 +161,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     thread.start()
     with Taker(source()) as other:
         other.source.publish(said.state("idle"))
-        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=0.5))
+        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=2.0))
     enough.set()
     thread.join()
     assert found[silent].text == (
