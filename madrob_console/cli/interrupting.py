@@ -62,11 +62,11 @@ class Interruption:
         raise KeyboardInterrupt
 
     def unraisable(self, what: sys.UnraisableHookArgs) -> None:
-        """One that was raised where nothing could take it comes again."""
+        """One that was raised where nothing could take it comes again; what it broke is silent."""
         if what.exc_type is KeyboardInterrupt:
             self._heeded = -_CLEANING
             signal.setitimer(signal.ITIMER_REAL, _AGAIN)
-        else:
+        elif not self.raised:
             sys.__unraisablehook__(what)
 
 
