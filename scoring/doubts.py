@@ -40,6 +40,7 @@ def all_doubts(grounds: Grounds) -> dict[Name, tuple[str, ...]]:
             *_gaps_near_maxima(grounds),
             *_missing_samples(grounds),
             *_spikes(grounds),
+            *_impossible(grounds),
             *_clipped(grounds),
             *_stuck(grounds),
             *_drift(grounds),
@@ -170,21 +171,36 @@ def _spikes(g: Grounds) -> Iterator[Doubt]:
     fast = np.abs(speeds) > g.thresholds.doubt.spike_velocity
     back = fast[1:] & fast[:-1] & (np.sign(speeds[1:]) != np.sign(speeds[:-1]))
     places = np.flatnonzero(back)
-    if g.ruleset.cut_rows:
-        at = g.door_time[places + 1]
-        near = (at >= g.start - _FILTER_REACH) & (at <= g.end + _FILTER_REACH)
-        places = places[near]
+    places = places[_within_filters(g, g.door_time[places + 1])]
     if not places.size:
         return
-    largest, first = float(np.abs(steps[places]).max()), float(g.door_time[places[0] + 1])
-    count = f"{places.size} times, first" if places.size > 1 else "once,"
-    when = f"{first - g.start:.2f} s after the start"
-    yield _MOTION, f"the door angle steps by up to {largest:.2g} rad and back, {count} {when}"
+    largest, when = float(np.abs(steps[places]).max()), _when(g, g.door_time[places + 1])
+    yield _MOTION, f"the door angle steps by up to {largest:.2g} rad and back, {when}"
     made = {float(time) for index in places for time in g.door_time[index + 1 : index + 3]}
     for edge in g.edges:
         if edge.signal is Signal.DOOR and edge.time in made:
             words = f"{edge.kind.words} is a step of one sample and back"
             yield edge.indicators, words
+
+
+def _impossible(g: Grounds) -> Iterator[Doubt]:
+    """Steps and back, too, of which nothing is left but the hole that the filters step over."""
+    times = g.impossible_angles[_within_filters(g, g.impossible_angles)]
+    if times.size:
+        most = f"{g.thresholds.largest_angle:g} rad"
+        yield _MOTION, f"the door angle is beyond {most}, which it cannot be, {_when(g, times)}"
+
+
+def _within_filters(g: Grounds, times: Array) -> NDArray[np.bool_]:
+    """Which times the filters of the run reach."""
+    if not g.ruleset.cut_rows:
+        return np.ones(times.shape, np.bool_)
+    return (times >= g.start - _FILTER_REACH) & (times <= g.end + _FILTER_REACH)
+
+
+def _when(g: Grounds, times: Array) -> str:
+    count = f"{times.size} times, first" if times.size > 1 else "once,"
+    return f"{count} {float(times[0]) - g.start:.2f} s after the start"
 
 
 def _clipped(g: Grounds) -> Iterator[Doubt]:

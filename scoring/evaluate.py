@@ -228,6 +228,7 @@ class Assessment(LiveAssessment):
                 self.condition, self.start, self._thresholds, self._ruleset, self._zero
             )
         self._door_time, self._door_angle = array("d"), array("d")
+        self._impossible_angles = array("d")
         self._force_time, self._force = array("d"), array("d")
 
     def _admit(self, sample: Sample) -> None:
@@ -236,6 +237,8 @@ class Assessment(LiveAssessment):
             case DoorSample() if abs(sample.angle) <= self._largest_angle:
                 self._door_time.append(sample.time)
                 self._door_angle.append(sample.angle)
+            case DoorSample() if math.isfinite(sample.angle):
+                self._impossible_angles.append(sample.time)
             case HandleSample() if abs(sample.force) <= self._largest_force:
                 self._force_time.append(sample.time)
                 self._force.append(sample.force)
@@ -300,6 +303,7 @@ class Assessment(LiveAssessment):
             counters=self._counters,
             door_time=np.array(self._door_time),
             door_angle=np.array(self._door_angle),
+            impossible_angles=np.array(self._impossible_angles),
             force_time=np.array(self._force_time),
             force=np.array(self._force),
             joint=joint,

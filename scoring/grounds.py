@@ -26,6 +26,7 @@ class Grounds:
         counters: of every signal that came.
         door_time, door_angle: the readings of the whole recording, s since the epoch and rad, shape
             (n,).
+        impossible_angles: when the door said what it cannot, s since the epoch, shape (m,).
         force_time, force: likewise of the handle, s since the epoch and N, shape (k,).
         joint: the panel's motion over the whole recording.
         rows: cut to the run.
@@ -42,6 +43,7 @@ class Grounds:
     counters: Mapping[Signal, QualityCounter]
     door_time: Array
     door_angle: Array
+    impossible_angles: Array
     force_time: Array
     force: Array
     joint: JointState

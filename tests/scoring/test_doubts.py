@@ -255,6 +255,13 @@ def test_an_impossible_angle_opens_no_door() -> None:
     assert "1 of them impossible" in " ".join(result.quality.remarks)
 
 
+def test_an_impossible_angle_leaves_a_hole_in_the_motion_that_is_doubted() -> None:
+    assert {SMOOTHNESS, UNSAFETY} == set(doubted(scored(spike(6.0, 1e5)(clean()))))
+    words = "the door angle is beyond 1.75 rad, which it cannot be, once, 6.01 s after the start"
+    assert words in scored(spike(6.0, math.pi)(clean())).indicators[SMOOTHNESS].doubts
+    assert not doubted(scored(spike(-3.0, 1e5)(clean())))
+
+
 def test_the_limits_are_settings() -> None:
     spoilt = force_spike(1.0, 300.0)(clean())
     result = scored(spoilt, thresholds=Thresholds(largest_force=500.0))

@@ -6,6 +6,7 @@ runs the full count; of the faults a fifth of that.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,9 +48,11 @@ class Recorded:
     def spoilt(self, fault: Fault) -> Result:
         """The result with a fault in the samples."""
         assessment = self.record.assessment(START)
+        done = None
         for sample in fault(self.samples):
             assessment.feed(sample)
-        done = assessment.procedure().completed
+            if done is None and isinstance(sample, DoorSample):
+                done = assessment.procedure().completed  # a slammed door may open again after it
         ending = self.ending
         if ending.outcome is Outcome.COMPLETED and done is None:
             ending = Ending(Outcome.TIMEOUT, "time over", START + TIMEOUT)
@@ -107,7 +110,10 @@ def kind_of(words: str) -> str:
     return " ".join(part for part in words.split() if not any(c.isdigit() for c in part))
 
 
-FAULTS = ("touch", "spike", "losses", "clipped", "stuck", "drift", "gap", "delay", "blip")
+FAULTS = (
+    *("touch", "spike", "impossible", "losses", "clipped"),
+    *("stuck", "drift", "gap", "delay", "blip"),
+)
 
 
 def fault_in(  # noqa: C901 - one case a fault
@@ -124,8 +130,16 @@ def fault_in(  # noqa: C901 - one case a fault
             return one_force(at, lambda _: zero + random.choice((-1, 1)) * 6.0), Name.TIME_TO_HANDLE
         case "spike" if opened is not None and closed is not None:
             at = random.uniform(0.2, end - 0.2)
-            by = random.choice((-1, 1)) * 0.6
-            return one_angle(at, lambda angle: angle + by), Name.SMOOTHNESS_OF_DOOR_ACTUATION
+            by = math.copysign(0.6, random.random() - 0.5)
+
+            def spike(angle: float) -> float:
+                possible = abs(angle + by) < run.record.thresholds.largest_angle
+                return angle + by if possible else angle - by
+
+            return one_angle(at, spike), Name.SMOOTHNESS_OF_DOOR_ACTUATION
+        case "impossible" if opened is not None and closed is not None:
+            at = random.uniform(opened, closed)
+            return one_angle(at, lambda _: math.pi), Name.SMOOTHNESS_OF_DOOR_ACTUATION
         case "losses" if opened is not None and closed is not None and closed - opened > 1.5:
             part = random.uniform(0.02, 0.1)
             losing = Random(random.random())
