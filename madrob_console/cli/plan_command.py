@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
@@ -27,8 +27,8 @@ def add(commands: options.Commands) -> None:
         main,
         "the competition's plan: what is done, what comes next, what is left",
         "The plan is a csv file with lines `subject,condition,attempts` in the order of the "
-        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used; the "
-        "others count.",
+        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or a run "
+        "cannot be read; the others count.",
         examples=("madrob plan", "madrob plan --plan tomorrow.csv --teams teams.csv"),
     )
     options.add_plan(parser)
@@ -73,11 +73,14 @@ def main(arguments: argparse.Namespace) -> int:
         else:
             atomic_write(target, data)
             print(terminal_safe(str(target)))
-    for remark in collection.remarks:
+    for remark in collection.twins:
         complain(f"note: {remark}")
     for problem in plan.problems:
         complain(problem)
-    return BAD_INPUT if plan.problems else 0
+    with Complaints() as complaints:
+        complaints.add_each(collection.unlisted)
+        complaints.add_each((run.folder, run.problem) for run in collection.runs if run.problem)
+    return BAD_INPUT if plan.problems or complaints.count else 0
 
 
 def _plan(source: PlanSource) -> Plan:
