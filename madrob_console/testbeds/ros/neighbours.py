@@ -22,6 +22,15 @@ from recorder.bag import Qos
 DIAGNOSTICS_TOPIC = "/diagnostics"
 """Where ROS programs say how they are."""
 
+NEEDED_BY_SERVICES = "std_srvs"
+"""The package that has the type of the services."""
+
+SERVICES_REMEDY = (
+    f"setting `ros.services`: {NEEDED_BY_SERVICES} is not installed: install madrob-console[ros], "
+    "or the package ros-jazzy-std-srvs, or allow no service"
+)
+"""What is said where it is not there."""
+
 MOST_UNDER_WAY = 4
 """Calls of one service that are carried out at the same time."""
 
@@ -47,7 +56,7 @@ class _Served:
     """One service. Calls that come while enough are carried out are refused."""
 
     def __init__(self, node: RosObject, which: RemoteService) -> None:
-        trigger = load_module("std_srvs.srv").Trigger
+        trigger = load_module(f"{NEEDED_BY_SERVICES}.srv").Trigger
         self._which = which
         self._request, self._response = trigger.Request, trigger.Response
         self._service = node.create_service(
@@ -111,10 +120,7 @@ class Neighbours:
         try:
             self._served = tuple(_Served(node, s) for s in _URGENT_FIRST if s in outside.services)
         except ImportError:
-            raise MadrobError(
-                "setting `ros.services`: std_srvs is not installed: install madrob-console[ros], "
-                "or the package ros-jazzy-std-srvs, or allow no service"
-            ) from None
+            raise MadrobError(SERVICES_REMEDY) from None
         self._clock = node.get_clock()
         self._array: RosObject = None
         self._publisher: RosObject = None
