@@ -197,10 +197,13 @@ def _why_missing(run: _Run, figure: FigureSpec) -> str | None:
     for quantity in figure.panels:
         if quantity.spec.unrecorded and not np.isfinite(run.series(quantity)[1]).any():
             return quantity.spec.unrecorded
-    if run.part(figure.part) is None:
-        moved = "opened" if figure.part is FigurePart.OPENING else "closed"
-        return f"the door never {moved}"
-    return None
+    if run.part(figure.part) is not None:
+        return None
+    if not run.times(EventName.DOOR_OPENS):
+        return "the door never opened"
+    if figure.part is FigurePart.CLOSING and not run.times(EventName.DOOR_CLOSES):
+        return "the door never closed"
+    return "no door angle was recorded while the door was open"
 
 
 def svg(figure: Figure) -> str:
