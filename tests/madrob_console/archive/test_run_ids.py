@@ -20,8 +20,9 @@ from madrob_console.archive.digests import (
     run_id_at,
 )
 from madrob_console.archive.grades import Grade
-from madrob_console.archive.history import History, matches
+from madrob_console.archive.history import History
 from madrob_console.archive.repair import recover_recording, repair
+from madrob_console.archive.run_filter import matches
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import read_recorded_run, score_run
