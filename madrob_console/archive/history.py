@@ -26,11 +26,9 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     run_folder_names,
 )
+from madrob_console.archive.listed_result import ListedResult, Name, StartTime
 from madrob_console.archive.result_reader import (
     DamagedResultError,
-    ListedResult,
-    Name,
-    StartTime,
     UnusableResultError,
     read_result,
     read_setup,
