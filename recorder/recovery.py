@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeAlias
 
 from mcap.records import Metadata
 
@@ -49,6 +50,10 @@ _REMEDIES = {
 }
 
 
+NewRecords: TypeAlias = Callable[[], Mapping[str, Mapping[str, str]]]
+"""Metadata records by their names; called only where a new file is written."""
+
+
 @dataclass(frozen=True, slots=True)
 class Recovered:
     """A bag that is whole now.
@@ -77,13 +82,17 @@ class Recovered:
         return self.torn is not None or self.metadata is not None
 
 
-def recover(path: Path) -> Recovered:
+def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
     """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
 
     Kept are every whole chunk and the whole messages of the chunk in which the file ends, with
     their bytes, order and both times, and types, channels, QoS and metadata records. What no bag
     recorded here has stays behind in the old file: attachments, and definitions in another
     language than `ros2msg`.
+
+    Args:
+        path: of the bag.
+        new_records: what the new file is to say besides.
 
     Raises:
         RecorderError: it cannot be repaired; nothing is lost, the message names the remedy.
@@ -96,7 +105,7 @@ def recover(path: Path) -> Recovered:
             put_back(folder_fd, name)
             file = stack.enter_context(open_file(folder_fd, name))
             lock(folder_fd, name, file)
-            return _repair(folder / name, folder_fd, file, in_bag=in_bag)
+            return _repair(folder / name, folder_fd, file, new_records, in_bag=in_bag)
     except ForeignError as error:
         raise not_a_bag(path, error) from None
     except OSError as error:
@@ -139,7 +148,9 @@ def _files(folder: Path) -> list[Path]:
         return [torn[0].with_suffix("")]  # an exchange was cut off, see `put_back`
 
 
-def _repair(path: Path, folder_fd: int, file: BinaryIO, *, in_bag: bool) -> Recovered:
+def _repair(
+    path: Path, folder_fd: int, file: BinaryIO, new_records: NewRecords, *, in_bag: bool
+) -> Recovered:
     before = os.fstat(file.fileno())
     survey = Survey.of(file, path)
     information = survey.information()
@@ -151,7 +162,7 @@ def _repair(path: Path, folder_fd: int, file: BinaryIO, *, in_bag: bool) -> Reco
             undo.callback(_give_up, folder_fd, part)
             new = McapFile(folder_fd, part, listed_as=path.name)
             undo.callback(new.close)  # it is locked up to the end
-            _write(new, file, survey)
+            _write(new, file, survey, new_records())
             _compare(folder_fd, part, path, information)
         if in_bag and (survey.cut or not _described(path.parent, information)):
             remove(folder_fd, METADATA_PART)
@@ -178,9 +189,11 @@ def _give_up(folder_fd: int, name: str) -> None:
         remove(folder_fd, name)
 
 
-def _write(new: McapFile, file: BinaryIO, survey: Survey) -> None:
+def _write(
+    new: McapFile, file: BinaryIO, survey: Survey, records: Mapping[str, Mapping[str, str]]
+) -> None:
     """Put what is left of the old file into the new one; on the disk on return."""
-    new.start((), {})
+    new.start((), records)
     with suppress(DamageError):  # the survey has met it and told it
         for item in read_items(file):
             match item:

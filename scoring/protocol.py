@@ -382,10 +382,13 @@ class Thresholds:
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
         """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""
-        if angle * side.sign <= 0:
-            return False
+        low, high = self.mask(side, index)
+        return low < angle * side.sign < high
+
+    def mask(self, side: Side, index: int) -> tuple[float, float]:
+        """The angles, rad towards `side`, strictly between which the panel passes under it."""
         upper = self.mask_to_cw if side is Side.CW else self.mask_to_ccw
-        return self.mask_from[index] < abs(angle) < upper[index]
+        return self.mask_from[index], upper[index]
 
 
 @dataclass(frozen=True, slots=True)

@@ -222,18 +222,24 @@ def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
     """A value with the digits that it has.
 
     Counts as they are; numbers down to the digit that their expanded uncertainty leaves
-    (`uncertainty_text`), with four decimals where none is known; very small or large ones in
-    powers.
+    (`uncertainty_text`), with four decimals where none is known; exact ones, such as a timeout's
+    time, without zeros at their end; very small or large ones in powers.
     """
     if isinstance(value, int):
         return str(value)
     plain = value == 0 or 1e-2 <= abs(value) < 1e6
     if uncertainty is None or not uncertainty.expanded:
-        return f"{value:.4f}" if plain else f"{value:.4e}"
+        text = f"{value:.4f}" if plain else f"{value:.4e}"
+        return text if uncertainty is None else without_zeros(text)
     if plain:
         return f"{value:.{decimals_left(uncertainty)}f}"
     _, place = _rounded_up(uncertainty.expanded)
     return f"{value:.{max(0, math.floor(math.log10(abs(value) or 1)) - place)}e}"
+
+
+def without_zeros(number: str) -> str:
+    """The text of an exact number, without the zeros behind its last decimal."""
+    return number.rstrip("0").rstrip(".") if "." in number and "e" not in number else number
 
 
 def uncertainty_text(uncertainty: Uncertainty | None) -> str:

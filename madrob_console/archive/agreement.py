@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.result_reader import ListedResult
+from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.referee.run import Run
 

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from madrob_console.archive.folders import PRACTICE_FOLDER, parse_folder_name
+from madrob_console.archive.folders import (
+    PRACTICE_FOLDER,
+    RESULT_FILE,
+    named_by_recording,
+    parse_folder_name,
+)
 from madrob_console.archive.history import History, RunSummary, twins_told
 from madrob_console.archive.run_paths import RunPath, all_runs_at
 from madrob_console.errors import MadrobError
+from madrob_console.files.plain import refusal
 from madrob_console.names import terminal_safe
+
+_LINK = "is behind a link and left out: name the folder itself"
+
+
+class Unlisted(NamedTuple):
+    """What lies at or below a path and is in no list, and why and what to do, in words."""
+
+    place: str
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,55 +40,58 @@ class Collection:
         root: from where their folders are seen: the results folder where there is only one, and
             else from where the paths are.
         runs: oldest first; those that are there twice know it.
-        unlisted: runs that no list has, because their folders are not called like runs.
+        unlisted: what is left out of them.
     """
 
     root: Path
     runs: tuple[RunSummary, ...]
-    unlisted: tuple[Path, ...] = ()
+    unlisted: tuple[Unlisted, ...] = ()
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """What of it is not as somebody may think, in words."""
-        twins = [run.why_twin for run in self.runs if run.twin]
-        named = (f"{path}: is not called like a run and left out" for path in self.unlisted)
-        return (*twins, *named)
+    def twins(self) -> tuple[str, ...]:
+        """Which runs are there twice, in words."""
+        return tuple(run.why_twin for run in self.runs if run.twin)
 
 
 def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
-    """The runs at some paths, at any depth.
+    """The runs at some paths, at any depth; what cannot be read there does not stop the rest.
 
     Args:
         paths: results folders, folders of those, run folders.
         testbed: only those of the testbed of this name; None = of all.
 
     Raises:
-        MadrobError: a path cannot be read, or there is no such testbed.
+        MadrobError: a path is not there, or there is no such testbed.
     """
     of_root: dict[Path, set[str]] = {}
     unlisted = []
     for path in paths:
         if not path.exists():
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
-    for run in all_runs_at(paths):
-        if run.path in paths and not _is_listed(run):
-            of_root.setdefault(run.path, set())  # without runs; reading it says if it cannot be
-        if _is_listed(run):
+    for run in all_runs_at([_with_name(path) for path in paths]):
+        if not run.path.is_file() and parse_folder_name(run.path.name) is not None:
             root, name = _place(run.path)
             of_root.setdefault(root, set()).add(name)
-        elif run.path not in paths or run.path.is_file():
-            unlisted.append(run.path)
-    alone = len(of_root) == 1 and list(paths) == list(of_root)
-    runs = [
-        run if alone else replace(run, folder=str(root / run.folder), twin="")
-        for root, names in of_root.items()
-        if root.is_dir()
-        for run in History(root).refresh()
-        if run.folder in names
-    ]
-    found = runs if testbed is None else of_testbed(runs, testbed)
-    ordered = sorted(found, key=lambda run: (run.started, run.folder))
-    return Collection(paths[0] if alone else Path(), twins_told(ordered), tuple(unlisted))
+        else:
+            unlisted.append(Unlisted(run.name, _why_unlisted(run)))
+    alone = len(of_root) == 1 and [*map(_with_name, paths)] == list(of_root)
+    runs = []
+    for root, names in of_root.items():
+        try:
+            history = History(root).refresh()
+        except MadrobError as error:
+            unlisted.append(Unlisted(str(root), str(error).removeprefix(f"{root}: ")))
+            continue
+        found = {run.folder: run for run in history if run.folder in names}
+        unlisted += [Unlisted(str(root / name), _LINK) for name in sorted(names - {*found})]
+        runs += [
+            run if alone else replace(run, folder=str(root / name), twin="")
+            for name, run in found.items()
+        ]
+    wanted = runs if testbed is None else of_testbed(runs, testbed)
+    ordered = sorted(wanted, key=lambda run: (run.started, run.folder))
+    root = _with_name(paths[0]) if alone else Path()
+    return Collection(root, twins_told(ordered), tuple(unlisted))
 
 
 def collected_in(results: Path, testbed: str | None = None) -> Collection:
@@ -113,13 +133,29 @@ def demand_testbed(name: str, testbeds: Iterable[str]) -> None:
         )
 
 
-def _is_listed(run: RunPath) -> bool:
-    return not run.path.is_file() and parse_folder_name(run.path.name) is not None
+def _with_name(path: Path) -> Path:
+    """The same path; `.` and `..` say what they are called."""
+    return path if path.name not in ("", "..") else Path(os.path.abspath(path))  # noqa: PTH100
+
+
+def _why_unlisted(run: RunPath) -> str:
+    """Why a list does not have what lies there, and what to do."""
+    if run.path.is_file():
+        return "is no run folder: name folders with runs"
+    try:
+        names = os.listdir(run.path)  # noqa: PTH208  of the names only
+    except OSError as error:
+        return f"cannot be read ({refusal(error)}): check its permissions"
+    if RESULT_FILE in names and (called := named_by_recording(names)) is not None:
+        return f"is not called like a run and left out: call it {called} again"
+    if run.prefix or any(name.endswith((".mcap", ".db3")) for name in names):
+        return f"has no {RESULT_FILE} of a run folder: name folders with runs"
+    return "holds no run: name folders with runs"
 
 
 def _place(run: Path) -> tuple[Path, str]:
     """The results folder of a run folder, and its name as seen from there."""
-    within = run.parent
+    within = run.parent if run.parent.name else Path(os.path.abspath(run.parent))  # noqa: PTH100
     if within.name == PRACTICE_FOLDER:
         return within.parent, f"{PRACTICE_FOLDER}/{run.name}"
-    return within, run.name
+    return run.parent, run.name

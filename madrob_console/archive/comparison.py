@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.archive.grades import Grade, libraries_told
-from madrob_console.archive.result_reader import ListedResult, UnusableResultError, read_result
+from madrob_console.archive.listed_result import ListedResult
+from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.names import terminal_safe
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here

@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from uuid import UUID
 
 from madrob_console.files.plain import open_plain, refusal
 from madrob_console.referee.run import Sha256
@@ -16,6 +17,10 @@ from madrob_console.referee.run_identity import derived_run_id
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
+IDENTITY_RECORD = "madrob_identity"
+"""Name of the metadata record of a repaired recording, whose digest is another one since."""
+
+_RUN_ID = "run_id"
 _RECORDING = ".mcap"
 _DATA = (_RECORDING, ".yaml", ".csv")
 
@@ -64,12 +69,30 @@ def run_id_of(files: Mapping[str, FileDigest]) -> str:
 
 def run_id_at(path: Path) -> str:
     """The same of a bag or a run folder on disk; empty where its recording cannot be read."""
+    if kept := kept_run_id(path):
+        return kept
     names = [path.name] if path.is_file() else _data_files(path)
     folder = path.parent if path.is_file() else path
     recordings = sorted(name for name in names if name.endswith(_RECORDING))
     try:
         return run_id_of({name: _digest(folder / name) for name in recordings[:1]})
     except OSError:
+        return ""
+
+
+def identity_record(run_id: str) -> dict[str, dict[str, str]]:
+    """The metadata record that tells a repaired recording's run."""
+    return {IDENTITY_RECORD: {_RUN_ID: run_id}}
+
+
+def kept_run_id(path: Path) -> str:
+    """The identity that a repair wrote into a bag or run folder; empty where none did."""
+    from recorder.errors import RecorderError  # lists of runs do without the recorder
+    from recorder.reader import read_bag
+
+    try:
+        return str(UUID(read_bag(path).records[IDENTITY_RECORD][_RUN_ID]))
+    except (RecorderError, KeyError, ValueError):
         return ""
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -95,6 +96,16 @@ def parse_folder_name(name: str) -> tuple[RunName, datetime] | None:
     except (ValueError, OverflowError):
         return None
     return RunName(subject, condition, run), started
+
+
+def named_by_recording(names: Iterable[str]) -> str | None:
+    """What a run folder was called when its recording was made, by what lies in it; None = unknown.
+
+    Args:
+        names: of the files in it.
+    """
+    stems = (name.removesuffix("_0.mcap") for name in names if name.endswith("_0.mcap"))
+    return next((stem for stem in stems if parse_folder_name(stem) is not None), None)
 
 
 def run_folder_names(root: Path) -> list[str]:

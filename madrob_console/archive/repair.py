@@ -1,19 +1,60 @@
-"""Makes the result of a run again where it is not what the journal says, or is damaged."""
+"""Repairs a run: its torn recording, and a result that is damaged or not what the journal says."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+from madrob_console.archive.digests import identity_record, kept_run_id, run_id_at
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.result_reader import read_file_digests
+from madrob_console.archive.result_reader import (
+    UnusableResultError,
+    read_file_digests,
+    read_result,
+)
 from madrob_console.archive.result_writer import result_files, write_result
+from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.scored import Scored, open_run
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
 from madrob_console.files.held import Hold
 from madrob_console.referee.journal import HOLD_FILE
+from recorder.reader import read_bag
+from recorder.recovery import Recovered, recover
+
+
+def recover_recording(path: Path) -> Recovered:
+    """Repair the recording of a run, or any other bag.
+
+    A run of an earlier version is known by its recording's digest, and is the same run after it.
+
+    Raises:
+        RecorderError: it cannot be repaired; nothing is lost, the message names the remedy.
+    """
+    return recover(path, lambda: _identity(path))
+
+
+def _identity(path: Path) -> dict[str, dict[str, str]]:
+    """What a recording says of its run from now on; nothing where it says so already."""
+    record = read_bag(path).records.get(RECORD_NAME)
+    try:
+        if record is None or RunRecord.from_metadata(record).setup.run_id or kept_run_id(path):
+            return {}
+    except MadrobError:
+        return {}  # nobody can use it
+    return identity_record(_told_run_id(path) or run_id_at(path))
+
+
+def _told_run_id(path: Path) -> str:
+    """The identity by the result beside a recording, which may be older than its damage."""
+    folder = path.parent if path.is_file() else path
+    if path.is_file() and path.name not in read_file_digests(str(folder)):
+        return ""  # of another run
+    try:
+        return read_result(str(folder))[0].run_id
+    except (FileNotFoundError, UnusableResultError):
+        return ""
 
 
 def repair(folder: Path) -> Scored | None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from madrob_console.archive.digests import FileDigest, digests_of, run_id_of
+from madrob_console.archive.digests import FileDigest, digests_of, kept_run_id, run_id_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
@@ -156,7 +156,7 @@ class ResultDocument(Result, Heading):
             run_number=setup.run_number,
             condition_number=setup.condition.number,
             setup=setup,
-            run_id=setup.run_id or run_id_of(files),
+            run_id=setup.run_id or kept_run_id(folder) or run_id_of(files),
             testbed=setup.testbed,
             thresholds=record.thresholds,
             **{each.name: getattr(scored.result, each.name) for each in fields(Result)},

@@ -10,11 +10,8 @@ from pathlib import Path
 from madrob_console.archive.agreement import disagreement, out_of_date
 from madrob_console.archive.folders import PRACTICE_FOLDER, RESULT_FILE, parse_folder_name
 from madrob_console.archive.history import misplaced
-from madrob_console.archive.result_reader import (
-    TabledResult,
-    UnusableResultError,
-    read_tabled_result,
-)
+from madrob_console.archive.listed_result import TabledResult
+from madrob_console.archive.result_reader import UnusableResultError, read_tabled_result
 from madrob_console.archive.run_journal import UnusableJournalError
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RunLabel

@@ -53,6 +53,7 @@ def main(arguments: argparse.Namespace) -> int:
         settings.results.root,
         domain=options.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
+        services=settings.ros.services,
         lists=lambda: look_at_lists(teams, settings.plan.source),
     ):
         findings.append(finding)

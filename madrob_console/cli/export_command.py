@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.cli.progress import progress
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
@@ -71,9 +71,11 @@ def main(arguments: argparse.Namespace) -> int:
         )
     for problem in export.problems:
         complain(problem)
-    for words in (*export.renamed, *found.remarks):
+    with Complaints() as complaints:
+        complaints.add_each(found.unlisted)
+    for words in (*export.renamed, *found.twins):
         print(f"note: {terminal_safe(words)}")
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
-    return BAD_INPUT if export.problems else 0
+    return BAD_INPUT if export.problems or complaints.count else 0

@@ -225,6 +225,11 @@ def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
     return [path.expanduser() for path in paths] or [results_folder(arguments, settings)]
 
 
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Standard output for programs."""
+    parser.add_argument("--json", action="store_true", help="JSON for programs")
+
+
 def add_teams(parser: argparse.ArgumentParser) -> None:
     """The list of teams."""
     parser.add_argument(

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
+from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.referee.competition_plan import Plan, PlanSource
-
-_STDOUT = Path("-")
 
 
 def add(commands: options.Commands) -> None:
@@ -27,30 +24,25 @@ def add(commands: options.Commands) -> None:
         main,
         "the competition's plan: what is done, what comes next, what is left",
         "The plan is a csv file with lines `subject,condition,attempts` in the order of the "
-        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used; the "
-        "others count.",
-        examples=("madrob plan", "madrob plan --plan tomorrow.csv --teams teams.csv"),
+        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or a run "
+        "cannot be read; the others count.",
+        examples=(
+            "madrob plan",
+            "madrob plan --plan tomorrow.csv --teams teams.csv",
+            "madrob plan --json hall_a hall_b > plan.json",
+        ),
     )
     options.add_plan(parser)
-    parser.add_argument(
-        "--json",
-        type=Path,
-        nargs="?",
-        const=_STDOUT,
-        default=None,
-        metavar="FILE",
-        help="everything, for programs; - or nothing = standard output",
-    )
+    options.add_json(parser)
     options.add_teams(parser)
     options.add_run_paths(parser)
     options.add_settings(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the plan, or write its JSON; lines that cannot be used are named."""
+    """Print the plan or its JSON; lines and runs that cannot be used are named."""
     with imports_kept():
         from madrob_console.config import load_settings
-        from madrob_console.files.whole import atomic_write
         from madrob_console.referee.competition_plan import plan_progress
         from madrob_console.standings.plan_table import plan_json, plan_lines
         from madrob_console.version import software_version
@@ -61,23 +53,19 @@ def main(arguments: argparse.Namespace) -> int:
     competition = settings.competition.name
     collection = options.collection(arguments, settings)
     found = plan_progress(plan, collection.runs, competition)
-    target: Path | None = arguments.json
-    if target is None:
+    if arguments.json:
+        put_bytes(plan_json(found, competition, teams, software_version()))
+    else:
         for line in plan_lines(found, competition, teams):
             print(terminal_safe(line))
-    else:
-        data = plan_json(found, competition, teams, software_version())
-        if target == _STDOUT:
-            sys.stdout.buffer.write(data)
-            sys.stdout.flush()
-        else:
-            atomic_write(target, data)
-            print(terminal_safe(str(target)))
-    for remark in collection.remarks:
+    for remark in collection.twins:
         complain(f"note: {remark}")
     for problem in plan.problems:
         complain(problem)
-    return BAD_INPUT if plan.problems else 0
+    with Complaints() as complaints:
+        complaints.add_each(collection.unlisted)
+        complaints.add_each((run.folder, run.problem) for run in collection.runs if run.problem)
+    return BAD_INPUT if plan.problems or complaints.count else 0
 
 
 def _plan(source: PlanSource) -> Plan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -88,3 +88,12 @@ class Complaints:
         self._alike[words] += 1
         if self._alike[words] <= MOST_ALIKE:
             complain(problem)
+
+    def add_each(self, problems: Iterable[tuple[str, str]]) -> None:
+        """Name problems.
+
+        Args:
+            problems: of each, what it is a problem of, and the problem.
+        """
+        for of, problem in problems:
+            self.add(f"{of}: {problem}", of)

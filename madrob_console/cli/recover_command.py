@@ -39,15 +39,15 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Repair every path; a bad one is named and does not stop the rest."""
     with imports_kept():
+        from madrob_console.archive.repair import recover_recording
         from madrob_console.cli.repairing import repair_run
-        from recorder.recovery import recover
 
     with progress("recordings") as tell, Complaints() as bad:
         tell(0, len(arguments.paths))
         for number, path in enumerate(arguments.paths, start=1):
             try:
                 with _journal_held(path):
-                    line = _line(path, recover(path))
+                    line = _line(path, recover_recording(path))
                 if repair_run(path):
                     line += "; its result was made again from journal and recording"
                 print(terminal_safe(line))

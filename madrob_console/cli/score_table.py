@@ -7,7 +7,14 @@ from collections.abc import Iterator, Sequence
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import Flag
-from scoring.result import Indicator, Result, decimals_left, uncertainty_text, value_text
+from scoring.result import (
+    Indicator,
+    Result,
+    decimals_left,
+    uncertainty_text,
+    value_text,
+    without_zeros,
+)
 
 _NONE, _SPREAD = "-", "+-"
 
@@ -100,7 +107,7 @@ def _value(indicator: Indicator) -> str:
         return _NONE
     if known is None:
         return _number(value)
-    return value_text(value, known) if known.expanded else _exact(_number(value))
+    return value_text(value, known) if known.expanded else without_zeros(_number(value))
 
 
 def _difference(one: Indicator, two: Indicator) -> str:
@@ -115,13 +122,9 @@ def _difference(one: Indicator, two: Indicator) -> str:
     if widest is not None and widest.expanded:
         return f"{by:+.{decimals_left(widest)}f}"
     text = _number(by, "+")
-    return text if widest is None else _exact(text)
+    return text if widest is None else without_zeros(text)
 
 
 def _number(value: float, sign: str = "") -> str:
     """Times of the epoch, of which values are made, have no more than six decimals."""
     return f"{value:{sign}d}" if isinstance(value, int) else f"{value:{sign}.6f}"
-
-
-def _exact(number: str) -> str:
-    return number.rstrip("0").rstrip(".") if "." in number else number

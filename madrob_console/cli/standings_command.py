@@ -18,6 +18,8 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
+    from madrob_console.archive.collection import Collection
+    from madrob_console.config import Settings
     from madrob_console.standings.competition import CompetitionStandings
 
 _STDOUT = Path("-")
@@ -31,7 +33,7 @@ def add(commands: options.Commands) -> None:
         main,
         "all teams, in each condition and in all: a table, csv, json, html",
         "Mean, median and standard deviation over the valid runs; invalid and interrupted ones are "
-        "listed with their reasons. Exit code 2 when a result is damaged; the rest is there.",
+        "listed with their reasons. Exit code 2 when a run cannot be read; the rest is there.",
         examples=(
             "madrob standings",
             "madrob standings --best 3 --html hall.html",
@@ -70,6 +72,7 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Write the files that were asked for, or print a table; damaged results are named."""
     with imports_kept():
+        from madrob_console.config import load_settings
         from madrob_console.files.whole import atomic_write
         from madrob_console.standings.data_files import standings_csv, standings_json
         from madrob_console.standings.text_table import standings_lines
@@ -84,7 +87,9 @@ def main(arguments: argparse.Namespace) -> int:
     targets = {kind: path for kind in makers if (path := getattr(arguments, kind)) is not None}
     _refuse_sharing(targets)
     told = sys.stderr if _STDOUT in targets.values() else sys.stdout
-    found = _found(arguments)
+    settings = load_settings(arguments.settings)
+    collection = _collection(arguments, settings)
+    found = _standings(arguments, settings, collection)
     for kind, path in targets.items():
         data = makers[kind](found)
         if path == _STDOUT:
@@ -95,30 +100,35 @@ def main(arguments: argparse.Namespace) -> int:
     if not targets:
         for line in standings_lines(found):
             print(terminal_safe(line))
-    damaged = [run for run, _ in found.left_out if run.problem is not None]
+    practice = sum(run.practice for run in collection.runs)
+    if found.official and practice and not any(run.official for run in collection.runs):
+        complain(f"note: no official run, {practice} of practice: --practice shows them")
     with Complaints() as complaints:
-        for run in damaged:
-            complaints.add(f"{run.folder}: {run.problem}", run.folder)
-    return BAD_INPUT if damaged else 0
+        complaints.add_each(collection.unlisted)
+        complaints.add_each((run.folder, run.problem) for run, _ in found.left_out if run.problem)
+    return BAD_INPUT if complaints.count else 0
 
 
-def _found(arguments: argparse.Namespace) -> CompetitionStandings:
-    from madrob_console.config import load_settings
-    from madrob_console.standings.competition import competition_standings
-
-    settings = load_settings(arguments.settings)
-    best = settings.competition.best_runs if arguments.best is None else arguments.best
-    if best < 0:
-        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
+def _collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
+    """The runs that are asked for."""
     if not arguments.paths:
         results = options.results_folder(arguments, settings)
         if not results.is_dir():
             raise MadrobError(f"{results}: no such results folder; name one with --results")
-    found = options.collection(arguments, settings)
-    for path in found.unlisted:
-        complain(f"{path}: is not called like a run and left out")
+    return options.collection(arguments, settings)
+
+
+def _standings(
+    arguments: argparse.Namespace, settings: Settings, collection: Collection
+) -> CompetitionStandings:
+    """The standings that are asked for."""
+    from madrob_console.standings.competition import competition_standings
+
+    best = settings.competition.best_runs if arguments.best is None else arguments.best
+    if best < 0:
+        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
     return competition_standings(
-        found.runs,
+        collection.runs,
         made=time.time(),
         competition=arguments.competition,
         official=not arguments.practice,

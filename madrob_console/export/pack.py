@@ -17,13 +17,9 @@ from madrob_console.archive.folders import (
     RESULT_FILE,
 )
 from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
-from madrob_console.archive.result_reader import (
-    ListedResult,
-    UnusableResultError,
-    read_result,
-    read_setup,
-)
+from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout

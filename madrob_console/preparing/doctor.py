@@ -8,7 +8,7 @@ import os
 import shutil
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.version import DISTRIBUTION
 
 if TYPE_CHECKING:
+    from madrob_console.kinds import RemoteService
     from madrob_console.messages.codec import TopicMapping
 
 OLDEST_PYTHON = (3, 11)
@@ -24,7 +25,7 @@ SMALLEST_TERMINAL = (80, 24)
 SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
 
 
-def doctor(
+def doctor(  # noqa: PLR0913  what it looks at
     mappings: Sequence[TopicMapping],
     results: Path,
     *,
@@ -32,6 +33,7 @@ def doctor(
     disk_space: int,
     listen: float = 2.0,
     environment: Mapping[str, str] = os.environ,
+    services: Collection[RemoteService] = (),
     lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
     """Look at everything the console needs, one after the other; never raises.
@@ -44,13 +46,14 @@ def doctor(
         listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
             takes 3 s at most.
         environment: environment variables.
+        services: what other programs of the ROS domain may call.
         lists: looks at the competition's lists.
     """
 
     def testbed() -> Iterator[Finding]:
         from madrob_console.preparing.doctor_ros import look_at_ros
 
-        return look_at_ros(mappings, domain, listen, environment)
+        return look_at_ros(mappings, domain, listen, environment, services)
 
     def session() -> Iterator[Finding]:
         from madrob_console.preparing.doctor_session import look_at_session

@@ -6,13 +6,14 @@ import importlib.util
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
+from madrob_console.kinds import RemoteService
 from madrob_console.messages.codec import MessageTypes, TopicMapping
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.preparing.overheard import overheard
@@ -24,6 +25,7 @@ from madrob_console.testbeds.ros.loading import (
     load_module,
     load_rclpy,
 )
+from madrob_console.testbeds.ros.neighbours import NEEDED_BY_SERVICES, SERVICES_REMEDY
 from madrob_console.testbeds.ros.parameters import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
@@ -42,8 +44,9 @@ def look_at_ros(
     domain: int | None,
     listen: float,
     environment: Mapping[str, str],
+    services: Collection[RemoteService] = (),
 ) -> Iterator[Finding]:
-    """Which ROS is here, how it is set up, and what the testbed sends."""
+    """Which ROS is here, how it is set up, what others may call, and what the testbed sends."""
     yield from look_at_installation(environment)
     try:
         number = domain_id(domain, environment)
@@ -57,7 +60,7 @@ def look_at_ros(
     yield from look_at_shared_memory()
     try:
         with overheard() as lines:
-            found = list(_look_inside(mappings, number, listen, environment))
+            found = list(_look_inside(mappings, number, listen, environment, services))
         yield from found
         yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
     except MadrobError as error:
@@ -65,7 +68,11 @@ def look_at_ros(
 
 
 def _look_inside(
-    mappings: Sequence[TopicMapping], number: int, listen: float, environment: Mapping[str, str]
+    mappings: Sequence[TopicMapping],
+    number: int,
+    listen: float,
+    environment: Mapping[str, str],
+    services: Collection[RemoteService],
 ) -> Iterator[Finding]:
     """What ROS says when one joins the domain."""
     try:
@@ -73,7 +80,7 @@ def _look_inside(
         utilities = load_module("rclpy.utilities")
         rmw = utilities.get_rmw_implementation_identifier()
         yield Finding(Severity.OK, "middleware", str(rmw))
-        yield from look_at_messages()
+        yield from look_at_messages(services)
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
@@ -88,10 +95,18 @@ _MESSAGES = {
 """Packages of messages without which all else works, and what does not."""
 
 
-def look_at_messages() -> Iterator[Finding]:
-    """What is missing for other programs."""
+def look_at_messages(services: Collection[RemoteService]) -> Iterator[Finding]:
+    """What is missing for other programs.
+
+    Args:
+        services: what the settings allow them to call.
+    """
     for package, lacks in _MESSAGES.items():
-        if importlib.util.find_spec(package) is None:
+        if importlib.util.find_spec(package) is not None:
+            continue
+        if services and package == NEEDED_BY_SERVICES:
+            yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICES_REMEDY}")
+        else:
             yield Finding(Severity.OK, package, f"not installed: {lacks}")
 
 

@@ -187,10 +187,9 @@ def _opened(result: Result) -> Iterator[Interval]:
 
 def _masked(sensor: PassageSensor, rows: Rows, start: float) -> Iterator[Interval]:
     """From when to when the panel passed under a sensor."""
-    known = rows.thresholds
-    upper = known.mask_to_cw if sensor.side is Side.CW else known.mask_to_ccw
+    low, high = rows.thresholds.mask(sensor.side, sensor.index)
     angle = rows.joint_state.position * sensor.side.sign
-    inside = (angle > known.mask_from[sensor.index]) & (angle < upper[sensor.index])
+    inside = (angle > low) & (angle < high)
     yield from _runs(rows.joint_state.time - start, inside)
 
 

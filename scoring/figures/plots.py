@@ -197,10 +197,13 @@ def _why_missing(run: _Run, figure: FigureSpec) -> str | None:
     for quantity in figure.panels:
         if quantity.spec.unrecorded and not np.isfinite(run.series(quantity)[1]).any():
             return quantity.spec.unrecorded
-    if run.part(figure.part) is None:
-        moved = "opened" if figure.part is FigurePart.OPENING else "closed"
-        return f"the door never {moved}"
-    return None
+    if run.part(figure.part) is not None:
+        return None
+    if not run.times(EventName.DOOR_OPENS):
+        return "the door never opened"
+    if figure.part is FigurePart.CLOSING and not run.times(EventName.DOOR_CLOSES):
+        return "the door never closed"
+    return "no door angle was recorded while the door was open"
 
 
 def svg(figure: Figure) -> str:
@@ -233,7 +236,7 @@ def _draw(run: _Run, name: FigureName, condition: Condition) -> Figure:
     panels = [_panel(run, quantity, ORANGE, window) for quantity in above]
     indicator = run.result.indicators[figure.indicator]
     panels.append(_panel(run, last, BLUE, window, indicator))
-    if (whole_jerk := _unclipped(panels[-1], run, last, indicator)) is not None:
+    if (whole_jerk := _unclipped(panels[-1], run, last, window, indicator)) is not None:
         panels.append(whole_jerk)
     events = marked_events(((e.since_start, e.event) for e in run.result.events), condition)
     return draw_sheet(_heading(run, name), panels, events, window, run.rows.thresholds.largest_gap)
@@ -253,9 +256,7 @@ def _panel(
     if spec.clip is not None:
         value = np.abs(value)
         mean = _mean(value)
-        shown = value[(time >= window[0]) & (time <= window[1]) & np.isfinite(value)]
-        if outside := int((shown > spec.clip).sum()):
-            part = 100 * outside / shown.size
+        if part := 100 * _cut_off(run, quantity, window):
             note = f"{part:.{0 if part >= 10 else 1}f} % of the samples lie outside"
         value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
     elif spec.peak and indicator is not None and (peak := largest_at(value)) is not None:
@@ -275,10 +276,18 @@ def _panel(
     )
 
 
-def _unclipped(panel: Panel, run: _Run, quantity: Quantity, indicator: Indicator) -> Panel | None:
+def _cut_off(run: _Run, quantity: Quantity, window: Interval) -> float:
+    """Which part of the samples in a window lies beyond the quantity's clip; 0 without one."""
+    clip, (time, value) = quantity.spec.clip, run.series(quantity)
+    shown = value[(time >= window[0]) & (time <= window[1]) & np.isfinite(value)]
+    return 0.0 if clip is None or not shown.size else float(np.mean(np.abs(shown) > clip))
+
+
+def _unclipped(
+    panel: Panel, run: _Run, quantity: Quantity, window: Interval, indicator: Indicator
+) -> Panel | None:
     """The panel without its clip, to stand below it; None where nothing is cut off."""
-    spec = quantity.spec
-    if spec.clip is None or panel.mean is None or "outside" not in panel.note:
+    if panel.mean is None or not _cut_off(run, quantity, window):
         return None
     note = f"unclipped; the run's mean {panel.mean:.3g}"
     if indicator.value is not None:

@@ -22,6 +22,15 @@ from recorder.bag import Qos
 DIAGNOSTICS_TOPIC = "/diagnostics"
 """Where ROS programs say how they are."""
 
+NEEDED_BY_SERVICES = "std_srvs"
+"""The package that has the type of the services."""
+
+SERVICES_REMEDY = (
+    f"setting `ros.services`: {NEEDED_BY_SERVICES} is not installed: install madrob-console[ros], "
+    "or the package ros-jazzy-std-srvs, or allow no service"
+)
+"""What is said where it is not there."""
+
 MOST_UNDER_WAY = 4
 """Calls of one service that are carried out at the same time."""
 
@@ -33,8 +42,8 @@ _PERIOD = 0.02
 _DIAGNOSIS = 1.0
 """Seconds between two messages of how the console is."""
 
-_DEPTH = 100
-"""Calls of one service that DDS keeps for us; what comes beyond takes the place of older ones."""
+DEPTH = 100
+"""Calls of one service that DDS keeps for us, and of each kind of reply to them that we keep."""
 
 _REPLYING = 0.02
 """Seconds of a look after which the other replies wait for the next: one may take 0.1 s."""
@@ -43,41 +52,75 @@ _ENDED = "the engine has ended: what is shown when it is back tells whether it w
 _URGENT_FIRST = (RemoteService.ABORT, RemoteService.DECLARE_TIMEOUT, RemoteService.START)
 
 
+class Replies:
+    """What callers of a service are still to be told; answers go before refusals.
+
+    Of what was carried out no answer is lost, whatever else is called; of many refusals the oldest
+    are.
+    """
+
+    def __init__(self) -> None:
+        self._answers: deque[tuple[RosObject, CallAnswer]] = deque()
+        self._refusals: deque[RosObject] = deque(maxlen=DEPTH)
+
+    @property
+    def answers(self) -> int:
+        """How many answers are among them."""
+        return len(self._answers)
+
+    def answer(self, caller: RosObject, answer: CallAnswer) -> None:
+        """What became of a call that was carried out."""
+        self._answers.append((caller, answer))
+
+    def refuse(self, caller: RosObject) -> None:
+        """A call is one too many."""
+        self._refusals.append(caller)
+
+    def take(self) -> tuple[RosObject, CallAnswer] | None:
+        """Who is told next, and what; None = nobody."""
+        if self._answers:
+            return self._answers.popleft()
+        if self._refusals:
+            return self._refusals.popleft(), CallAnswer(success=False, message=TOO_MANY)
+        return None
+
+
 class _Served:
     """One service. Calls that come while enough are carried out are refused."""
 
     def __init__(self, node: RosObject, which: RemoteService) -> None:
-        trigger = load_module("std_srvs.srv").Trigger
+        trigger = load_module(f"{NEEDED_BY_SERVICES}.srv").Trigger
         self._which = which
         self._request, self._response = trigger.Request, trigger.Response
         self._service = node.create_service(
-            trigger, f"~/{which}", _never_spun, qos_profile=qos_profile(Qos(), _DEPTH)
+            trigger, f"~/{which}", _never_spun, qos_profile=qos_profile(Qos(), DEPTH)
         )
         self._under_way: list[tuple[RosObject, LookForAnswer]] = []
-        self._replies: deque[tuple[RosObject, CallAnswer]] = deque(maxlen=_DEPTH)
+        self._replies = Replies()
 
     def take(self, outside: Outside) -> None:
         """Have what was called carried out, and hear what came of what was called before."""
-        for _ in range(_DEPTH):
+        for _ in range(DEPTH):
             with self._service.handle:
                 _, caller = self._service.handle.service_take_request(self._request)
             if caller is None:
                 break
-            if len(self._under_way) < MOST_UNDER_WAY:
+            under_way = len(self._under_way)
+            if under_way < MOST_UNDER_WAY and under_way + self._replies.answers < DEPTH:
                 self._under_way.append((caller, outside.call(self._which)))
             else:
-                self._replies.append((caller, CallAnswer(success=False, message=TOO_MANY)))
+                self._replies.refuse(caller)
         waiting, self._under_way = self._under_way, []
         for caller, look in waiting:
             if (answer := look()) is None:
                 self._under_way.append((caller, look))
             else:
-                self._replies.appendleft((caller, answer))
+                self._replies.answer(caller, answer)
 
     def reply(self, until: float) -> None:
         """Send answers, s of the monotonic clock long; a caller that has gone gets none."""
-        while self._replies and time.monotonic() < until:
-            caller, answer = self._replies.popleft()
+        while time.monotonic() < until and (owed := self._replies.take()) is not None:
+            caller, answer = owed
             reply = self._response(success=answer.success, message=answer.message)
             with suppress(RuntimeError):
                 self._service.send_response(reply, caller)
@@ -86,7 +129,7 @@ class _Served:
         """Nothing is answered any more; say so."""
         for caller, look in self._under_way:
             answer = look() or CallAnswer(success=False, message=_ENDED)
-            self._replies.appendleft((caller, answer))
+            self._replies.answer(caller, answer)
         self.reply(time.monotonic() + _REPLYING)
 
 
@@ -111,10 +154,7 @@ class Neighbours:
         try:
             self._served = tuple(_Served(node, s) for s in _URGENT_FIRST if s in outside.services)
         except ImportError:
-            raise MadrobError(
-                "setting `ros.services`: std_srvs is not installed: install madrob-console[ros], "
-                "or the package ros-jazzy-std-srvs, or allow no service"
-            ) from None
+            raise MadrobError(SERVICES_REMEDY) from None
         self._clock = node.get_clock()
         self._array: RosObject = None
         self._publisher: RosObject = None

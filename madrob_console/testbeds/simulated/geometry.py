@@ -117,9 +117,7 @@ class DoorGeometry:
 
     def mask(self, sensor: PassageSensor) -> tuple[float, float]:
         """The panel angles, rad, on the sensor's side between which the protocol ignores it."""
-        t = self.thresholds
-        upper = t.mask_to_cw if sensor.side is Side.CW else t.mask_to_ccw
-        return t.mask_from[sensor.index], upper[sensor.index]
+        return self.thresholds.mask(sensor.side, sensor.index)
 
     def panel_seen(self, mount: Mount) -> tuple[float, float] | None:
         """Between which panel angles, rad, on its side a sensor sees the panel; None = never."""

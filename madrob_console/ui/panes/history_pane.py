@@ -14,7 +14,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import Input
 
-from madrob_console.archive.history import RunSummary, condition_words, filter_problem, matches
+from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.archive.run_filter import filter_problem, matches
 from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.label import Label

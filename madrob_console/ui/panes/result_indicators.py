@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, NamedTuple
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import fitted
 from scoring.indicator_table import IndicatorName
-from scoring.result import DOUBTED, Uncertainty, distinguishable, uncertainty_text, value_text
+from scoring.result import (
+    DOUBTED,
+    Uncertainty,
+    decimals_left,
+    distinguishable,
+    uncertainty_text,
+    value_text,
+    without_zeros,
+)
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
@@ -163,7 +171,7 @@ def compared(
         word, tone = ALIKE, Tone.PLAIN
     elif difference == 0:
         word, tone = "equal", Tone.PLAIN
-    text = _difference_text(difference, value_text(value, known))
+    text = _difference_text(difference, known, mean.uncertainty)
     parts = [Span(f"{text:>{9 if known is None or width >= _WITH_WORDS else 8}}", tone)]
     if width >= _WITH_WORDS:
         parts.append(Span(f" {word:<6}", tone))
@@ -175,7 +183,15 @@ def compared(
     return tuple(parts)
 
 
-def _difference_text(difference: float, value: str) -> str:
-    """A difference with as many decimals as the value from which it is taken."""
-    decimals = 4 if "e" in value or value.isdecimal() else len(value.partition(".")[2])
-    return f"{difference:+.{decimals}f}" if abs(difference) < 1e3 else f"{difference:+.2e}"
+def _difference_text(
+    difference: float, known: Uncertainty | None, of_mean: Uncertainty | None
+) -> str:
+    """A difference with the digits that the larger uncertainty leaves, four where none is known."""
+    if abs(difference) >= 1e3:
+        return f"{difference:+.2e}"
+    if known is None:
+        return f"{difference:+.4f}"
+    widest = max(known, of_mean or known, key=lambda one: one.expanded)
+    if widest.expanded:
+        return f"{difference:+.{decimals_left(widest)}f}"
+    return without_zeros(f"{difference:+.4f}")

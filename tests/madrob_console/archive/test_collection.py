@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import zipfile
 from pathlib import Path
@@ -13,6 +14,7 @@ from madrob_console.archive.collection import collected, collected_in
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_paths import all_runs_at, runs_at
 from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.standings.competition import competition_standings
 from madrob_console.standings.testbeds_apart import how_testbeds_differ
@@ -56,7 +58,8 @@ def test_runs_of_two_testbeds_with_one_folder_name_are_both_kept(halls: Path) ->
         ("Hall B", 2),
     ]
     assert all((found.root / run.folder / "result.json").exists() for run in found.runs)
-    assert not found.remarks
+    assert not found.twins
+    assert not found.unlisted
     (made,) = competition_standings(found.runs, made=0.0).groups
     assert (made.overall[0].completed, made.overall[0].testbeds) == (4, ("Hall A", "Hall B"))
 
@@ -67,7 +70,7 @@ def test_the_same_run_met_twice_counts_once_and_both_places_are_named(halls: Pat
     shutil.copytree(first, again)
     for paths in ([Path("a"), Path("copies")], [Path("copies"), Path("a")]):
         found = collected(paths)
-        (remark,) = found.remarks
+        (remark,) = found.twins
         assert str(first) in remark
         assert str(again) in remark
         (made,) = competition_standings(found.runs, made=0.0).groups
@@ -97,14 +100,83 @@ def test_one_testbed_can_be_asked_for(halls: Path, capsys: pytest.CaptureFixture
     assert rows[1].split(",")[8:10] == ["Hall B", "2"]
 
 
-def test_what_cannot_be_listed_is_named(halls: Path) -> None:
+def test_what_is_in_no_list_is_named_with_what_to_do_and_the_rest_is_there(
+    halls: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(MadrobError, match="no such folder"):
         collected([Path("none")])
-    shutil.copytree(next(Path("a").glob(f"{SAME_NAME}*")), "a/final")
-    Path("a/final/metadata.yaml").touch()
-    assert collected([Path("a")]).remarks == ("a/final: is not called like a run and left out",)
-    Path("empty").mkdir()
-    assert collected([Path("empty")]).runs == ()
+    run = next(Path("a").glob(f"{SAME_NAME}*"))
+    for name in ("final", "bag", "locked", "empty"):
+        Path(name).mkdir()
+    shutil.copy(run / "result.json", "final")
+    for recording in (Path("final") / f"{run.name}_0.mcap", Path("bag/b_0.mcap"), Path("b.mcap")):
+        recording.touch()
+    Path("locked").chmod(0)
+    Path("linked").mkdir()
+    Path("linked", run.name).symlink_to(run.absolute())
+    named = ["final", "bag", "b.mcap", "locked", "empty", f"linked/{run.name}"]
+    expected = {
+        "final": f"is not called like a run and left out: call it {run.name} again",
+        "bag": "has no result.json of a run folder: name folders with runs",
+        "b.mcap": "is no run folder: name folders with runs",
+        "locked": "cannot be read (Permission denied): check its permissions",
+        "empty": "holds no run: name folders with runs",
+        f"linked/{run.name}": "is behind a link and left out: name the folder itself",
+    }
+    Path("plan.csv").write_text("3,7,6\n")
+    if os.access("locked", os.R_OK):  # root reads everything
+        named.remove("locked")
+        del expected["locked"]
+    for command in (
+        ["standings"],
+        ["plan", "--plan", "plan.csv"],
+        ["export", "--subject", "3", "--output", "team.zip"],
+    ):
+        assert main([*command, *named, "a"]) == BAD_INPUT
+        told = capsys.readouterr()
+        assert sorted(told.err.splitlines()) == sorted(
+            f"madrob: {place}: {why}" for place, why in expected.items()
+        )
+        assert told.out
+    Path("b.mcap").unlink()  # in a folder with a bag, the bag is the run
+    below = collected([Path()])
+    assert {Path(place).name for place, _ in below.unlisted} == set(expected) & {"final", "bag"}
+
+
+@pytest.mark.parametrize("named", [".", "../practice", "{run}", "../practice/{run}"])
+def test_a_run_is_found_from_whatever_folder_it_is_named(
+    halls: Path, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = write(Path("c/practice"), summary(4, source="simulated"))
+    monkeypatch.chdir(result.parent if named == "." else result.parent.parent)
+    (run,) = collected([Path(named.format(run=result.parent.name))]).runs
+    assert run.practice
+    assert (run.folder, run.subject, run.problem) == (run.folder, 4, None)
+
+
+def test_a_damaged_run_is_named_by_standings_and_plan_and_the_exit_code_says_so(
+    halls: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged = next(Path("a").glob("*_run_002_*"))
+    (damaged / "result.json").write_text("{")
+    Path("plan.csv").write_text("3,7,6\n")
+    for command in (["standings"], ["plan", "--plan", "plan.csv"]):
+        assert main([*command, "a", "merged"]) == BAD_INPUT
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"madrob: {damaged}: result.json is damaged")
+
+
+def test_standings_of_practice_alone_say_how_to_see_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    for number in (1, 2):
+        write(tmp_path / "c", summary(4, run_number=number, source="simulated", practice=True))
+    assert main(["standings", str(tmp_path / "c")]) == 0
+    said = "madrob: note: no official run, 2 of practice: --practice shows them\n"
+    assert capsys.readouterr().err == said
+    assert main(["standings", "--practice", str(tmp_path / "c")]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_testbeds_that_differ_say_so_in_one_line() -> None:

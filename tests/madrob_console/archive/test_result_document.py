@@ -18,13 +18,9 @@ import pytest
 
 from madrob_console.archive.digests import digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
+from madrob_console.archive.listed_result import ClosurePart, IndicatorPart, ListedResult
 from madrob_console.archive.result_document import ResultDocument, result_schema
-from madrob_console.archive.result_reader import (
-    ClosurePart,
-    IndicatorPart,
-    ListedResult,
-    read_result,
-)
+from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
 from madrob_console.referee.run import Closure, IncidentKind, TeamWord

@@ -13,14 +13,22 @@ import pytest
 import yaml
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.digests import run_id_at
+from madrob_console.archive.digests import (
+    IDENTITY_RECORD,
+    identity_record,
+    kept_run_id,
+    run_id_at,
+)
 from madrob_console.archive.grades import Grade
-from madrob_console.archive.history import History, matches
+from madrob_console.archive.history import History
+from madrob_console.archive.repair import recover_recording, repair
+from madrob_console.archive.run_filter import matches
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME
-from madrob_console.archive.scored import read_recorded_run
+from madrob_console.archive.scored import read_recorded_run, score_run
 from madrob_console.referee.acts import Correct, SetUp
 from recorder.reader import read_bag
+from recorder.recovery import recover
 from tests.madrob_console.engine.drive import PULL, Drive, make_setup
 from tests.madrob_console.recorded_runs import completed
 
@@ -113,3 +121,62 @@ def test_the_history_knows_the_identity_of_older_runs_also_without_digests(
             name: expected[name] for name in found
         }
         assert {run.testbed for run in found.values()} == {""}
+
+
+@pytest.fixture
+def torn(tmp_path: Path) -> Path:
+    """An older run whose recording was damaged after its result was written."""
+    finished = next(path for path in sorted(OLDER.iterdir()) if (path / "result.json").exists())
+    folder = shutil.copytree(finished, tmp_path / finished.name)
+    recording = next(folder.glob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-1000])
+    return folder
+
+
+def identities(folder: Path) -> set[str]:
+    """As all who ask for it find it."""
+    (scored,) = score_run(RunPath(folder), (None,))
+    (alone,) = score_run(RunPath(next(folder.glob("*.mcap"))), (None,))
+    told = [run.run_id for run in History(folder.parent).refresh() if run.outcome is not None]
+    return {scored.label.run_id, alone.label.run_id, *told}
+
+
+@pytest.mark.parametrize("named", ["folder", "file"])
+def test_an_older_run_is_the_same_run_after_its_recording_was_repaired(
+    torn: Path, named: str
+) -> None:
+    (before,) = History(torn.parent).refresh()
+    recover_recording(torn if named == "folder" else next(torn.glob("*.mcap")))
+    assert identities(torn) == {before.run_id}
+    next(torn.glob("*_event.csv")).unlink()
+    assert repair(torn) is not None
+    assert stored(torn)["run_id"] == before.run_id
+    assert identities(torn) == {before.run_id}
+
+
+def test_an_older_run_without_a_result_is_the_same_run_however_often_it_is_repaired(
+    torn: Path,
+) -> None:
+    (torn / "result.json").unlink()
+    before = run_id_at(torn)
+    for _ in range(2):
+        recover_recording(torn)
+        assert identities(torn) == {before}
+        recording = next(torn.glob("*.mcap"))
+        recording.write_bytes(recording.read_bytes()[:-1000])
+
+
+def test_no_repair_adds_to_the_identity_of_a_run_that_has_one(run: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(run, tmp_path / run.name)
+    recording = next(folder.glob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-1000])
+    recover_recording(folder)
+    assert IDENTITY_RECORD not in read_bag(folder).records
+
+
+def test_a_recording_that_claims_an_identity_that_is_none_has_that_of_its_digest(
+    torn: Path,
+) -> None:
+    recover(torn, lambda: identity_record("x" * 1000))
+    assert kept_run_id(torn) == ""
+    assert UUID(run_id_at(torn)).version == 5

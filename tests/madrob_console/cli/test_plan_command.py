@@ -77,8 +77,18 @@ def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixt
         "left": 0,
     }
     assert [one["subject"] for one in found["out_of_plan"]] == [9]
-    assert plan(folder, "--json", str(folder / "plan.json")) == 0
-    assert json.loads((folder / "plan.json").read_text()) == found
+
+
+def test_a_path_behind_json_is_one_of_runs_and_nothing_is_written_to_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert plan(folder, "--json") == 0
+    found = capsys.readouterr().out
+    assert plan(folder, "--json", str(folder / "runs")) == 0
+    assert capsys.readouterr().out == found
+    assert plan(folder, "--json", str(folder / "plan.json")) == BAD_INPUT
+    assert "plan.json: no such folder; name a folder with runs" in capsys.readouterr().err
+    assert not (folder / "plan.json").exists()
 
 
 def test_a_line_that_cannot_be_used_is_named_and_the_exit_code_says_so(

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.history import History, matches
+from madrob_console.archive.history import History
+from madrob_console.archive.run_filter import matches
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,

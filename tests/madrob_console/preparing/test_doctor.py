@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import fcntl
+import importlib.util
 import os
 import pty
 import re
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.kinds import RemoteService
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.preparing import doctor as doctor_module
 from madrob_console.preparing.doctor import (
@@ -33,7 +35,7 @@ from madrob_console.preparing.doctor import (
     verdict,
 )
 from madrob_console.preparing.doctor_lists import look_at_lists
-from madrob_console.preparing.doctor_ros import look_at_installation
+from madrob_console.preparing.doctor_ros import look_at_installation, look_at_messages
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.preparing.overheard import overheard
 from madrob_console.referee.competition_plan import PlanSource
@@ -423,3 +425,16 @@ def test_the_report_ends_with_a_verdict() -> None:
     assert verdict([good, warning]) == "usable, 1 warning"
     assert verdict([error]) == "not usable: see the errors above"
     assert not usable([good, warning, error])
+
+
+@pytest.mark.parametrize(
+    ("services", "severity"), [((), Severity.OK), ((RemoteService.ABORT,), Severity.ERROR)]
+)
+def test_the_type_of_services_may_be_missing_where_none_is_allowed(
+    services: tuple[RemoteService, ...], severity: Severity, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    found = by_subject(look_at_messages(services))
+    assert found["std_srvs"].severity is severity
+    assert found["diagnostic_msgs"].severity is Severity.OK
+    assert "ros.services" in found["std_srvs"].text

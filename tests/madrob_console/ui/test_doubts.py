@@ -118,6 +118,8 @@ def test_no_two_columns_touch_and_all_of_them_are_there(engine: FakeEngine, widt
         (10.0, 0.1, "+0.0 ="),
         (10.0, None, "+0.0000 equal"),
         (10.2, None, "+0.2000 worse"),
+        (60.0, 0.0, "+50.0 worse"),  # exact, but the mean is not
+        (10.20412, 0.00002, "+0.2 worse"),
     ],
 )
 def test_a_difference_within_the_uncertainties_is_neither_better_nor_worse(

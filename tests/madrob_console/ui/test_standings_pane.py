@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive.history import RunSummary, matches
+from madrob_console.archive.history import RunSummary
+from madrob_console.archive.run_filter import matches
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.panes.standings_pane import (

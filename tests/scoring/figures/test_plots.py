@@ -286,7 +286,7 @@ def test_the_figures_of_the_protocol_document_keep_their_numbers() -> None:
         (None, None, dict.fromkeys(OF_THE_DOOR, "no door angle") | {5: "no handle force"}),
         (None, pull, dict.fromkeys(OF_THE_DOOR, "no door angle")),
         (swing, None, {5: "no handle force"}),
-        (lambda _: 0.0, pull, {3: "never opened", 4: "never closed"}),
+        (lambda _: 0.0, pull, {3: "never opened", 4: "never opened"}),
         (lambda t: swing(min(t, 6)), pull, {4: "never closed"}),
     ],
 )

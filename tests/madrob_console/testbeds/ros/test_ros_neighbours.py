@@ -42,6 +42,7 @@ from tests.madrob_console.ros_peer import (
 from tests.watching import until
 
 START, ABORT, TIMEOUT = RemoteService
+README = Path(__file__).parents[4] / "README.md"
 BUSY = 2.0
 """s more than the promised 0.2 s that a call may take beside other programs."""
 
@@ -201,6 +202,19 @@ def test_what_is_not_allowed_cannot_be_called(hall: Hall, allowed: tuple[RemoteS
         other.source.attend(Attendant(hall.engine, allowed, 50.0))
         offered = [s.srv_name for s in other.source._console.services]
     assert offered == [f"~/{service}" for service in allowed]
+
+
+@pytest.mark.parametrize(("namespace", "called"), [("", "madrob"), ("/hall2", "hall2")])
+def test_a_service_has_the_name_of_the_readme_where_the_node_is_given_one(
+    namespace: str, called: str, hall: Hall
+) -> None:
+    ros_args = ["-r", "__node:=referee", *(["-r", f"__ns:={namespace}"] if namespace else [])]
+    named = RosSource((latch(),), MessageTypes(), SystemClock(), ros_args=ros_args)
+    with Taker(named):
+        named.attend(Attendant(hall.engine, (ABORT,), 50.0))
+        (service,) = named._console.services
+        assert service.service_name == f"/{called}/referee/abort"
+    assert f"`/{called}/referee/abort`" in README.read_text()
 
 
 def test_a_launch_file_moves_topics_into_its_namespace_and_gives_them_other_names(
