@@ -9,8 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
-from madrob_console.cli.parsing import whole_number
+from madrob_console.cli import options, which_runs
 from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
@@ -50,18 +49,7 @@ def add(commands: options.Commands) -> None:
             metavar="FILE",
             help=f"{text}; - = standard output",
         )
-    parser.add_argument(
-        "--best",
-        type=whole_number,
-        default=None,
-        metavar="N",
-        help="only the N best runs of each team in each condition, 0 = all; else setting "
-        "`competition.best_runs`",
-    )
-    parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
-    parser.add_argument(
-        "--practice", action="store_true", help="the practice runs instead, marked as such"
-    )
+    which_runs.add_which_runs(parser)
     options.add_teams(parser)
     options.add_run_paths(parser)
     options.add_settings(parser)
@@ -107,13 +95,8 @@ def _found(arguments: argparse.Namespace) -> CompetitionStandings:
     from madrob_console.standings.competition import competition_standings
 
     settings = load_settings(arguments.settings)
-    best = settings.competition.best_runs if arguments.best is None else arguments.best
-    if best < 0:
-        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
-    if not arguments.paths:
-        results = options.results_folder(arguments, settings)
-        if not results.is_dir():
-            raise MadrobError(f"{results}: no such results folder; name one with --results")
+    best = which_runs.best_runs(arguments, settings)
+    which_runs.demand_results(arguments, settings)
     found = options.collection(arguments, settings)
     for path in found.unlisted:
         complain(f"{path}: is not called like a run and left out")

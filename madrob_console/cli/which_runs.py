@@ -1,0 +1,53 @@
+"""Which runs of a competition stand beside each other, as commands are asked for it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from madrob_console.cli.options import results_folder
+from madrob_console.cli.parsing import whole_number
+from madrob_console.errors import MadrobError
+
+if TYPE_CHECKING:
+    from madrob_console.config import Settings
+
+
+def add_which_runs(parser: argparse.ArgumentParser) -> None:
+    """Which runs stand beside each other."""
+    parser.add_argument(
+        "--best",
+        type=whole_number,
+        default=None,
+        metavar="N",
+        help="only the N best runs of each team in each condition, 0 = all; else setting "
+        "`competition.best_runs`",
+    )
+    parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
+    parser.add_argument(
+        "--practice", action="store_true", help="the practice runs instead, marked as such"
+    )
+
+
+def best_runs(arguments: argparse.Namespace, settings: Settings) -> int:
+    """How many of the best runs count; 0 = all.
+
+    Raises:
+        MadrobError: no such number.
+    """
+    chosen: int | None = arguments.best
+    best = settings.competition.best_runs if chosen is None else chosen
+    if best < 0:
+        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
+    return best
+
+
+def demand_results(arguments: argparse.Namespace, settings: Settings) -> None:
+    """Where no paths are named there is a results folder.
+
+    Raises:
+        MadrobError: there is none.
+    """
+    results = results_folder(arguments, settings)
+    if not arguments.paths and not results.is_dir():
+        raise MadrobError(f"{results}: no such results folder; name one with --results")
