@@ -52,8 +52,8 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Write what has changed; the last line is the path of the first page."""
     with imports_kept():
+        from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.publishing.publish import site_files
-        from madrob_console.publishing.site_content import INDEX
         from madrob_console.publishing.site_folder import SiteRefusedError, write_site
 
     content = _content(arguments)
@@ -73,7 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
         for run in damaged:
             complaints.add(f"{run.folder}: {run.problem}", run.folder)
     print(f"{written.files} files, {written.written} written, {written.removed} removed")
-    print(terminal_safe(str(site / INDEX)))
+    print(terminal_safe(str(site / INDEX_PAGE)))
     return BAD_INPUT if damaged else 0
 
 

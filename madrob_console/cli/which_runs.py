@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli.options import results_folder
@@ -51,3 +52,23 @@ def demand_results(arguments: argparse.Namespace, settings: Settings) -> None:
     results = results_folder(arguments, settings)
     if not arguments.paths and not results.is_dir():
         raise MadrobError(f"{results}: no such results folder; name one with --results")
+
+
+def named_places(arguments: argparse.Namespace, settings: Settings) -> list[str]:
+    """The options that name the results folder, the settings and the teams to another command."""
+    where = [f"--results={results_folder(arguments, settings)}"]
+    if arguments.settings is not None:
+        where.append(f"--settings={arguments.settings}")
+    if arguments.teams is not None:
+        where.append(f"--teams={arguments.teams}")
+    return where
+
+
+def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[str]:
+    """Those of `madrob publish` after each result; none where nobody wants it."""
+    if not settings.results.publish:
+        return []
+    plan: Path | None = getattr(arguments, "plan", None)  # `madrob run` takes the settings'
+    more = [] if plan is None else [f"--plan={plan}"]
+    site = Path(settings.results.publish).expanduser()
+    return [str(site), *named_places(arguments, settings), *more]

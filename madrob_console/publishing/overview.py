@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import islice
 
+from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import RunSummary
 from madrob_console.publishing.site_content import (
     HALL,
-    INDEX,
     PLAN,
     TEAMS_ORDER,
     SiteContent,
@@ -71,11 +71,11 @@ def overview_page(content: SiteContent, written: str) -> str:
     found = content.standings
     return site_page(
         content,
-        INDEX,
+        INDEX_PAGE,
         "Results" if found.official else "PRACTICE results",
-        _progress(content, INDEX),
-        _standings(content, INDEX),
-        section("Latest results", _latest(content, INDEX)),
+        _progress(content, INDEX_PAGE),
+        _standings(content, INDEX_PAGE),
+        section("Latest results", _latest(content, INDEX_PAGE)),
         section("Conditions", _conditions(content)),
         _more(content),
         lines=(
@@ -260,7 +260,7 @@ def _latest_words(run: RunSummary) -> Iterator[Content]:
 
 def _conditions(content: SiteContent) -> Content:
     entries = [
-        (condition_link(content, INDEX, number), f": {task_words_of(number)}")
+        (condition_link(content, INDEX_PAGE, number), f": {task_words_of(number)}")
         for number in content.conditions
     ]
     return listed(entries, "None yet.")
@@ -268,7 +268,7 @@ def _conditions(content: SiteContent) -> Content:
 
 def _more(content: SiteContent) -> Markup:
     tables = [
-        element("li", link(beside(INDEX, name), name), f": {words}")
+        element("li", link(beside(INDEX_PAGE, name), name), f": {words}")
         for name, words in DOWNLOADS.items()
     ]
     hall = ("The hall's screen, which follows by itself: ", link(HALL, HALL), ".")

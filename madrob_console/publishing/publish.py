@@ -8,7 +8,7 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
-from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.files.bounded import read_all, stamp_of
 from madrob_console.publishing.condition_page import condition_page
@@ -17,7 +17,6 @@ from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
     HALL,
-    INDEX,
     PLAN,
     SiteContent,
     beside,
@@ -60,7 +59,7 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     if content.plan is not None:
         files.append(SiteFile.of(PLAN, plan_page(content, content.plan)))
     written = date_text(content.standings.made)
-    for name, make in ((HALL, hall_page), (INDEX, overview_page)):
+    for name, make in ((HALL, hall_page), (INDEX_PAGE, overview_page)):
         # that it is later now is alone no reason to write it again
         files.append(SiteFile.of(name, make(content, written), make(content, "")))
     return files, without

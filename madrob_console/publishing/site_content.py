@@ -12,14 +12,14 @@ from functools import cached_property
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
 
-from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.standings.competition import CompetitionStandings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 
-INDEX, HALL, PLAN = "index.html", "hall.html", "plan.html"
+HALL, PLAN = "hall.html", "plan.html"
 
 ORDER = (
     "Ordered by capability level first, then completed before failed, then by the execution time "
@@ -82,7 +82,7 @@ class SiteContent:
     def places(self) -> Mapping[str, str]:
         """The page of each run that has a result, by the run's folder."""
         return {
-            run.folder: f"runs/{_called(run)}/index.html"
+            run.folder: f"runs/{_called(run)}/{INDEX_PAGE}"
             for run in self.runs
             if run.outcome is not None and run.problem is None
         }

@@ -128,6 +128,7 @@ def _write(
         if name not in before and (folder / name).exists():
             raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
     changed = [file for file in files.values() if not _is_there(folder, file, before)]
+    written = 0
     gone = [name for name in before if name not in files]
     if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
         known = before | {file.name: _Entry() for file in changed}
@@ -136,14 +137,14 @@ def _write(
             tell(number, len(changed))
             path = folder / file.name
             path.parent.mkdir(parents=True, exist_ok=True)
-            _put(path, file.make())
+            written += _put(path, file.make())
             known[file.name] = _Entry(file.key, stamp_of(str(path)))
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)
             del known[name]
         _note(folder, known)
-    return Written(len(files), len(changed), len(gone))
+    return Written(len(files), written, len(gone))
 
 
 def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:
@@ -152,12 +153,22 @@ def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> boo
     return there and found.key == file.key
 
 
-def _put(path: Path, content: bytes | Path) -> None:
+def _put(path: Path, content: bytes | Path) -> bool:
+    """Write a file, unless it is already as it shall be; whether it was written."""
     if isinstance(content, bytes):
+        if _has(path, content):
+            return False
         atomic_write(path, content)
-        return
+        return True
     with open(open_plain(content), "rb") as source, whole_file(path) as file:  # noqa: PTH123
         shutil.copyfileobj(source, file)
+    return True
+
+
+def _has(path: Path, content: bytes) -> bool:
+    with suppress(OSError):
+        return read_all(path, len(content)) == content
+    return False
 
 
 def _demand_site(folder: Path) -> None:

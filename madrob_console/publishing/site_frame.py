@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.publishing.site_content import (
-    INDEX,
     PLAN,
     SiteContent,
     beside,
@@ -82,7 +82,7 @@ def site_page(
 def ways(content: SiteContent, place: str, more: Sequence[Content] = ()) -> Markup:
     """The ways around the site, from a page of it."""
     found: list[Content] = []
-    for name, words in ((INDEX, "overview"), (PLAN, "plan")):
+    for name, words in ((INDEX_PAGE, "overview"), (PLAN, "plan")):
         if name != place and (name != PLAN or content.plan is not None):
             found.append(link(beside(place, name), words))
     entries = [*found, *more]
