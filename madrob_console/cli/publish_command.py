@@ -57,7 +57,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.publishing.site_folder import SiteRefusedError, write_site
 
     content = _content(arguments)
-    site: Path = arguments.site.expanduser()
+    site = _site(arguments)
     files, without = site_files(content)
     try:
         with progress("files") as tell:
@@ -79,7 +79,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _content(arguments: argparse.Namespace) -> SiteContent:
     from madrob_console.config import load_settings
-    from madrob_console.publishing.site_content import SiteContent
+    from madrob_console.publishing.site_content import SiteContent, zip_place
     from madrob_console.referee.competition_plan import plan_progress
     from madrob_console.standings.competition import competition_standings, entering_runs
     from madrob_console.version import software_version
@@ -111,7 +111,15 @@ def _content(arguments: argparse.Namespace) -> SiteContent:
         plan=plan_progress(plan, found.runs, name) if plan.lines else None,
         names=names,
         software=software_version(),
+        zips=frozenset(
+            run.subject for run in runs if (_site(arguments) / zip_place(run.subject)).is_file()
+        ),
     )
+
+
+def _site(arguments: argparse.Namespace) -> Path:
+    site: Path = arguments.site
+    return site.expanduser()
 
 
 def _name_without_report(runs: Sequence[RunSummary]) -> None:

@@ -9,6 +9,7 @@ from madrob_console.publishing.multiples import BOXES_NOTE, boxes
 from madrob_console.publishing.site_content import (
     ORDER,
     SiteContent,
+    alike_among,
     best_of,
     condition_place,
     reading_order,
@@ -16,7 +17,7 @@ from madrob_console.publishing.site_content import (
 from madrob_console.publishing.site_frame import run_link, runs_table, site_page, team_link
 from madrob_console.report.explanations import task_text
 from madrob_console.report.markup import Content, Markup, element, section
-from madrob_console.standings.competition import RulesetStandings
+from madrob_console.standings.competition import SIGNS, RulesetStandings
 from madrob_console.standings.tally import Standing
 from madrob_console.standings.web_page import how_to_read, teams_table
 from scoring.protocol import Condition
@@ -43,6 +44,12 @@ def condition_page(content: SiteContent, number: int) -> str:
     )
 
 
+_FAILED_ENTER = (
+    "Timed-out runs enter these means, too, but not that of the execution time: a team's runs say "
+    "how many there are."
+)
+
+
 def _group(
     content: SiteContent,
     place: str,
@@ -67,8 +74,14 @@ def _group(
 
     yield section(
         f"The best run of each team{rules}",
-        element("p", ORDER),
-        runs_table("team", rows(), ("run",), "The best valid run of each team"),
+        element("p", f"{ORDER} {SIGNS}."),
+        runs_table(
+            "team",
+            rows(),
+            ("run",),
+            "The best valid run of each team",
+            alike_among([run for run in best.values() if run is not None]),
+        ),
     )
     yield section(
         f"All valid runs{rules}",
@@ -77,6 +90,7 @@ def _group(
     )
     yield section(
         f"Means{rules}",
+        element("p", _FAILED_ENTER),
         teams_table(
             ordered,
             f"Condition {condition.number}, {condition.benchmark_type}{rules}",

@@ -23,8 +23,9 @@ BOXES_NOTE = (
     "Before them: how many completed + failed."
 )
 CURVES_NOTE = (
-    "Points: completed runs, joined within a condition, whose number stands beside them, with "
-    f"their expanded uncertainty; {FAILED}: runs that failed, in no curve."
+    "Points: completed runs with their expanded uncertainty, joined within a condition, whose "
+    f"number stands at the last one. {FAILED}: runs that failed, in no curve and, where they lie "
+    "beyond the scale, at its edge."
 )
 
 _MOST_SPOKEN = 12  # values in the words of one drawing; all stand in the tables

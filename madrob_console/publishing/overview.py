@@ -11,7 +11,9 @@ from madrob_console.publishing.site_content import (
     HALL,
     PLAN,
     TEAMS_ORDER,
+    Alike,
     SiteContent,
+    alike_among,
     beside,
     best_of,
     reading_order,
@@ -38,7 +40,7 @@ from madrob_console.report.markup import (
     section,
     table,
 )
-from madrob_console.standings.competition import RulesetStandings
+from madrob_console.standings.competition import SIGNS, RulesetStandings
 from madrob_console.standings.plan_table import NOTES, summary_words
 from madrob_console.standings.tally import Overall
 from madrob_console.standings.web_page import counts
@@ -173,7 +175,7 @@ def _standings(content: SiteContent, place: str) -> Content:
     return [
         section(
             f"Standings, ruleset {group.ruleset}" if several else "Standings",
-            element("p", TEAMS_ORDER),
+            element("p", f"{TEAMS_ORDER} {SIGNS}."),
             _group_table(content, place, group),
         )
         for group in groups
@@ -191,13 +193,20 @@ def _group_table(content: SiteContent, place: str, group: RulesetStandings) -> M
         for team in group.overall
     }
     numbers = [condition.number for condition in group.conditions]
+    alike = {
+        folder: names
+        for number in numbers
+        for folder, names in alike_among(
+            [of_team[number] for of_team in best.values() if number in of_team]
+        ).items()
+    }
     ordered = sorted(group.overall, key=lambda team: _team_order(best[team.subject], team.subject))
 
     def row(team: Overall) -> Iterator[Content]:
         yield team_link(content, place, team.subject)
         for number in numbers:
             run = best[team.subject].get(number)
-            yield NONE if run is None else _best_cell(content, place, run)
+            yield NONE if run is None else _best_cell(content, place, run, alike)
         yield ", ".join(counts(team))
 
     heads = ("team", *(condition_link(content, place, number) for number in numbers), "runs")
@@ -222,12 +231,12 @@ def _team_order(best: dict[int, RunSummary], subject: int) -> tuple[float, ...]:
     return -highest, -levels.count(highest), -completed, subject
 
 
-def _best_cell(content: SiteContent, place: str, run: RunSummary) -> Content:
+def _best_cell(content: SiteContent, place: str, run: RunSummary, alike: Alike) -> Content:
     level = value_cell(run, IndicatorName.CAPABILITY_LEVEL)
     time = IndicatorName.EXECUTION_TIME
     words = ("level ", level)
     if run.outcome is Outcome.COMPLETED:
-        return run_link(content, place, run, words), " ", value_cell(run, time), " s"
+        return run_link(content, place, run, words), " ", value_cell(run, time, alike), " s"
     return run_link(content, place, run, words), f" {run.outcome_word}"
 
 

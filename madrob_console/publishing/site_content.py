@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
+from itertools import combinations
 from pathlib import Path, PurePosixPath
+from typing import TypeAlias
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
 from madrob_console.archive.history import RunSummary
@@ -18,6 +20,7 @@ from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.standings.competition import CompetitionStandings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
+from scoring.result import distinguishable
 
 HALL, PLAN = "hall.html", "plan.html"
 
@@ -49,6 +52,7 @@ class SiteContent:
         plan: and how much of it is done; None = there is none.
         names: subject -> team.
         software: the version that makes the pages.
+        zips: the teams whose zip somebody has put on the site.
     """
 
     root: Path
@@ -57,6 +61,7 @@ class SiteContent:
     plan: PlanProgress | None
     names: Mapping[int, str]
     software: str
+    zips: frozenset[int] = frozenset()
 
     @property
     def title(self) -> str:
@@ -116,6 +121,11 @@ def team_place(subject: int) -> str:
     return f"teams/{subject:03d}.html"
 
 
+def zip_place(subject: int) -> str:
+    """Where the zip of a team lies, if somebody puts it there: `madrob export --output`."""
+    return f"downloads/team_{subject:03d}.zip"
+
+
 def condition_place(number: int) -> str:
     """The page of a condition."""
     return f"conditions/{number:02d}.html"
@@ -155,6 +165,28 @@ def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:
 def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
     """The run that stands for a team; None without a valid one."""
     return min((run for run in runs if run.valid), key=reading_order, default=None)
+
+
+Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
+"""By the folder of a run, the indicators in which it is not distinguishable from another one."""
+
+NONE_ALIKE: Alike = {}
+
+
+def alike_among(runs: Sequence[RunSummary]) -> Alike:
+    """Of runs that stand beside each other (protocol section 11)."""
+    found: dict[str, set[IndicatorName]] = defaultdict(set)
+    for name in IndicatorName:
+        known = [
+            (run.folder, run.values[name], run.uncertainties[name])
+            for run in runs
+            if name in run.values and name in run.uncertainties
+        ]
+        for (one, value, spread), (two, other, its) in combinations(known, 2):
+            if not distinguishable(value, other, spread, its):
+                found[one].add(name)
+                found[two].add(name)
+    return {folder: frozenset(names) for folder, names in found.items()}
 
 
 def drawable(run: RunSummary, name: IndicatorName) -> float | None:

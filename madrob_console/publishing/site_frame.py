@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import RunSummary, condition_words
 from madrob_console.publishing.site_content import (
+    NONE_ALIKE,
     PLAN,
+    Alike,
     SiteContent,
     beside,
     condition_place,
@@ -27,6 +29,7 @@ from madrob_console.report.markup import (
     skip_link,
     table,
 )
+from madrob_console.standings.tally import ALIKE
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import uncertainty_text, value_text
@@ -106,7 +109,8 @@ def condition_link(content: SiteContent, place: str, number: int) -> Content:
 def run_link(content: SiteContent, place: str, run: RunSummary, words: Content) -> Content:
     """A run, as seen from a page; without a link where it has no page."""
     target = content.places.get(run.folder)
-    return link(beside(place, target), words) if target else words
+    whole = element("span", words, class_="whole")
+    return link(beside(place, target), whole) if target else whole
 
 
 def task_words_of(number: int) -> str:
@@ -124,13 +128,20 @@ def outcome_cell(run: RunSummary) -> Content:
     return element("b", run.outcome_word), " ", below
 
 
-def value_cell(run: RunSummary, name: IndicatorName) -> Content:
-    """The value of an indicator with its uncertainty, in the digits that a report has."""
+def value_cell(run: RunSummary, name: IndicatorName, alike: Alike = NONE_ALIKE) -> Content:
+    """The value of an indicator with its uncertainty, in the digits that a report has.
+
+    Args:
+        run: which one.
+        name: which indicator.
+        alike: of the runs beside which it stands.
+    """
+    sign = run.sign(name) + (ALIKE if name in alike.get(run.folder, ()) else "")
     value = run.values.get(name)
     if value is None:
         return f"{NONE}{run.sign(name)}"
     known = run.uncertainties.get(name)
-    text = f"{value_text(value, known)}{run.sign(name)} {uncertainty_text(known)}".rstrip()
+    text = f"{value_text(value, known)}{sign} {uncertainty_text(known)}".rstrip()
     return element("span", text, class_="whole")
 
 
@@ -145,6 +156,7 @@ def runs_table(
     rows: Iterable[tuple[RunSummary, Sequence[Content]]],
     second: Sequence[str],
     caption: Content,
+    alike: Alike = NONE_ALIKE,
 ) -> Markup:
     """Runs with how they ended and all of their values; level first.
 
@@ -153,12 +165,13 @@ def runs_table(
         rows: a run, and the cells before its outcome.
         second: over the other cells before its outcome.
         caption: what it shows.
+        alike: of them.
     """
     level = IndicatorName.CAPABILITY_LEVEL
     names = (level, *(name for name in IndicatorName if name is not level))
     every = list(rows)
     cells = [
-        (*before, outcome_cell(run), *(value_cell(run, name) for name in names))
+        (*before, outcome_cell(run), *(value_cell(run, name, alike) for name in names))
         for run, before in every
     ]
     marks = ["" if run.outcome is Outcome.COMPLETED else "failed" for run, _ in every]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.publishing.multiples import CURVES_NOTE, curves
-from madrob_console.publishing.site_content import SiteContent, team_place
+from madrob_console.publishing.site_content import SiteContent, beside, team_place, zip_place
 from madrob_console.publishing.site_frame import (
     condition_link,
     run_link,
@@ -16,7 +16,7 @@ from madrob_console.publishing.site_frame import (
     task_words_of,
 )
 from madrob_console.report.explanations import MANUAL_START_NOTE, UNCERTAINTY_NOTE
-from madrob_console.report.markup import NOTHING, Content, Markup, element, said, section
+from madrob_console.report.markup import NOTHING, Content, Markup, element, link, said, section
 from madrob_console.standings.competition import why_left_out
 from madrob_console.standings.web_page import counts
 
@@ -41,7 +41,7 @@ def team_page(content: SiteContent, subject: int) -> str:
         *parts,
         section("How to read it", *(element("small", one) for one in _NOTES)),
         title=f"Team {content.who(subject)}",
-        lines=_lines(content, subject, runs),
+        lines=_lines(content, place, subject, runs),
     )
 
 
@@ -56,7 +56,9 @@ _NOTES = (
 )
 
 
-def _lines(content: SiteContent, subject: int, runs: Sequence[RunSummary]) -> Iterator[Content]:
+def _lines(
+    content: SiteContent, place: str, subject: int, runs: Sequence[RunSummary]
+) -> Iterator[Content]:
     for group in content.standings.groups:
         for team in group.overall:
             if team.subject == subject:
@@ -66,6 +68,8 @@ def _lines(content: SiteContent, subject: int, runs: Sequence[RunSummary]) -> It
     testbeds = sorted({run.testbed for run in runs if run.testbed})
     if len(testbeds) > 1:
         yield "On the testbeds ", said(", ".join(testbeds)), "."
+    if subject in content.zips:
+        yield link(beside(place, zip_place(subject)), "All of it in one zip"), "."
 
 
 def _by_condition(

@@ -85,7 +85,7 @@ def day_curve(
             f'<text stroke="none" x="{place:g}%" y="{bottom + 16}" text-anchor="{anchor}">'
             f"{words}</text>"
         )
-    several = len({point.curve for point in points}) > 1
+    named = {point.curve: point for point in points}  # the last one of each
     curves: dict[int, list[DayPoint]] = defaultdict(list)
     drawn = []
     for point in points:
@@ -98,7 +98,7 @@ def day_curve(
                 f'<text x="{x:g}%" y="{y + 4:g}" text-anchor="middle" '
                 f'style="color: {RED}; font-weight: bold">{FAILED}</text>'
             )
-        if several:
+        if len(named) > 1 and named[point.curve] is point:
             drawn.append(f'<text x="{x:g}%" dx="5" y="{y - 4:g}">{point.curve}</text>')
     joined = [
         f'<line x1="{left(a.time):g}%" y1="{top(a.value):g}" '

@@ -12,6 +12,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary
@@ -19,7 +21,10 @@ from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.publishing.overview import REFRESH
+from madrob_console.publishing.publish import site_files
+from madrob_console.publishing.site_content import SiteContent, condition_place, team_place
 from madrob_console.publishing.site_folder import SiteFile, SiteRefusedError, write_site
+from madrob_console.standings.competition import competition_standings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
@@ -69,9 +74,9 @@ def results(tmp_path: Path) -> Path:
 def publish(results: Path, *options: object, site: str = "site") -> Path:
     """Publish them; returns the folder of the site."""
     folder, plan = results.parent / site, results.parent / "plan.csv"
-    settings = results.parent / "madrob.toml"
-    settings.write_text(f'[competition]\nname = "{CUP}"\n')
-    where = ("--results", results, "--settings", settings, "--plan", plan)
+    chosen = results.parent / "madrob.toml"
+    chosen.write_text(f'[competition]\nname = "{CUP}"\n')
+    where = ("--results", results, "--settings", chosen, "--plan", plan)
     assert main(["publish", str(folder), *map(str, (*where, *options))]) == 0
     return folder
 
@@ -187,6 +192,29 @@ def test_flags_voids_protests_doubts_and_reasons_are_told(results: Path) -> None
     assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
 
 
+def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:
+    near = Uncertainty(0.5, 1.0)
+    write(results, of(5, condition=3, own={TIME: 20.0}, uncertainties={TIME: near}))
+    write(results, of(6, condition=3, own={TIME: 20.9}, uncertainties={TIME: near}))
+    write(results, of(8, condition=3, own={TIME: 30.0}, uncertainties={TIME: near}))
+    site = publish(results)
+    for name in ("conditions/03.html", "index.html"):
+        text = (site / name).read_text()
+        assert ">20~ +- 1<" in text
+        assert ">21~ +- 1<" in text
+        assert ">30 +- 1<" in text
+
+
+def test_a_teams_zip_is_linked_once_it_is_there_and_stays(results: Path) -> None:
+    zipped = publish(results) / "downloads/team_003.zip"
+    zipped.parent.mkdir()
+    zipped.write_bytes(b"PK")
+    site = publish(results)
+    assert "../downloads/team_003.zip" in Page(site / "teams/003.html").found("href")
+    assert "../downloads/team_001.zip" not in Page(site / "teams/001.html").found("href")
+    assert zipped.read_bytes() == b"PK"
+
+
 def test_practice_is_published_apart_and_says_so(results: Path) -> None:
     assert not any("Rehearsal" in page.path.read_text() for page in pages(publish(results)))
     apart = publish(results, "--practice", site="apart")
@@ -248,6 +276,44 @@ def test_two_halls_are_one_competition(results: Path) -> None:
     site = results.parent / "both"
     assert main(["publish", str(site), str(results), str(other)]) == 0
     assert len(list(site.glob("runs/*/index.html"))) == 2 * (len(RUNS) - 1)
+
+
+_NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            of,
+            st.integers(1, 3),
+            st.integers(1, 999),
+            st.sampled_from([1, 7]),
+            own=st.fixed_dictionaries({TIME: _NUMBERS, SMOOTH: _NUMBERS, LEVEL: st.integers()}),
+            uncertainties=st.just({}) | st.builds(lambda x: {TIME: Uncertainty(x, x)}, _NUMBERS),
+            outcome=st.sampled_from(Outcome),
+            ruleset=st.sampled_from(["protocol", "robust-2026"]),
+        ),
+        max_size=6,
+        unique_by=lambda run: run.folder,
+    )
+)
+def test_whatever_results_say_there_are_pages(runs: list[RunSummary]) -> None:
+    runs = sorted(runs, key=lambda run: run.started)
+    content = SiteContent(
+        root=Path("nowhere"),
+        runs=runs,
+        standings=competition_standings(runs, made=0.0),
+        plan=None,
+        names={},
+        software="1",
+    )
+    files, without = site_files(content)
+    assert without == list(runs)
+    names = {file.name for file in files}
+    assert {team_place(run.subject) for run in runs} <= names
+    assert {condition_place(run.condition) for run in runs} <= names
+    assert set(content.places.values()) <= names
 
 
 # ---------------------------------------------------------------- what is written
