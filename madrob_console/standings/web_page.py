@@ -58,6 +58,7 @@ def standings_html(found: CompetitionStandings, software: str) -> str:
             element("p", "No run counts yet.") if not found.groups else (),
             section("Runs that count, with flags", listed(_flagged(found), "None.")),
             section("Runs that do not count", listed(_left_out(found), "None.")),
+            section("How to read the numbers", how_to_read()),
             id=SKIP,
         ),
         _foot(software),
@@ -76,7 +77,6 @@ def _top(found: CompetitionStandings) -> Markup:
         [element("p", element("strong", said(remark))) for remark in found.remarks],
         element("p", found.basis),
         element("p", BY_NUMBER),
-        how_to_read(),
     )
 
 

@@ -99,7 +99,11 @@ def day_curve(
                 f'style="color: {RED}; font-weight: bold">{FAILED}</text>'
             )
         if len(named) > 1 and named[point.curve] is point:
-            drawn.append(f'<text x="{x:g}%" dx="5" y="{y - 4:g}">{point.curve}</text>')
+            anchor, aside = ("end", -6) if x > _RIGHT - 4 else ("start", 5)
+            drawn.append(
+                f'<text x="{x:g}%" dx="{aside}" y="{y - 4:g}" text-anchor="{anchor}">'
+                f"{point.curve}</text>"
+            )
     joined = [
         f'<line x1="{left(a.time):g}%" y1="{top(a.value):g}" '
         f'x2="{left(b.time):g}%" y2="{top(b.value):g}"/>'

@@ -168,6 +168,22 @@ def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
 
 
 @pytest.mark.machine
+@pytest.mark.slow
+def test_madrob_run_writes_the_pages_that_the_settings_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "madrob.toml"
+    flags = ["--testbed", "simulated", "--speed=0", "--countdown=1", "--timeout=1", "--no-report"]
+    for site, said in (("site", "run folder: "), (".", "holds other things; name an empty")):
+        settings.write_text(
+            f'[results]\nfolder = "{tmp_path}/runs"\npublish = "{tmp_path / site}"\n'
+        )
+        assert main(["run", *flags, f"--settings={settings}"]) == 3
+        assert said in capsys.readouterr().out
+    assert "No run counts yet." in (tmp_path / "site/index.html").read_text()  # practice never does
+
+
+@pytest.mark.machine
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
     write(tmp_path / "runs", summary(3))
     engine = simulated(tmp_path / "runs")
