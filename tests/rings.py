@@ -36,6 +36,7 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/files": Ring.PURE,
     "madrob_console/messages": Ring.PURE,
     "madrob_console/preparing": Ring.PURE,
+    "madrob_console/publishing": Ring.PURE,
     "madrob_console/referee": Ring.PURE,
     "madrob_console/report": Ring.PURE,
     "madrob_console/standings": Ring.PURE,

@@ -39,6 +39,9 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
+INDEX_PAGE = "index.html"
+"""Where the pages of a competition begin; a run has one of its own among them."""
+
 RESULT_FORMAT: Final = 1
 """Version of the layout of `result.json`."""
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options
 from madrob_console.cli.parsing import whole_number
 from madrob_console.cli.problems import BAD_INPUT, complain
+from madrob_console.cli.which_runs import named_places, site_arguments
 from madrob_console.kinds import SourceKind
 from madrob_console.version import software_version
 from scoring.imports import imports_kept
@@ -148,8 +149,9 @@ def serve(arguments: argparse.Namespace) -> int:
         reporting = Reporting(
             aside.COMMAND,
             lambda: engine.busy,
-            _where(arguments, settings),
+            named_places(arguments, settings),
             reports=settings.results.reports,
+            publish=site_arguments(arguments, settings),
         )
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
         try:
@@ -195,16 +197,6 @@ def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:
     from madrob_console.engine.process.attendant import Attendant
 
     engine.source.attend(Attendant(local, settings.ros.services, settings.checks.rate))
-
-
-def _where(arguments: argparse.Namespace, settings: Settings) -> list[str]:
-    """The options of `madrob export` that name the results folder, the settings and the teams."""
-    where = [f"--results={options.results_folder(arguments, settings)}"]
-    if arguments.settings is not None:
-        where.append(f"--settings={arguments.settings}")
-    if arguments.teams is not None:
-        where.append(f"--teams={arguments.teams}")
-    return where
 
 
 def _idle_time(arguments: argparse.Namespace, settings: Settings, kind: SourceKind) -> float:

@@ -7,12 +7,9 @@ from pathlib import Path
 
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
-from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import read_bounded, stamp_of
-from madrob_console.report.markup import made_of
-
-_HEAD = 1000  # bytes of a report in which it says what it was made of
+from madrob_console.files.bounded import stamp_of
+from madrob_console.report.old_reports import report_is_old
 
 
 def repair_run(folder: Path) -> bool:
@@ -33,7 +30,7 @@ def repair_run(folder: Path) -> bool:
     from madrob_console.version import software_version
 
     scored = repair(folder)
-    if scored is None and _report_is_old(folder):
+    if scored is None and report_is_old(folder):
         scored = score_opened(folder)
     if scored is None:
         return False
@@ -52,19 +49,8 @@ def repair_all(root: Path) -> Iterator[str]:
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
-        if folder in repairable or _report_is_old(folder):
+        if folder in repairable or report_is_old(folder):
             try:
                 repair_run(folder)
             except MadrobError as error:
                 yield str(error)
-
-
-def _report_is_old(folder: Path) -> bool:
-    """Whether there is a report that says it was made of another journal than the result."""
-    try:
-        head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
-        result, _ = read_result(str(folder))
-    except (OSError, UnusableResultError):
-        return False
-    told = made_of(head.decode(errors="replace"))
-    return None not in (told, result.journal) and told != result.journal

@@ -127,6 +127,7 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.owning import owning
         from madrob_console.cli.session import open_engine
         from madrob_console.cli.unattended import UnattendedRun, print_replay
+        from madrob_console.cli.which_runs import site_arguments
         from madrob_console.config import load_settings
         from madrob_console.engine.process.place import place_of
         from madrob_console.engine.process.reporting import Reporting
@@ -141,7 +142,10 @@ def main(arguments: argparse.Namespace) -> int:
     engine.hear_of_teams(teams)
     live = engine.source.kind is SourceKind.ROS
     reports = settings.results.reports and not arguments.no_report
-    reporting = Reporting(aside.COMMAND, lambda: engine.busy) if reports else None
+    site = site_arguments(arguments, settings)
+    reporting = None
+    if reports or site:
+        reporting = Reporting(aside.COMMAND, lambda: engine.busy, reports=reports, publish=site)
     run = UnattendedRun(engine, reporting)
     owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
-from madrob_console.cli.parsing import whole_number
+from madrob_console.cli import options, which_runs
 from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
@@ -18,8 +16,6 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.collection import Collection
-    from madrob_console.config import Settings
     from madrob_console.standings.competition import CompetitionStandings
 
 _STDOUT = Path("-")
@@ -52,18 +48,7 @@ def add(commands: options.Commands) -> None:
             metavar="FILE",
             help=f"{text}; - = standard output",
         )
-    parser.add_argument(
-        "--best",
-        type=whole_number,
-        default=None,
-        metavar="N",
-        help="only the N best runs of each team in each condition, 0 = all; else setting "
-        "`competition.best_runs`",
-    )
-    parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
-    parser.add_argument(
-        "--practice", action="store_true", help="the practice runs instead, marked as such"
-    )
+    which_runs.add_which_runs(parser)
     options.add_teams(parser)
     options.add_run_paths(parser)
     options.add_settings(parser)
@@ -88,8 +73,9 @@ def main(arguments: argparse.Namespace) -> int:
     _refuse_sharing(targets)
     told = sys.stderr if _STDOUT in targets.values() else sys.stdout
     settings = load_settings(arguments.settings)
-    collection = _collection(arguments, settings)
-    found = _standings(arguments, settings, collection)
+    which_runs.demand_results(arguments, settings)
+    collection = options.collection(arguments, settings)
+    found = which_runs.standings(arguments, settings, collection)
     for kind, path in targets.items():
         data = makers[kind](found)
         if path == _STDOUT:
@@ -107,34 +93,6 @@ def main(arguments: argparse.Namespace) -> int:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run, _ in found.left_out if run.problem)
     return BAD_INPUT if complaints.count else 0
-
-
-def _collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
-    """The runs that are asked for."""
-    if not arguments.paths:
-        results = options.results_folder(arguments, settings)
-        if not results.is_dir():
-            raise MadrobError(f"{results}: no such results folder; name one with --results")
-    return options.collection(arguments, settings)
-
-
-def _standings(
-    arguments: argparse.Namespace, settings: Settings, collection: Collection
-) -> CompetitionStandings:
-    """The standings that are asked for."""
-    from madrob_console.standings.competition import competition_standings
-
-    best = settings.competition.best_runs if arguments.best is None else arguments.best
-    if best < 0:
-        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
-    return competition_standings(
-        collection.runs,
-        made=time.time(),
-        competition=arguments.competition,
-        official=not arguments.practice,
-        best=best,
-        listed=options.team_list(arguments, settings).names,
-    )
 
 
 def _refuse_sharing(targets: dict[str, Path]) -> None:

@@ -313,9 +313,14 @@ class Results(SettingsTable, frozen=True):
         "~/madrob_runs"
     )
     reports: Annotated[bool, Meta(description="make report.html after every result")] = True
+    publish: Annotated[
+        str, Meta(description="folder of the competition's pages, written again after every result")
+    ] = ""
 
     def __post_init__(self) -> None:
         _demand_whole_path("folder", self.folder)
+        if self.publish:
+            _demand_whole_path("publish", self.publish)
 
     @property
     def root(self) -> Path:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import cache
 from importlib.resources import files
+from itertools import chain, repeat
 from typing import TypeAlias
 from urllib.parse import quote
 
@@ -24,30 +26,54 @@ Content: TypeAlias = "str | Iterable[Content]"
 NOTHING = Markup()
 
 _MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
+_ELEMENT = re.compile("<[^>]*>")
 _VOID = frozenset({"br", "meta"})
 _INLINE = frozenset({"a", "b", "bdi", "del", "small", "span", "strong"})
 
 
-def page(title: str, *body: Content, style: str = "", journal: JournalMark | None = None) -> str:
+def page(
+    title: str,
+    *body: Content,
+    head: Content = NOTHING,
+    wide: bool = False,
+    journal: JournalMark | None = None,
+) -> str:
     """A whole page without scripts, and nothing from elsewhere.
 
     Args:
         title: in the browser's tab.
         body: of the page.
-        style: CSS for this kind of page, beyond what all have.
+        head: more that its head says.
+        wide: it has many teams or runs.
         journal: of which it was made, for `made_of`; None = nothing is said of it.
     """
     mark = None if journal is None else f"{journal.lines} {journal.sha256}"
-    css = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
-    head = element(
+    sheets = ("report.css", "wide.css") if wide else ("report.css",)
+    css = "".join(_sheet(name) for name in sheets)
+    top = element(
         "head",
         element("meta", charset="utf-8"),
+        head,
         NOTHING if mark is None else element("meta", name="journal", content=mark),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("title", title),
-        element("style", Markup(css + style)),
+        element("style", Markup(css)),
     )
-    return "<!DOCTYPE html>\n" + element("html", head, element("body", body), lang="en")
+    return "<!DOCTYPE html>\n" + element("html", top, element("body", body), lang="en")
+
+
+@cache
+def _sheet(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+SKIP = "main"
+"""The name under which the link on top of a wide page finds what it is about."""
+
+
+def skip_link() -> Markup:
+    """For who goes by keyboard: past everything that all pages have."""
+    return element("a", "Skip to the content", href=f"#{SKIP}", class_="skip")
 
 
 def made_of(head: str) -> JournalMark | None:
@@ -96,16 +122,43 @@ def said(text: str) -> Markup:
     return element("bdi", text)
 
 
-def table(head: Iterable[Content], rows: Iterable[Iterable[Content]], class_: str) -> Markup:
-    """A table whose first column names the rows; a narrow screen shows a row as a card."""
+def table(
+    head: Iterable[Content],
+    rows: Iterable[Iterable[Content]],
+    class_: str,
+    caption: Content = NOTHING,
+    marked: Sequence[str] = (),
+) -> Markup:
+    """A table whose first column names the rows; a narrow screen shows a row as a card.
+
+    Args:
+        head: over the columns.
+        rows: their cells.
+        class_: of the table, for the style sheet.
+        caption: what it shows; nothing = what stands before it says so.
+        marked: the class of each row, or empty text; shorter = the others have none.
+    """
     names = [together(name) for name in head]
     body = []
-    for first, *cells in rows:
+    for row, mark in zip(rows, chain(marked, repeat("")), strict=False):
+        first, *cells = row
         named = zip(names[1:], cells, strict=True)
-        data = [element("td", cell, data_name=html.unescape(name)) for name, cell in named]
-        body.append(element("tr", element("th", first, scope="row"), data))
+        data = [element("td", cell, data_name=_plain(name)) for name, cell in named]
+        of = {"class_": mark} if mark else {}
+        body.append(element("tr", element("th", first, scope="row"), data, **of))
     heads = element("tr", [element("th", name, scope="col") for name in names])
-    return element("table", element("thead", heads), element("tbody", body), class_=class_)
+    told = element("caption", caption) if caption else NOTHING
+    return element("table", told, element("thead", heads), element("tbody", body), class_=class_)
+
+
+def _plain(name: Markup) -> str:
+    """Its words, without elements."""
+    return html.unescape(_ELEMENT.sub("", name))
+
+
+def scrolled(what: Markup, name: str) -> Markup:
+    """Something wide, in a place of its own that goes to the side, by the keyboard, too."""
+    return element("div", what, class_="scroll", role="region", aria_label=name, tabindex="0")
 
 
 def listed(items: Iterable[Content], nothing: str) -> Markup:

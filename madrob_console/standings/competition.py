@@ -124,15 +124,20 @@ class CompetitionStandings:
 SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
 """What stands behind numbers, where there is no room for more."""
 
-NOTES = (
+BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ranking."
+"""What the order of the standings means."""
+
+NUMBER_NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
     f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
     "All conditions together: every run weighs the same.",
-    "Teams stand in the order of their numbers: the protocol makes no ranking.",
     "+-: of the mean, by measurement alone, rounded up. How much runs vary: std.",
     f"{SIGNS}.",
 )
 """How to read the numbers."""
+
+NOTES = (BY_NUMBER, *NUMBER_NOTES)
+"""The same, and the order."""
 
 
 def competition_standings(
@@ -161,6 +166,45 @@ def competition_standings(
     Raises:
         MadrobError: no run is of this competition.
     """
+    names, entering = entering_runs(runs, competition, official=official)
+    groups = _groups(entering, official=official, best=best, listed=listed or {})
+    teams = {team.subject: team.team for group in groups for team in group.overall}
+
+    def named(run: RunSummary) -> RunSummary:
+        return replace(run, team=teams.get(run.subject, run.team))
+
+    left_out = [
+        LeftOut(named(run), why_left_out(run))
+        for run in entering
+        if not run.valid and not run.never_ran
+    ]
+    return CompetitionStandings(
+        made=made,
+        competitions=tuple(names),
+        official=official,
+        best=best,
+        groups=groups,
+        left_out=tuple(left_out),
+        flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
+        provisional=sum(run.valid and not run.final for run in entering),
+        protested=sum(run.valid and run.closing == "protested" for run in entering),
+        apart=how_testbeds_differ(entering),
+    )
+
+
+def entering_runs(
+    runs: Sequence[RunSummary], competition: str | None, *, official: bool
+) -> tuple[Sequence[str], Sequence[RunSummary]]:
+    """The names of the competitions, and their runs whether they count or not.
+
+    Args:
+        runs: as for `competition_standings`.
+        competition: likewise.
+        official: likewise.
+
+    Raises:
+        MadrobError: no run is of this competition.
+    """
     told = [run for run in runs if _told(run) and _of_kind(run, official=official)]
     names = sorted({run.competition for run in told})
     if competition is not None and competition not in names:
@@ -176,27 +220,7 @@ def competition_standings(
         if (not _told(run) and not (official and run.practice))
         or (_told(run) and _of_kind(run, official=official) and run.competition in names)
     ]
-    groups = _groups(entering, official=official, best=best, listed=listed or {})
-    teams = {team.subject: team.team for group in groups for team in group.overall}
-
-    def named(run: RunSummary) -> RunSummary:
-        return replace(run, team=teams.get(run.subject, run.team))
-
-    left_out = [
-        LeftOut(named(run), _why(run)) for run in entering if not run.valid and not run.never_ran
-    ]
-    return CompetitionStandings(
-        made=made,
-        competitions=tuple(names),
-        official=official,
-        best=best,
-        groups=groups,
-        left_out=tuple(left_out),
-        flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
-        provisional=sum(run.valid and not run.final for run in entering),
-        protested=sum(run.valid and run.closing == "protested" for run in entering),
-        apart=how_testbeds_differ(entering),
-    )
+    return names, entering
 
 
 def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
@@ -275,7 +299,8 @@ def _of_kind(run: RunSummary, *, official: bool) -> bool:
     return run.official if official else run.practice
 
 
-def _why(run: RunSummary) -> str:
+def why_left_out(run: RunSummary) -> str:
+    """Why a run does not count, in words."""
     if run.problem is not None:
         return run.problem
     if run.twin:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from importlib.resources import files
+from collections.abc import Callable, Iterable, Iterator
 
 from madrob_console.archive.history import VOID, RunSummary
 from madrob_console.referee.flags import weighty
@@ -15,18 +14,22 @@ from madrob_console.report.explanations import (
     task_text,
 )
 from madrob_console.report.markup import (
+    SKIP,
     Content,
     Markup,
     element,
     listed,
     page,
     said,
+    scrolled,
     section,
+    skip_link,
     table,
 )
 from madrob_console.standings.competition import (
+    BY_NUMBER,
     CONDITION_NUMBERS,
-    NOTES,
+    NUMBER_NOTES,
     CompetitionStandings,
     RulesetStandings,
     statistics_text,
@@ -47,13 +50,19 @@ def standings_html(found: CompetitionStandings, software: str) -> str:
     kind = "standings" if found.official else "PRACTICE standings"
     return page(
         f"MADROB {kind} {found.title}".rstrip(),
+        skip_link(),
         _top(found),
-        [_group(group, several=several) for group in found.groups],
-        element("p", "No run counts yet.") if not found.groups else (),
-        section("Runs that count, with flags", listed(_flagged(found), "None.")),
-        section("Runs that do not count", listed(_left_out(found), "None.")),
+        element(
+            "main",
+            [_group(group, several=several) for group in found.groups],
+            element("p", "No run counts yet.") if not found.groups else (),
+            section("Runs that count, with flags", listed(_flagged(found), "None.")),
+            section("Runs that do not count", listed(_left_out(found), "None.")),
+            section("How to read the numbers", how_to_read()),
+            id=SKIP,
+        ),
         _foot(software),
-        style=files(__package__).joinpath("standings.css").read_text(encoding="utf-8"),
+        wide=True,
     )
 
 
@@ -67,34 +76,53 @@ def _top(found: CompetitionStandings) -> Markup:
         element("p", f"As of {date_text(found.made)}"),
         [element("p", element("strong", said(remark))) for remark in found.remarks],
         element("p", found.basis),
-        element(
-            "p",
-            "Bold: the mean. +-: its expanded uncertainty (k = 2). n: how many runs have a value, "
-            "where not all have.",
-        ),
-        [element("p", note) for note in (*NOTES, MANUAL_START_NOTE)],
+        element("p", BY_NUMBER),
     )
 
 
+def how_to_read() -> Content:
+    """What the numbers of `teams_table` mean."""
+    bold = (
+        "Bold: the mean. +-: its expanded uncertainty (k = 2). n: how many runs have a value, "
+        "where not all have."
+    )
+    return [element("p", note) for note in (bold, *NUMBER_NOTES, MANUAL_START_NOTE)]
+
+
 def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
-    yield section(f"All conditions together, ruleset {group.ruleset}", _teams(group.overall))
+    title = f"All conditions together, ruleset {group.ruleset}"
+    yield section(title, teams_table(group.overall, title))
     rules = f", ruleset {group.ruleset}" if several else ""
     for condition, standings in group.conditions.items():
         title = f"Condition {condition.number}, {condition.benchmark_type}{rules}"
-        yield section(title, element("p", task_text(condition)), _teams(standings))
+        yield section(title, element("p", task_text(condition)), teams_table(standings, title))
 
 
-def _teams(tallies: Iterable[Tally]) -> Markup:
+def _name(tally: Tally) -> Content:
+    return element("b", str(tally.subject), " ", said(tally.team))
+
+
+def teams_table(
+    tallies: Iterable[Tally], of: str, who: Callable[[Tally], Content] = _name
+) -> Markup:
+    """Teams with what their runs came to.
+
+    Args:
+        tallies: in the order of the rows.
+        of: what the table is of, in words.
+        who: how a team is named.
+    """
     heads = [
         f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
         f"{name.spec.better} is better"
         for name in IndicatorName
     ]
-    return table(("team", "runs", *heads), map(_row, tallies), class_="standings")
+    rows = ((who(tally), *_row(tally)) for tally in tallies)
+    made = table(("team", "runs", *heads), rows, class_="standings", caption=f"Means. {of}.")
+    return scrolled(made, of)
 
 
 def _row(tally: Tally) -> Iterator[Content]:
-    yield element("b", str(tally.subject), " ", said(tally.team))
     lines = list(counts(tally))
     if isinstance(tally, Overall):
         lines.append(f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions")

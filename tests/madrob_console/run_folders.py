@@ -59,6 +59,8 @@ def document(run: RunSummary) -> dict[str, Any]:
         "testbed": run.testbed,
         "quality": {"signals": [{"signal": "door angle", "rate": run.rate}]},
         **({} if run.thresholds is None else {"thresholds": run.thresholds}),
+        **({"voided": {"reason": "the floor was wet"}} if run.voided else {}),
+        **({"flags": msgspec.to_builtins(run.flags)} if run.flags else {}),
         "closure": {"time": 0.0, "referee": "R", "team_word": run.team_word, "note": ""}
         if run.final
         else None,

@@ -1,4 +1,4 @@
-"""What people take away from the engine: the report of each result, and the runs of a team."""
+"""What people take away from the engine: report, pages of the competition, runs of a team."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
 from madrob_console.engine.process.background import PAUSE, Background, Finished
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.names import terminal_safe
@@ -17,6 +17,9 @@ PAGE = "page"
 
 REPAIR = "repair"
 """The chore that makes results again that are not what their journals say: a folder follows."""
+
+PUBLISH = "publish"
+"""The command that writes the competition's pages: their folder and where the runs are follow."""
 
 CLOSING_TIME = 3.0
 """An engine that ends waits so long for what is being made; it gets ready without it, too, s."""
@@ -37,6 +40,7 @@ class Reporting:
         busy: whether a run goes on; may be asked from any thread.
         options: of `madrob export`: results folder, settings.
         reports: whether reports are wanted.
+        publish: of `madrob publish`, after each result; none = nobody wants it.
         pause: before one for which something was wanting is tried again, s.
 
     Attributes:
@@ -50,23 +54,25 @@ class Reporting:
         options: Sequence[str] = (),
         *,
         reports: bool = True,
+        publish: Sequence[str] = (),
         pause: float = PAUSE,
     ) -> None:
         self._unmade: dict[Path, _Unmade] = {}
         self.exported: ExportView | None = None
         self._options = tuple(options)
         self._reports = reports
+        self._publish = tuple(publish)
         self._background = Background(command, busy, pause)
 
     def report(self, folder: Path, scored: bytes | memoryview) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
+        Then the competition's pages are written again.
+
         Args:
             folder: of the run.
             scored: the `Scored` run, pickled.
         """
-        if not self._reports:
-            return
 
         def done(finished: Finished) -> None:
             # a new one, not changed: others read it meanwhile
@@ -76,10 +82,30 @@ class Reporting:
                 unmade[folder] = _Unmade(f"{words}; `madrob report` makes it", finished.again)
             self._unmade = unmade
 
-        self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
+        if self._reports:
+            self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
+        self.publish()
+
+    def publish(self) -> None:
+        """Write the competition's pages again where they have changed, if they are wanted."""
+        if not self._publish:
+            return
+        site = Path(self._publish[0])
+
+        def done(finished: Finished) -> None:
+            unmade = {place: one for place, one in self._unmade.items() if place != site}
+            if finished.code != 0 and finished.said != str(site / INDEX_PAGE):
+                words = f"the pages in {site} are not up to date: {_why(finished)}"
+                unmade[site] = _Unmade(words, finished.again)
+            self._unmade = unmade
+
+        self._background.ask(PUBLISH, [PUBLISH, *self._publish], done)
 
     def repair(self, results: Path) -> None:
-        """Make the results and reports again that a power cut left out of date; never in a run."""
+        """Make the results and reports again that a power cut left out of date; never in a run.
+
+        Then the competition's pages.
+        """
 
         def done(finished: Finished) -> None:
             unmade = {place: one for place, one in self._unmade.items() if place != results}
@@ -88,6 +114,7 @@ class Reporting:
             self._unmade = unmade
 
         self._background.ask(REPAIR, [REPAIR, str(results)], done)
+        self.publish()
 
     def export(self, subject: int, *, practice: bool = False) -> None:
         """Pack the official, or the practice runs of a team into a zip.

@@ -36,8 +36,12 @@ def said(capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_is_typed_is_repeated_without_what_a_terminal_would_obey(
-    command: str, capfd: pytest.CaptureFixture[str]
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.chdir(tmp_path)  # some make what they are told
     for arguments in ([f"--{HOSTILE}x"], [f"{HOSTILE}y"], ["--settings", f"/{HOSTILE}z"]):
         assert said(capfd, command, *arguments) != ""
 

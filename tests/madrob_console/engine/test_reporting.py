@@ -98,6 +98,63 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
 
 
 @pytest.mark.machine
+def test_the_competitions_pages_follow_every_result(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    drive = Drive(tmp_path / "runs", Scenario.NO_TOUCH)
+    options = (str(site), f"--results={tmp_path / 'runs'}", "--practice")
+    reporting = Reporting(aside.COMMAND, lambda: False, publish=options)
+    drive.engine.on_result = reporting.report
+    drive.whole_run(make_setup(timeout=1.0))
+    assert reporting.wait(60.0)
+    assert reporting.problem is None
+    team = site / "teams/003.html"
+    assert "timeout" in team.read_text()
+    assert "PROTESTED" not in team.read_text()
+    assert list(site.glob("runs/*/report.html"))  # it was made before
+    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee"))
+    drive.engine.close()
+    assert reporting.wait(60.0)
+    assert reporting.problem is None
+    assert "PROTESTED" in team.read_text()
+    reporting.close()
+
+
+@pytest.mark.machine
+def test_pages_that_the_disk_refuses_are_a_fault_until_they_are_written(tmp_path: Path) -> None:
+    write(tmp_path / "runs", summary(3))
+    site = tmp_path / "site"
+    options = (str(site), f"--results={tmp_path / 'runs'}")
+    reporting = Reporting(aside.COMMAND, lambda: False, publish=options, pause=0.2)
+    reporting.publish()
+    assert reporting.wait(60.0)
+    (site / "teams/003.html").unlink()
+    (site / "teams").rmdir()
+    (site / "teams").write_text("in the way")
+    reporting.publish()
+    until(lambda: reporting.problem is not None)
+    assert reporting.problem is not None
+    assert f"the pages in {site} are not up to date: {site}: not written" in reporting.problem
+    assert "tried again" in reporting.problem
+    (site / "teams").unlink()
+    until(lambda: reporting.problem is None)
+    assert (site / "teams/003.html").is_file()
+    reporting.close()
+
+
+@pytest.mark.machine
+def test_a_folder_that_is_not_for_pages_is_told_and_not_tried_again(tmp_path: Path) -> None:
+    write(tmp_path / "runs", summary(3))
+    options = (str(tmp_path), f"--results={tmp_path / 'runs'}")
+    reporting = Reporting(aside.COMMAND, lambda: False, publish=options, pause=0.2)
+    reporting.publish()
+    assert reporting.wait(60.0)
+    assert reporting.problem is not None
+    assert "holds other things; name an empty folder" in reporting.problem
+    assert "tried again" not in reporting.problem
+    reporting.close()
+
+
+@pytest.mark.machine
 @pytest.mark.slow
 def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -108,6 +165,22 @@ def test_madrob_run_leaves_a_report_unless_it_is_told_not_to(
         assert main(["run", *flags, f"--results={tmp_path}", *more]) == 3
         folder = Path(capsys.readouterr().out.splitlines()[-1].removeprefix("run folder: "))
         assert (folder / "report.html").exists() == made
+
+
+@pytest.mark.machine
+@pytest.mark.slow
+def test_madrob_run_writes_the_pages_that_the_settings_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "madrob.toml"
+    flags = ["--testbed", "simulated", "--speed=0", "--countdown=1", "--timeout=1", "--no-report"]
+    for site, said in (("site", "run folder: "), (".", "holds other things; name an empty")):
+        settings.write_text(
+            f'[results]\nfolder = "{tmp_path}/runs"\npublish = "{tmp_path / site}"\n'
+        )
+        assert main(["run", *flags, f"--settings={settings}"]) == 3
+        assert said in capsys.readouterr().out
+    assert "No run counts yet." in (tmp_path / "site/index.html").read_text()  # practice never does
 
 
 @pytest.mark.machine

@@ -1,0 +1,118 @@
+"""`madrob publish`: a competition's pages, for a web server, a hall's screen and every phone."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.cli import options, which_runs
+from madrob_console.cli.problems import BAD_INPUT, MOST_ALIKE, Complaints, complain
+from madrob_console.cli.progress import progress
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from madrob_console.archive.collection import Collection
+    from madrob_console.archive.history import RunSummary
+    from madrob_console.config import Settings
+    from madrob_console.publishing.site_content import SiteContent
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "publish",
+        main,
+        "a competition's pages in a folder: overview, teams, conditions, runs, tables",
+        "The pages open from a file and from any web server, run no script and load nothing from "
+        "elsewhere. Only what has changed is written, each file whole; only files that this "
+        "command wrote are removed. hall.html is for a screen in the hall: it is loaded again by "
+        "itself. With setting `results.publish` the engine does this after each result. Exit code "
+        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses.",
+        examples=(
+            "madrob publish ~/site",
+            "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",
+        ),
+    )
+    parser.add_argument(
+        "site", type=Path, metavar="DIR", help="an empty or new folder, or one published before"
+    )
+    which_runs.add_which_runs(parser)
+    options.add_teams(parser)
+    options.add_plan(parser)
+    options.add_run_paths(parser)
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Write what has changed; the last line is the path of the first page."""
+    with imports_kept():
+        from madrob_console.archive.folders import INDEX_PAGE
+        from madrob_console.config import load_settings
+        from madrob_console.publishing.publish import site_files
+        from madrob_console.publishing.site_folder import SiteRefusedError, write_site
+
+    settings = load_settings(arguments.settings)
+    which_runs.demand_results(arguments, settings)
+    found = options.collection(arguments, settings)
+    content = _content(arguments, settings, found)
+    site = _site(arguments)
+    files, without = site_files(content)
+    try:
+        with progress("files") as tell:
+            written = write_site(site, files, tell)
+    except SiteRefusedError:
+        raise
+    except MadrobError as error:
+        complain(error)
+        return os.EX_TEMPFAIL
+    _name_without_report(without)
+    with Complaints() as complaints:
+        complaints.add_each(found.unlisted)
+        complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
+    print(f"{written.files} files, {written.written} written, {written.removed} removed")
+    print(terminal_safe(str(site / INDEX_PAGE)))
+    return BAD_INPUT if complaints.count else 0
+
+
+def _content(arguments: argparse.Namespace, settings: Settings, found: Collection) -> SiteContent:
+    from madrob_console.publishing.site_content import SiteContent, zip_place
+    from madrob_console.referee.competition_plan import plan_progress
+    from madrob_console.standings.competition import entering_runs
+    from madrob_console.version import software_version
+
+    official = not arguments.practice
+    _, runs = entering_runs(found.runs, arguments.competition, official=official)
+    plan = options.plan_source(arguments, settings).read()
+    for problem in plan.problems:
+        complain(problem)
+    name = arguments.competition or settings.competition.name
+    return SiteContent(
+        root=found.root,
+        runs=[run for run in runs if not run.twin and not run.never_ran],
+        standings=which_runs.standings(arguments, settings, found),
+        plan=plan_progress(plan, found.runs, name) if plan.lines else None,
+        names=options.team_list(arguments, settings).names,
+        software=software_version(),
+        zips=frozenset(
+            run.subject for run in runs if (_site(arguments) / zip_place(run.subject)).is_file()
+        ),
+    )
+
+
+def _site(arguments: argparse.Namespace) -> Path:
+    site: Path = arguments.site
+    return site.expanduser()
+
+
+def _name_without_report(runs: Sequence[RunSummary]) -> None:
+    for run in runs[:MOST_ALIKE]:
+        complain(f"note: {run.folder}: no report of its result yet; `madrob report` makes it")
+    if len(runs) > MOST_ALIKE:
+        complain(f"note: and {len(runs) - MOST_ALIKE} more runs without a report")

@@ -1,0 +1,120 @@
+"""All files of a competition's site, from its runs as they are now."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
+from madrob_console.archive.history import RunSummary
+from madrob_console.files.bounded import read_all, stamp_of
+from madrob_console.publishing.condition_page import condition_page
+from madrob_console.publishing.overview import hall_page, overview_page, plan_page
+from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy
+from madrob_console.publishing.run_page import run_page
+from madrob_console.publishing.site_content import (
+    HALL,
+    PLAN,
+    SiteContent,
+    beside,
+    condition_place,
+    report_beside,
+    team_place,
+)
+from madrob_console.publishing.site_folder import SiteFile
+from madrob_console.publishing.site_frame import condition_link, team_link, ways
+from madrob_console.publishing.site_tables import RunTables
+from madrob_console.publishing.team_page import team_page
+from madrob_console.report.explanations import date_text
+from madrob_console.report.markup import link
+from madrob_console.report.old_reports import report_is_old
+from madrob_console.standings.data_files import standings_csv, standings_json
+from madrob_console.standings.plan_table import plan_json
+from madrob_console.tidy.run_tables import RUN_TABLES
+
+
+def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
+    """All files, those that others link to first; and the runs without a report.
+
+    Args:
+        content: of the site.
+    """
+    files: list[SiteFile] = []
+    without = []
+    for run in content.runs:
+        if run.folder in content.places:
+            own = list(_of_run(content, run))
+            files += own
+            if not any(file.name.endswith(REPORT_FILE) for file in own):
+                without.append(run)
+    files += _tables(content)
+    files += [SiteFile.of(team_place(one), team_page(content, one)) for one in content.of_team]
+    files += [
+        SiteFile.of(condition_place(one), condition_page(content, one))
+        for one in content.conditions
+    ]
+    if content.plan is not None:
+        files.append(SiteFile.of(PLAN, plan_page(content, content.plan)))
+    written = date_text(content.standings.made)
+    for name, make in ((HALL, hall_page), (INDEX_PAGE, overview_page)):
+        # that it is later now is alone no reason to write it again
+        files.append(SiteFile.of(name, make(content, written), make(content, "")))
+    return files, without
+
+
+def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
+    """Its report, its result, its page."""
+    place, folder = content.places[run.folder], content.source(run)
+    result = place.replace(place.rpartition("/")[2], RESULT_FILE)
+    named = []
+    stamp = stamp_of(f"{folder}/{REPORT_FILE}")
+    if stamp is not None and not report_is_old(folder):
+        named.append(report_beside(place))
+        key = _key(content.software, stamp, *content.places_of_team(run.subject).values())
+        yield SiteFile(named[0], key, partial(_report, content, run))
+    stamp = stamp_of(f"{folder}/{RESULT_FILE}")
+    if stamp is not None:
+        named.append(result)
+        yield SiteFile(result, _key(stamp), partial(_itself, folder / RESULT_FILE))
+    yield SiteFile.of(place, run_page(content, run, named))
+
+
+def _report(content: SiteContent, run: RunSummary) -> bytes:
+    place = report_beside(content.places[run.folder])
+    around = (
+        link(beside(place, content.places[run.folder]), "this run, short"),
+        team_link(content, place, run.subject),
+        condition_link(content, place, run.condition),
+    )
+    places = content.places_of_team(run.subject)
+    data = read_all(content.source(run) / REPORT_FILE, LARGEST_REPORT)
+    text = data.decode(errors="replace")
+    return report_copy(text, run.folder, places, ways(content, place, around)).encode()
+
+
+def _tables(content: SiteContent) -> Iterator[SiteFile]:
+    tables = RunTables(content)
+    for table in RUN_TABLES:
+        yield SiteFile(f"data/{table.name}.csv", tables.key, partial(tables.csv, table))
+    yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
+    undated = replace(content.standings, made=0.0)
+    yield SiteFile.of(
+        "data/standings.json",
+        standings_json(content.standings, content.software).decode(),
+        standings_json(undated, content.software).decode(),
+    )
+    if content.plan is not None:
+        competition = content.standings.title
+        made = plan_json(content.plan, competition, content.names, content.software)
+        yield SiteFile.of("data/plan.json", made.decode())
+
+
+def _itself(path: Path) -> Path:
+    return path
+
+
+def _key(*of: object) -> str:
+    return sha256("\n".join(map(str, of)).encode()).hexdigest()

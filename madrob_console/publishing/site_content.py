@@ -1,0 +1,198 @@
+"""What a competition's pages are about: its runs, teams and conditions, and where each stands."""
+
+from __future__ import annotations
+
+import math
+import os
+import posixpath
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from itertools import combinations
+from pathlib import Path, PurePosixPath
+from typing import TypeAlias
+
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
+from madrob_console.archive.history import RunSummary
+from madrob_console.referee.competition_plan import PlanProgress
+from madrob_console.standings.competition import CompetitionStandings
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import distinguishable
+
+HALL, PLAN = "hall.html", "plan.html"
+
+ORDER = (
+    "Ordered by capability level first, then completed before failed, then by the execution time "
+    "of completed runs; a value of a failed run never brings it up. The protocol makes no ranking."
+)
+"""How runs stand beside each other, and what that is not."""
+
+TEAMS_ORDER = (
+    "In each condition a team's best run: the highest capability level, completed before failed, "
+    "then the least execution time. Teams are ordered by their highest level, then by in how many "
+    "conditions they reached it, then by how many they completed; values of failed runs order "
+    "nothing. The protocol makes no ranking."
+)
+"""The same of teams over all conditions."""
+
+_LARGEST_DRAWN = 1e12
+
+
+@dataclass(frozen=True)
+class SiteContent:
+    """A competition as its pages show it.
+
+    Attributes:
+        root: where the folders of the runs are seen from.
+        runs: all of the competition, whether they count or not, oldest first, each once.
+        standings: of them.
+        plan: and how much of it is done; None = there is none.
+        names: subject -> team.
+        software: the version that makes the pages.
+        zips: the teams whose zip somebody has put on the site.
+    """
+
+    root: Path
+    runs: Sequence[RunSummary]
+    standings: CompetitionStandings
+    plan: PlanProgress | None
+    names: Mapping[int, str]
+    software: str
+    zips: frozenset[int] = frozenset()
+
+    @property
+    def title(self) -> str:
+        """What stands over every page."""
+        kind = "" if self.standings.official else "PRACTICE "
+        return f"{self.standings.title or 'MADROB'}: {kind}results"
+
+    @cached_property
+    def of_team(self) -> Mapping[int, Sequence[RunSummary]]:
+        """The runs of each team, by its number, oldest first."""
+        found: dict[int, list[RunSummary]] = defaultdict(list)
+        for run in self.runs:
+            found[run.subject].append(run)
+        return {subject: found[subject] for subject in sorted(found)}
+
+    @cached_property
+    def conditions(self) -> Sequence[int]:
+        """The numbers of those that were run and count."""
+        groups = self.standings.groups
+        return sorted({one.number for group in groups for one in group.conditions})
+
+    @cached_property
+    def places(self) -> Mapping[str, str]:
+        """The page of each run that has a result, by the run's folder."""
+        return {
+            run.folder: f"runs/{_called(run)}/{INDEX_PAGE}"
+            for run in self.runs
+            if run.outcome is not None and run.problem is None
+        }
+
+    def places_of_team(self, subject: int) -> Mapping[str, str]:
+        """Those of a team."""
+        folders = (run.folder for run in self.of_team[subject])
+        return {folder: self.places[folder] for folder in folders if folder in self.places}
+
+    def team_name(self, subject: int) -> str:
+        """Of a team, as the standings have it; empty where it has none."""
+        if found := self._standing_names.get(subject):
+            return found
+        return self.names.get(subject, "")
+
+    @cached_property
+    def _standing_names(self) -> Mapping[int, str]:
+        return {one.subject: one.team for group in self.standings.groups for one in group.overall}
+
+    def who(self, subject: int) -> str:
+        """A team in words: its number and its name."""
+        return f"{subject} {self.team_name(subject)}".rstrip()
+
+    def source(self, run: RunSummary) -> Path:
+        """The folder of a run."""
+        return self.root / run.folder
+
+
+def team_place(subject: int) -> str:
+    """The page of a team."""
+    return f"teams/{subject:03d}.html"
+
+
+def zip_place(subject: int) -> str:
+    """Where the zip of a team lies, if somebody puts it there: `madrob export --output`."""
+    return f"downloads/team_{subject:03d}.zip"
+
+
+def condition_place(number: int) -> str:
+    """The page of a condition."""
+    return f"conditions/{number:02d}.html"
+
+
+def beside(page: str, name: str) -> str:
+    """Where a file of the site lies, as seen from one of its pages."""
+    return posixpath.relpath(name, posixpath.dirname(page) or ".")
+
+
+def report_beside(page: str) -> str:
+    """The report of a run, by the run's page."""
+    return str(PurePosixPath(page).with_name(REPORT_FILE))
+
+
+def _called(run: RunSummary) -> str:
+    """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
+    name = os.path.basename(run.folder)  # noqa: PTH119  of text
+    own = run.run_id[-8:] if run.run_id[-8:].isalnum() else ""
+    return f"{name}_{own or sha256(run.folder.encode()).hexdigest()[:8]}"
+
+
+def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:
+    """By which runs and teams stand beside each other; smaller is further up.
+
+    As `rank`, but for the time of failed runs, which is none of the robot's.
+    """
+    completed = run.outcome is Outcome.COMPLETED
+    return (
+        -run.values.get(IndicatorName.CAPABILITY_LEVEL, -1),
+        not completed,
+        run.values.get(IndicatorName.EXECUTION_TIME, math.inf) if completed else math.inf,
+        run.started,
+    )
+
+
+def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
+    """The run that stands for a team; None without a valid one."""
+    return min((run for run in runs if run.valid), key=reading_order, default=None)
+
+
+Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
+"""By the folder of a run, the indicators in which it is not distinguishable from another one."""
+
+NONE_ALIKE: Alike = {}
+
+
+def alike_among(runs: Sequence[RunSummary]) -> Alike:
+    """Of runs that stand beside each other (protocol section 11)."""
+    found: dict[str, set[IndicatorName]] = defaultdict(set)
+    for name in IndicatorName:
+        known = [
+            (run.folder, run.values[name], run.uncertainties[name])
+            for run in runs
+            if name in run.values and name in run.uncertainties
+        ]
+        for (one, value, spread), (two, other, its) in combinations(known, 2):
+            if not distinguishable(value, other, spread, its):
+                found[one].add(name)
+                found[two].add(name)
+    return {folder: frozenset(names) for folder, names in found.items()}
+
+
+def drawable(run: RunSummary, name: IndicatorName) -> float | None:
+    """The value of a valid run that a drawing can show; a failed run has no execution time."""
+    value = run.values.get(name) if run.valid else None
+    if value is None or not abs(value) < _LARGEST_DRAWN:
+        return None
+    timed = name is IndicatorName.EXECUTION_TIME
+    return None if timed and run.outcome is not Outcome.COMPLETED else float(value)

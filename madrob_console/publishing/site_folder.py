@@ -1,0 +1,217 @@
+"""The folder of a site: what changes is written whole, what does not is left as it is.
+
+Beside the pages lies a list of what was written there and of what it was made of. By it pages of
+runs that are gone are removed, and never a file of somebody else.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import msgspec
+
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import Stamp, read_all, stamp_of
+from madrob_console.files.held import Hold
+from madrob_console.files.plain import open_plain
+from madrob_console.files.whole import atomic_write, whole_file
+
+MANIFEST_FILE = ".madrob_site.json"
+"""In the folder of a site: what was written there."""
+
+LOCK_FILE = ".madrob_site.lock"
+"""In the folder of a site while it is written."""
+
+_LARGEST = 16_000_000  # bytes of the list: some 100,000 files
+_NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._-]*")
+
+
+class SiteRefusedError(MadrobError):
+    """The folder is not for a site: nothing was written, and trying again does not help."""
+
+
+@dataclass(frozen=True, slots=True)
+class SiteFile:
+    """A file of the site.
+
+    Attributes:
+        name: its path in the site's folder.
+        key: what it is made of: the same key, the same content.
+        make: makes its content, or says of which file it is a copy; asked only where it changed.
+    """
+
+    name: str
+    key: str
+    make: Callable[[], bytes | Path]
+
+    @classmethod
+    def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
+        """A page that is made already.
+
+        Args:
+            name: its path in the site's folder.
+            text: of it.
+            key: the text less what alone is no reason to write it again; None = all of it.
+        """
+        digest = sha256((text if key is None else key).encode()).hexdigest()
+        return cls(name, digest, text.encode)
+
+
+class _Entry(msgspec.Struct, frozen=True):
+    """The key of what a file is made of, and its stamp; none while it is written."""
+
+    key: str = ""
+    stamp: Stamp | None = None
+
+
+class _Manifest(msgspec.Struct, frozen=True):
+    files: dict[str, _Entry] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What became of a site.
+
+    Attributes:
+        files: how many it has.
+        written: how many of them were written.
+        removed: how many were, because their runs are gone.
+    """
+
+    files: int
+    written: int
+    removed: int
+
+
+def write_site(
+    folder: Path,
+    files: Iterable[SiteFile],
+    tell: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Written:
+    """Write what has changed in the order given, and remove what is no more.
+
+    Who looks at the site meanwhile sees each file as it was or as it will be.
+
+    Args:
+        folder: of the site: a new or empty one, or one that was written before.
+        files: all of it; those that others link to first.
+        tell: is told how many files are done, and of how many.
+
+    Raises:
+        SiteRefusedError: the folder holds other things.
+        MadrobError: the disk refuses, or another writes there now.
+    """
+    _demand_site(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with Hold(folder / LOCK_FILE):
+            return _write(folder, {file.name: file for file in files}, tell)
+    except BlockingIOError:
+        raise MadrobError(f"{folder}: another `madrob publish` writes there now; wait") from None
+    except OSError as error:
+        raise MadrobError(
+            f"{folder}: not written ({error.strerror}); make room or name another folder"
+        ) from None
+
+
+def _write(
+    folder: Path, files: Mapping[str, SiteFile], tell: Callable[[int, int], None]
+) -> Written:
+    before = _known(folder)
+    for name in files:
+        if name not in before and (folder / name).exists():
+            raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
+    changed = [file for file in files.values() if not _is_there(folder, file, before)]
+    written = 0
+    gone = [name for name in before if name not in files]
+    if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
+        known = before | {file.name: _Entry() for file in changed}
+        _note(folder, known)
+        for number, file in enumerate(changed):
+            tell(number, len(changed))
+            path = folder / file.name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            written += _put(path, file.make())
+            known[file.name] = _Entry(file.key, stamp_of(str(path)))
+        tell(len(changed), len(changed))
+        for name in gone:
+            _remove(folder, name)
+            del known[name]
+        _note(folder, known)
+    return Written(len(files), written, len(gone))
+
+
+def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:
+    found = before.get(file.name, _Entry())
+    there = found.stamp is not None and found.stamp == stamp_of(f"{folder}/{file.name}")
+    return there and found.key == file.key
+
+
+def _put(path: Path, content: bytes | Path) -> bool:
+    """Write a file, unless it is already as it shall be; whether it was written."""
+    if isinstance(content, bytes):
+        if _has(path, content):
+            return False
+        atomic_write(path, content)
+        return True
+    with open(open_plain(content), "rb") as source, whole_file(path) as file:  # noqa: PTH123
+        shutil.copyfileobj(source, file)
+    return True
+
+
+def _has(path: Path, content: bytes) -> bool:
+    with suppress(OSError):
+        return read_all(path, len(content)) == content
+    return False
+
+
+def _demand_site(folder: Path) -> None:
+    try:
+        there = next(folder.iterdir(), None) is not None
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise SiteRefusedError(
+            f"{folder}: no folder for a site ({error.strerror}); name another one"
+        ) from None
+    if there and stamp_of(f"{folder}/{MANIFEST_FILE}") is None:
+        left = [path.name for path in folder.iterdir() if path.name != LOCK_FILE]
+        if left:
+            raise SiteRefusedError(
+                f"{folder}: holds other things; name an empty folder, or a new one, for the site"
+            )
+
+
+def _known(folder: Path) -> dict[str, _Entry]:
+    """What was written before."""
+    path = folder / MANIFEST_FILE
+    try:
+        found = msgspec.json.decode(read_all(path, _LARGEST), type=_Manifest)
+    except FileNotFoundError:
+        return {}
+    except (OSError, msgspec.MsgspecError, ValueError):
+        raise SiteRefusedError(
+            f"{path}: cannot be read, so that nobody knows whose files lie beside it: remove the "
+            "folder, all of it is made again"
+        ) from None
+    return {name: one for name, one in found.files.items() if _NAME.fullmatch(name)}
+
+
+def _note(folder: Path, files: Mapping[str, _Entry]) -> None:
+    atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(dict(files))) + b"\n")
+
+
+def _remove(folder: Path, name: str) -> None:
+    """Remove a file, and the folders that it leaves empty."""
+    path = folder / name
+    path.unlink(missing_ok=True)
+    for parent in path.relative_to(folder).parents:
+        if parent != Path():
+            with suppress(OSError):  # something else is in it
+                (folder / parent).rmdir()

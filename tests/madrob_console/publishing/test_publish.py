@@ -1,0 +1,423 @@
+"""`madrob publish`: a competition's pages, self-contained, written whole and where changed."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import shutil
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.archive.history import RunSummary
+from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.errors import MadrobError
+from madrob_console.publishing.overview import REFRESH
+from madrob_console.publishing.publish import site_files
+from madrob_console.publishing.site_content import SiteContent, condition_place, team_place
+from madrob_console.publishing.site_folder import SiteFile, SiteRefusedError, write_site
+from madrob_console.standings.competition import competition_standings
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
+from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary, write
+
+TIME, LEVEL = IndicatorName.EXECUTION_TIME, IndicatorName.CAPABILITY_LEVEL
+SMOOTH = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
+HOSTILE = '<script>alert(1)</script>"&\x1b[31m\u202e'
+CUP = "Autumn Cup"
+
+
+def of(subject: int, number: int = 1, condition: int = 7, **fields: object) -> RunSummary:
+    """A run, `number` hours after the first ones, with values of its own."""
+    own = {TIME: 10.0 + subject, **dict(fields.pop("own", {}))}  # type: ignore[call-overload]
+    fields.setdefault("values", {**VALUES, **own})
+    return summary(subject, condition, number, hour=number + subject / 10, **fields)
+
+
+RUNS = (
+    of(1, uncertainties={TIME: Uncertainty(0.005, 0.01)}, final=True, team_word="protested"),
+    of(1, 2, flags=(UNDECIDED_START,)),
+    of(1, 3, outcome=Outcome.ABORTED, values={}, reason="a child ran in"),
+    of(2, outcome=Outcome.TIMEOUT, own={LEVEL: 4, SMOOTH: 539.5}),
+    of(3, own={SMOOTH: 3.9}, doubts={SMOOTH: 1}),
+    of(3, 2, voided=True),
+    of(3, 1, condition=12, team=HOSTILE),
+    of(4, source="simulated", team="Rehearsal"),
+)
+REPORT = (
+    '<!DOCTYPE html>\n<html lang="en"><head>\n<meta charset="utf-8">\n</head><body><main>'
+    '<nav><a href="#files">files</a></nav>'
+    '<a href="../{other}/report.html">run 2</a> <a href="../elsewhere/report.html">gone</a>'
+    '<section id="files"><a href="bag.mcap">bag.mcap</a></section></main></body></html>'
+)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    root = tmp_path / "results"
+    for run in RUNS:
+        folder = write(root, run).parent
+        (folder / REPORT_FILE).write_text(REPORT.format(other=RUNS[1].folder))
+    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n1,7,2\n3,12,2\n9,7,1\n")
+    return root
+
+
+def publish(results: Path, *options: object, site: str = "site") -> Path:
+    """Publish them; returns the folder of the site."""
+    folder, plan = results.parent / site, results.parent / "plan.csv"
+    chosen = results.parent / "madrob.toml"
+    chosen.write_text(f'[competition]\nname = "{CUP}"\n')
+    where = ("--results", results, "--settings", chosen, "--plan", plan)
+    assert main(["publish", str(folder), *map(str, (*where, *options))]) == 0
+    return folder
+
+
+class Page(HTMLParser):
+    """What a page has: its elements, where it links to, its rows."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.rows: list[str] = []
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag == "tr":
+            self.rows.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.rows:
+            self.rows[-1] += data
+
+    def found(self, name: str) -> list[str]:
+        """The values of an attribute."""
+        return [value for attribute, value in self.attributes if attribute == name]
+
+
+def pages(site: Path) -> list[Page]:
+    return [Page(path) for path in sorted(site.rglob("*.html"))]
+
+
+def stamps(site: Path) -> dict[str, tuple[int, int]]:
+    """When each file was written, and which it is."""
+    found = (path for path in site.rglob("*") if path.is_file())
+    return {str(p.relative_to(site)): (p.stat().st_mtime_ns, p.stat().st_ino) for p in found}
+
+
+# ---------------------------------------------------------------- what is there
+
+
+def test_every_link_leads_to_a_file_of_the_site(results: Path) -> None:
+    site = publish(results)
+    links = 0
+    for page in pages(site):
+        ids = set(page.found("id"))
+        for href in page.found("href"):
+            links += 1
+            if href.startswith("#"):
+                assert href[1:] in ids
+            else:
+                target = Path(os.path.normpath(page.path.parent / unquote(href)))
+                assert target.is_file(), (page.path, href)
+                assert target.is_relative_to(site)
+    assert links > 100
+
+
+def test_no_page_asks_for_anything_from_outside_or_runs_a_script(results: Path) -> None:
+    found = pages(publish(results))
+    assert len(found) > 12
+    for page in found:
+        assert not {"script", "img", "link", "iframe", "form", "object"} & set(page.tags)
+        assert not re.search(r"https?:|url\(|@import|\son\w+=", page.path.read_text())
+        assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in " ".join(
+            page.found("content")
+        )
+
+
+def test_every_page_has_its_landmarks_one_title_and_captions(results: Path) -> None:
+    for page in pages(publish(results)):
+        if page.path.name == REPORT_FILE:
+            continue
+        assert [page.tags.count(tag) for tag in ("main", "header", "nav", "h1", "footer")] == [
+            1
+        ] * 5
+        assert page.found("lang") == ["en"]
+        assert "#main" in page.found("href")
+        headings = [int(tag[1]) for tag in page.tags if re.fullmatch("h[1-6]", tag)]
+        assert all(after <= before + 1 for before, after in pairwise(headings))
+        assert set(page.found("scope")) <= {"row", "col"}
+
+
+def test_only_the_page_of_the_hall_is_loaded_again_by_itself(results: Path) -> None:
+    again = [
+        page.path.name for page in pages(publish(results)) if "refresh" in page.found("http-equiv")
+    ]
+    assert again == ["hall.html"]
+    assert REFRESH >= 5
+
+
+def test_teams_stand_by_level_first_and_no_failed_run_is_on_top(results: Path) -> None:
+    site = publish(results)
+    rows = [row for row in Page(site / "conditions/07.html").rows if re.match(r"\d ", row)]
+    assert [row[0] for row in rows[:3]] == ["1", "3", "2"]  # the smoothness of 2 is 539.5
+    assert "timeout" in rows[2]
+    assert "539.5" in rows[2]
+    assert "Ordered by capability level first" in (site / "conditions/07.html").read_text()
+    overview = [row for row in Page(site / "index.html").rows if re.match(r"\d ", row)]
+    assert [row[0] for row in overview] == ["3", "1", "2"]  # 3 in two conditions
+
+
+def test_flags_voids_protests_doubts_and_reasons_are_told(results: Path) -> None:
+    site = publish(results)
+    one, three = ((site / f"teams/{n}.html").read_text() for n in ("001", "003"))
+    assert "PROTESTED by the team" in one
+    assert "UNDECIDED" in one
+    assert "INVALID" in one
+    assert "a child ran in" in one
+    assert "VOID" in three
+    assert "3.9000?" in three
+    assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
+
+
+def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:
+    near = Uncertainty(0.5, 1.0)
+    write(results, of(5, condition=3, own={TIME: 20.0}, uncertainties={TIME: near}))
+    write(results, of(6, condition=3, own={TIME: 20.9}, uncertainties={TIME: near}))
+    write(results, of(8, condition=3, own={TIME: 30.0}, uncertainties={TIME: near}))
+    site = publish(results)
+    for name in ("conditions/03.html", "index.html"):
+        text = (site / name).read_text()
+        assert ">20~ +- 1<" in text
+        assert ">21~ +- 1<" in text
+        assert ">30 +- 1<" in text
+
+
+def test_a_teams_zip_is_linked_once_it_is_there_and_stays(results: Path) -> None:
+    zipped = publish(results) / "downloads/team_003.zip"
+    zipped.parent.mkdir()
+    zipped.write_bytes(b"PK")
+    site = publish(results)
+    assert "../downloads/team_003.zip" in Page(site / "teams/003.html").found("href")
+    assert "../downloads/team_001.zip" not in Page(site / "teams/001.html").found("href")
+    assert zipped.read_bytes() == b"PK"
+
+
+def test_practice_is_published_apart_and_says_so(results: Path) -> None:
+    assert not any("Rehearsal" in page.path.read_text() for page in pages(publish(results)))
+    apart = publish(results, "--practice", site="apart")
+    assert "Rehearsal" in (apart / "index.html").read_text()
+    assert all("PRACTICE" in p.path.read_text() for p in pages(apart) if p.path.name != REPORT_FILE)
+
+
+def test_names_have_no_power(results: Path) -> None:
+    site = publish(results)
+    text = (site / "teams/003.html").read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert not {"\x1b", "\u202e"} & set(text)
+
+
+def test_the_plan_is_there_with_its_progress_and_what_comes_next(results: Path) -> None:
+    site = publish(results)
+    overview = (site / "index.html").read_text()
+    assert "3 of 5 attempts done, 2 left." in overview
+    assert '<progress value="3" max="5"' in overview
+    assert "attempt 2 of 2" in overview
+    assert "0 of 1" in (site / "plan.html").read_text()
+
+
+def test_reports_are_led_to_pages_of_the_site_alone(results: Path) -> None:
+    site = publish(results)
+    (report,) = site.glob("runs/subject_001_cond_007_run_001_*/report.html")
+    hrefs = Page(report).found("href")
+    (other,) = site.glob("runs/subject_001_cond_007_run_002_*")
+    assert f"../{other.name}/report.html" in hrefs
+    assert not [href for href in hrefs if "elsewhere" in href or "mcap" in href]
+    assert "../../teams/001.html" in hrefs
+
+
+def test_a_run_without_a_report_is_published_and_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / RUNS[0].folder / REPORT_FILE).unlink()
+    site = publish(results)
+    assert f"{RUNS[0].folder}: no report of its result yet" in capsys.readouterr().err
+    (page,) = site.glob("runs/subject_001_cond_007_run_001_*/index.html")
+    assert not page.with_name(REPORT_FILE).exists()
+    assert "result.json" in page.read_text()
+
+
+def test_tables_have_the_published_runs_and_no_path_of_the_machine(results: Path) -> None:
+    site = publish(results)
+    with (site / "data/runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(RUNS) - 1  # without practice
+    assert all((site / row["place"]).is_file() for row in rows)
+    text = "".join(p.read_text() for p in site.rglob("*") if p.suffix in {".csv", ".html"})
+    assert str(results) not in text
+
+
+def test_two_halls_are_one_competition(results: Path) -> None:
+    other = results.parent / "other"
+    shutil.copytree(results, other)  # the same names, as two testbeds may give
+    site = results.parent / "both"
+    assert main(["publish", str(site), str(results), str(other)]) == 0
+    assert len(list(site.glob("runs/*/index.html"))) == 2 * (len(RUNS) - 1)
+
+
+_NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            of,
+            st.integers(1, 3),
+            st.integers(1, 999),
+            st.sampled_from([1, 7]),
+            own=st.fixed_dictionaries({TIME: _NUMBERS, SMOOTH: _NUMBERS, LEVEL: st.integers()}),
+            uncertainties=st.just({}) | st.builds(lambda x: {TIME: Uncertainty(x, x)}, _NUMBERS),
+            outcome=st.sampled_from(Outcome),
+            ruleset=st.sampled_from(["protocol", "robust-2026"]),
+        ),
+        max_size=6,
+        unique_by=lambda run: run.folder,
+    )
+)
+def test_whatever_results_say_there_are_pages(runs: list[RunSummary]) -> None:
+    runs = sorted(runs, key=lambda run: run.started)
+    content = SiteContent(
+        root=Path("nowhere"),
+        runs=runs,
+        standings=competition_standings(runs, made=0.0),
+        plan=None,
+        names={},
+        software="1",
+    )
+    files, without = site_files(content)
+    assert without == list(runs)
+    names = {file.name for file in files}
+    assert {team_place(run.subject) for run in runs} <= names
+    assert {condition_place(run.condition) for run in runs} <= names
+    assert set(content.places.values()) <= names
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_what_did_not_change_is_not_touched(results: Path) -> None:
+    site = publish(results)
+    before = stamps(site)
+    publish(results)
+    assert stamps(site) == before
+
+
+def test_a_new_result_touches_its_own_pages_alone(results: Path) -> None:
+    site = publish(results)
+    before = stamps(site)
+    write(results, of(2, 2))
+    publish(results)
+    after = stamps(site)
+    changed = {name for name in after if after[name] != before.get(name)}
+    assert {"index.html", "hall.html", "teams/002.html", "conditions/07.html"} <= changed
+    assert not {"teams/001.html", "teams/003.html", "conditions/12.html"} & changed
+    runs = {name for name in changed if name.startswith("runs/")}
+    assert all(name.startswith("runs/subject_002_") for name in runs)
+
+
+def test_pages_of_runs_that_are_gone_go_and_nothing_else(results: Path) -> None:
+    site = publish(results)
+    mine = site / "notes.txt"
+    mine.write_text("mine")
+    beside = next(site.glob("runs/subject_003_cond_012_*")) / "photo.jpg"
+    beside.write_text("mine")
+    shutil.rmtree(results / RUNS[6].folder)
+    shutil.rmtree(results / RUNS[3].folder)
+    publish(results)
+    assert not (site / "teams/002.html").exists()
+    assert not (site / "conditions/12.html").exists()
+    assert not list(site.glob("runs/subject_002_*"))
+    assert [p.name for p in beside.parent.iterdir()] == ["photo.jpg"]
+    assert mine.read_text() == "mine"
+
+
+def test_a_folder_with_other_things_is_refused_with_the_remedy(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(results.iterdir())
+    assert main(["publish", str(results), "--results", str(results)]) == BAD_INPUT
+    assert "holds other things; name an empty folder" in capsys.readouterr().err
+    assert sorted(path for path in results.iterdir() if path.name[0] != ".") == [
+        path for path in before if path.name[0] != "."
+    ]
+
+
+def page(name: str, text: str) -> SiteFile:
+    return SiteFile.of(name, text)
+
+
+def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
+    write_site(tmp_path / "site", [page("index.html", "old")])
+    (tmp_path / "site/hall.html").write_text("mine")
+    with pytest.raises(SiteRefusedError, match="move it away"):
+        write_site(tmp_path / "site", [page("index.html", "new"), page("hall.html", "new")])
+    assert (tmp_path / "site/index.html").read_text() == "old"
+
+
+def test_who_is_cut_off_leaves_whole_files_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    write_site(site, [page("a.html", "old a"), page("b.html", "old b")])
+
+    def full() -> bytes:
+        assert (site / "a.html").read_text() == "new a"  # in the order given
+        raise MadrobError("no room")
+
+    files = [page("a.html", "new a"), SiteFile("b.html", "2", full), page("c.html", "new c")]
+    with pytest.raises(MadrobError, match="no room"):
+        write_site(site, files)
+    assert {p.name: p.read_text() for p in site.glob("*.html")} == {
+        "a.html": "new a",
+        "b.html": "old b",
+    }
+    done = write_site(site, [page("a.html", "new a"), page("c.html", "new c")])
+    assert (done.removed, {p.name for p in site.glob("*.html")}) == (1, {"a.html", "c.html"})
+    assert not [p for p in site.iterdir() if p.suffix in {".part", ".lock"}]
+
+
+def test_a_file_that_somebody_changed_is_made_again(tmp_path: Path) -> None:
+    write_site(tmp_path / "site", [page("a.html", "whole")])
+    (tmp_path / "site/a.html").write_text("cut")
+    write_site(tmp_path / "site", [page("a.html", "whole")])
+    assert (tmp_path / "site/a.html").read_text() == "whole"
+
+
+def test_names_in_the_list_lead_nowhere_else(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    write_site(site, [page("a.html", "a")])
+    (tmp_path / "mine.txt").write_text("mine")
+    listed = next(site.glob(".madrob_site.json"))
+    listed.write_text(listed.read_text().replace('"a.html"', '"../mine.txt"'))
+    (site / "a.html").unlink()
+    write_site(site, [page("b.html", "b")])
+    assert (tmp_path / "mine.txt").exists()
+
+
+def test_without_runs_there_is_a_site_that_says_so(results: Path) -> None:
+    shutil.rmtree(results)
+    results.mkdir()
+    site = publish(results)
+    assert "No run counts yet." in (site / "index.html").read_text()
