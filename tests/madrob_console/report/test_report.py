@@ -281,7 +281,7 @@ def test_an_indicator_without_a_value_has_a_reason(tmp_path: Path) -> None:
     assert "none: robot never approached on the starting side" in told
     assert told.count("none: door never opened") == 2
     assert "TIMEOUT" in page.inside("header")
-    assert "Figure 4 is missing: the door never closed." in page.section("Figures")
+    assert "Figure 4 is missing: the door never opened." in page.section("Figures")
 
 
 def test_each_step_shows_sensors_referee_and_what_counts(page: Page, scored: Scored) -> None:
