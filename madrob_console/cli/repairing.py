@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
@@ -11,6 +12,10 @@ from madrob_console.archive.result_reader import UnusableResultError, read_resul
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_bounded, stamp_of
 from madrob_console.report.markup import made_of
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import Scored
+    from madrob_console.report.surroundings import Surroundings
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of
 
@@ -27,20 +32,36 @@ def repair_run(folder: Path) -> bool:
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
-    from madrob_console.files.whole import atomic_write
-    from madrob_console.report.page import report_html
     from madrob_console.report.surroundings import Surroundings
-    from madrob_console.version import software_version
 
     scored = repair(folder)
-    if scored is None and _report_is_old(folder):
+    if scored is None and report_is_old(folder):
         scored = score_opened(folder)
     if scored is None:
         return False
     if stamp_of(str(folder / REPORT_FILE)) is not None:
-        place = Surroundings().place_of(folder, scored)
-        atomic_write(folder / REPORT_FILE, report_html(scored, software_version(), place).encode())
+        _write_report(folder, scored, Surroundings())
     return True
+
+
+def renew_report(folder: Path, around: Surroundings) -> None:
+    """Make the report of a run again.
+
+    Raises:
+        MadrobError: it cannot be.
+    """
+    from madrob_console.archive.scored import score_opened
+
+    _write_report(folder, score_opened(folder), around)
+
+
+def _write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+    from madrob_console.files.whole import atomic_write
+    from madrob_console.report.page import report_html
+    from madrob_console.version import software_version
+
+    page = report_html(scored, software_version(), around.place_of(folder, scored))
+    atomic_write(folder / REPORT_FILE, page.encode())
 
 
 def repair_all(root: Path) -> Iterator[str]:
@@ -52,14 +73,14 @@ def repair_all(root: Path) -> Iterator[str]:
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
-        if folder in repairable or _report_is_old(folder):
+        if folder in repairable or report_is_old(folder):
             try:
                 repair_run(folder)
             except MadrobError as error:
                 yield str(error)
 
 
-def _report_is_old(folder: Path) -> bool:
+def report_is_old(folder: Path) -> bool:
     """Whether there is a report that says it was made of another journal than the result."""
     try:
         head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
