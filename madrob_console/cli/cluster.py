@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 ANSWERS_WITHIN = 10.0
 """A scheduler that does not is none, s."""
 
-_AHEAD, _LEAST_AHEAD = 4, 64
-"""Items that are handed out at once: so many for each thread of the workers, and in all."""
+_AHEAD, _LEAST_AHEAD = 4, 256
+"""Items that are handed out at once: so many for each thread that there is, and so many in all,
+from which a cluster that adapts sees that it is too small."""
 
 _LOOK = 10.0
 """While nothing is done the workers are counted so often, s."""
@@ -184,17 +185,14 @@ def _connected(address: str) -> Iterator[Client]:
             "--scheduler needs distributed: install madrob-console with its extra `cluster`, here "
             "and on the workers"
         ) from None
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)  # what matters is told here, on one line
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module=r"(distributed|dask|tornado)\.")
-            asyncio.run(_ask(address))  # a client that finds nobody takes a minute to give up
-            with distributed.Client(address, timeout=ANSWERS_WITHIN) as client:
-                yield client
-    finally:
-        logger.setLevel(level)
+    for name in [*logging.root.manager.loggerDict, "asyncio"]:
+        if name.partition(".")[0] in {"asyncio", "distributed", "tornado"}:  # what matters is told
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # here; threads outlive this
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"(distributed|dask|tornado)\.")
+        asyncio.run(_ask(address))  # a client that finds nobody takes a minute to give up
+        with distributed.Client(address, timeout=ANSWERS_WITHIN) as client:
+            yield client
 
 
 async def _ask(address: str) -> None:

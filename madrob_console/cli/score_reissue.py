@@ -134,25 +134,39 @@ def reissue(
     referee = load_settings(arguments.settings).competition.referee
     change = RuleChange(reason, rules, referee, clock.now_ns() / 1e9)
     practice = Practice()
-    with Complaints() as bad, progress("runs") as tell:
-        tell(0, len(runs))
-        work = partial(made_issue, change=change, files=not dry)
-        with closing(shared(arguments, work, runs, _lost, at_once=_AT_ONCE)) as made:
-            for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
-                tell(number, len(runs))
-                try:
-                    issue = _settled(run, one, change, clock, dry=dry)
-                except MadrobError as error:
-                    bad.add(error, run.name)
-                    continue
-                practice.add(issue)
-                if issue is not None:
-                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
+    with Complaints() as bad:
+        _go_through(arguments, runs, change, clock, practice, bad)
         if not dry:
             _renew_reports(arguments, runs, change, bad)
     for line in practice.lines(bad.count, dry=dry):
         print(line)
     return BAD_INPUT if bad.count else 0
+
+
+def _go_through(
+    arguments: argparse.Namespace,
+    runs: Sequence[RunPath],
+    change: RuleChange,
+    clock: Clock,
+    practice: Practice,
+    bad: Complaints,
+) -> None:
+    """Every run: what the rule change changes of it is said, and written if it is to be."""
+    dry: bool = arguments.dry_run
+    work = partial(made_issue, change=change, files=not dry)
+    issues = shared(arguments, work, runs, _lost, at_once=_AT_ONCE)
+    with closing(issues) as made, progress("runs") as tell:
+        tell(0, len(runs))
+        for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
+            tell(number, len(runs))
+            try:
+                issue = _settled(run, one, change, clock, dry=dry)
+            except MadrobError as error:
+                bad.add(error, run.name)
+                continue
+            practice.add(issue)
+            if issue is not None:
+                print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
 
 
 def _settled(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -88,13 +90,22 @@ def shared(
         jobs, backend = arguments.jobs, arguments.backend
         if at_once is None:
             return in_order(work, runs, jobs, backend)
-        blocks = (runs[begin : begin + at_once] for begin in range(0, len(runs), at_once))
-        return (done for block in blocks for done in in_order(work, block, jobs, backend))
+        blocks = [runs[begin : begin + at_once] for begin in range(0, len(runs), at_once)]
+        return _one_by_one(partial(in_order, work, jobs=jobs, backend=backend), blocks)
     from madrob_console.cli.cluster import on_cluster
 
     named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
     there = [path for path in named if path.exists()]
     return on_cluster(work, runs, arguments.scheduler, there, lost)
+
+
+def _one_by_one(
+    share: Callable[[Sequence[RunPath]], Generator[_Done, None, None]],
+    blocks: Sequence[Sequence[RunPath]],
+) -> Generator[_Done, None, None]:
+    for block in blocks:
+        with closing(share(block)) as done:
+            yield from done
 
 
 def lost_words(run: RunPath, why: str) -> str:

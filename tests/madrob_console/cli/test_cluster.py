@@ -74,6 +74,7 @@ def cluster() -> Iterator[LocalCluster]:
 
 
 @pytest.mark.machine
+@pytest.mark.timeout(300)
 @pytest.mark.filterwarnings("default")  # of distributed's own threads and processes
 def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     cluster: LocalCluster,
