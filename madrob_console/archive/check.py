@@ -16,7 +16,7 @@ from madrob_console.archive.grades import CLOSEST, Grade, libraries_told
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.scored import score_recording
+from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.errors import MadrobError
 from scoring.libraries import Libraries, libraries_here
 
@@ -148,7 +148,17 @@ def check_run(run: RunPath) -> CheckedRun:
         raise MadrobError(
             f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
         )
-    (scored,) = score_recording(folder)
+    return compare(stored, score_recording(folder)[0], folder)
+
+
+def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
+    """What a stored result says against a fresh one of the same run.
+
+    Args:
+        stored: all of its `result.json`; its files are taken out.
+        scored: the run, as it is scored now.
+        folder: of the run.
+    """
     # cut off after its result and before the journal's line of it: this is the first issue
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)

@@ -93,6 +93,19 @@ def read_tabled_result(folder: str) -> TabledResult:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, _ = _read(folder)
+    return tabled_result(folder, data)
+
+
+def tabled_result(folder: str, data: bytes) -> TabledResult:
+    """The same of a result that is in memory.
+
+    Args:
+        folder: of the run, or its bag.
+        data: what `result.json` has.
+
+    Raises:
+        UnusableResultError: it cannot be used; the message says why.
+    """
     return _completed(_decoded(_tabled, data), folder, data)
 
 

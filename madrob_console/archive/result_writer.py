@@ -109,7 +109,7 @@ def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
             f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
         ) from None
     data = {name: content for name, content in files.items() if name != RESULT_FILE}
-    changed = {name: data[name] for name in data if not _is(folder / name, data[name])}
+    changed = {name: data[name] for name in data if not has_content(folder / name, data[name])}
     atomic_writes(folder, changed)
     _keep_earlier_issue(folder, issue)
     atomic_write(folder / RESULT_FILE, files[RESULT_FILE])
@@ -129,7 +129,7 @@ def _keep_earlier_issue(folder: Path, issue: int) -> None:
     atomic_write(kept, earlier)
 
 
-def _is(path: Path, content: bytes | memoryview) -> bool:
+def has_content(path: Path, content: bytes | memoryview) -> bool:
     """Whether a file has this content: it has it on disk then, for it was written whole."""
     try:
         return read_all(path, len(content)) == content

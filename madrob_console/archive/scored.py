@@ -333,13 +333,15 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
 def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: type[A]) -> list[A]:
     """Follow a recorded run once more, to the end of its bag, by each of some rulesets.
 
+    None among them is the one by which it was re-issued last, else the one that was set.
+
     Raises:
         RecorderError: the bag cannot be read.
     """
     load_filters()
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
-    assessments = [record.assessed_by(kind, run.start, name) for name in rules]
+    assessments = [record.assessed_by(kind, run.start, name or run.ruleset) for name in rules]
     decoder = Decoder(record.mappings, types_of(bag.topics()))
     for message in bag.messages():
         try:
@@ -386,8 +388,12 @@ def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None
     )
 
 
-def open_run(folder: Path) -> OpenedRun:
+def open_run(folder: Path, rules: RulesetName | None = None) -> OpenedRun:
     """Read a run of the results folder, to look at it and to go on with it.
+
+    Args:
+        folder: of the run.
+        rules: the ruleset; None = that of its result.
 
     Raises:
         MadrobError: it cannot be read; the message names path and remedy.
@@ -395,7 +401,7 @@ def open_run(folder: Path) -> OpenedRun:
     with _naming(folder):
         _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
-        (assessment,) = _assess(recorded, (None,), Assessment)
+        (assessment,) = _assess(recorded, (rules,), Assessment)
     keep_stored_remarks(assessment, recorded.run, folder)
     return OpenedRun(folder, recorded, assessment, _out_of_date(folder, recorded.run))
 

@@ -1,31 +1,43 @@
-"""The stored results of any number of runs, one after the other, for tables."""
+"""The results of any number of runs, stored or fresh, one after the other, for tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from madrob_console.archive.agreement import disagreement, out_of_date
 from madrob_console.archive.folders import PRACTICE_FOLDER, RESULT_FILE, parse_folder_name
 from madrob_console.archive.history import misplaced
 from madrob_console.archive.listed_result import TabledResult
-from madrob_console.archive.result_reader import UnusableResultError, read_tabled_result
+from madrob_console.archive.result_reader import (
+    UnusableResultError,
+    read_tabled_result,
+    tabled_result,
+)
 from madrob_console.archive.run_journal import UnusableJournalError
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.twins import RunPlace, places_that_count
 from madrob_console.errors import MadrobError
+from madrob_console.referee.flags import FlagKind
+from scoring.rulesets import RulesetName
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import ScoredPath
 
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run folder with its result.
+    """A run with its result.
 
     Attributes:
-        folder: where it lies.
-        result: what its `result.json` says.
+        folder: where it lies; a bag may be a file.
+        result: what its `result.json` says, or would say.
     """
 
     folder: Path
@@ -99,3 +111,43 @@ def stored_run(run: RunPath) -> StoredRun:
     if why is not None:
         raise MadrobError(f"{run.name}: {why}")
     return StoredRun(folder, result)
+
+
+def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
+    """The same of a run that is scored now, by each of some rulesets; it is read only once.
+
+    Args:
+        run: what to score.
+        rules: as for `score_run`.
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    # they load numpy and SciPy, which the tables of stored results do without
+    from madrob_console.archive.result_document import ResultDocument
+    from madrob_console.archive.scored import score_recording, score_run
+
+    if run.prefix:
+        documents = [_published_content(one) for one in score_run(run, rules)]
+    else:
+        scored = score_recording(run.path, rules)
+        documents = [msgspec.to_builtins(ResultDocument.of(one, run.path, {})) for one in scored]
+    return [
+        StoredRun(run.path, tabled_result(str(run.path), msgspec.json.encode(document)))
+        for document in documents
+    ]
+
+
+def _published_content(scored: ScoredPath) -> dict[str, Any]:
+    """What EUROBENCH's files tell of what a `result.json` says."""
+    label = scored.label
+    return {
+        **msgspec.to_builtins(scored.result),
+        "subject": label.subject,
+        "condition_number": label.condition,
+        "run_number": label.run,
+        "team": label.team,
+        "issue": 0,
+        "flags": msgspec.to_builtins(scored.flags),
+        "setup": {"practice": any(flag.kind == FlagKind.PRACTICE for flag in scored.flags)},
+    }

@@ -12,6 +12,7 @@ from madrob_console.cli.parsing import Parser, number, one_of, whole_number
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import Scenario, SourceKind
 from madrob_console.testbeds.ros_domain import domain_number
+from madrob_console.tidy.tidy_table import TableFormat
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
@@ -306,6 +307,19 @@ def add_idle_time(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="s without a screen and without a run after which the engine ends; else setting "
         "`engine.idle_time`, at most 20 where simulated",
+    )
+
+
+def add_format(
+    parser: argparse.ArgumentParser, default: TableFormat | None = TableFormat.CSV
+) -> None:
+    """How tables are written; without a default it is seen whether it was asked for."""
+    add_choice(
+        parser,
+        "--format",
+        TableFormat,
+        default,
+        "csv, ndjson (a JSON object on each line) or parquet, which needs the extra `tables`",
     )
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
 from madrob_console.report.old_reports import report_is_old
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import Scored
+    from madrob_console.report.surroundings import Surroundings
 
 
 def repair_run(folder: Path) -> bool:
@@ -24,10 +29,7 @@ def repair_run(folder: Path) -> bool:
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
-    from madrob_console.files.whole import atomic_write
-    from madrob_console.report.page import report_html
     from madrob_console.report.surroundings import Surroundings
-    from madrob_console.version import software_version
 
     scored = repair(folder)
     if scored is None and report_is_old(folder):
@@ -35,9 +37,28 @@ def repair_run(folder: Path) -> bool:
     if scored is None:
         return False
     if stamp_of(str(folder / REPORT_FILE)) is not None:
-        place = Surroundings().place_of(folder, scored)
-        atomic_write(folder / REPORT_FILE, report_html(scored, software_version(), place).encode())
+        _write_report(folder, scored, Surroundings())
     return True
+
+
+def renew_report(folder: Path, around: Surroundings) -> None:
+    """Make the report of a run again.
+
+    Raises:
+        MadrobError: it cannot be.
+    """
+    from madrob_console.archive.scored import score_opened
+
+    _write_report(folder, score_opened(folder), around)
+
+
+def _write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+    from madrob_console.files.whole import atomic_write
+    from madrob_console.report.page import report_html
+    from madrob_console.version import software_version
+
+    page = report_html(scored, software_version(), around.place_of(folder, scored))
+    atomic_write(folder / REPORT_FILE, page.encode())
 
 
 def repair_all(root: Path) -> Iterator[str]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from madrob_console.cli import options
+from madrob_console.cli import options, sharing
 from madrob_console.cli.parsing import one_of
 from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
 from madrob_console.cli.progress import Tell, progress
@@ -83,17 +83,19 @@ def add(commands: options.Commands) -> None:
             "madrob score --ruleset all my_run           # all rulesets side by side",
             "madrob score --check ~/madrob_runs          # do the stored results hold?",
             "madrob score --write eurobench-2020 published ~/madrob_runs",
+            "madrob score --output tables --shard 2/8 ~/madrob_runs",
+            "madrob score --reissue 'rules of May' --ruleset robust-2026 --dry-run ~/madrob_runs",
         ),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
-    either = parser.add_mutually_exclusive_group()
-    either.add_argument(
+    parser.add_argument(
         "--ruleset",
         choices=[*map(str, RulesetName), _ALL],
         default=None,
         help="the rules, or all side by side; those of the run if not given, protocol where "
         "EUROBENCH's files name none",
     )
+    either = parser.add_mutually_exclusive_group()
     either.add_argument(
         "--check",
         action="store_true",
@@ -110,8 +112,31 @@ def add(commands: options.Commands) -> None:
         "stays as it is. run_info says by which rules the files were made and whether the run is "
         "practice or simulated; csv files without it say neither",
     )
-    parser.add_argument("--json", action="store_true", help="JSON for programs")
-    options.add_jobs(parser, "scored")
+    either.add_argument(
+        "--output",
+        type=Path,
+        default=None,
+        metavar="FOLDER",
+        help="write tables of the results into a new folder: runs, indicators, events, steps as "
+        "`madrob table` has them, and unreadable, a row with the reason for each run that cannot "
+        "be read; a shard has a folder of its own in it, shard_I_of_N",
+    )
+    either.add_argument(
+        "--reissue",
+        default=None,
+        metavar="REASON",
+        help="after a rule change: each result that is another one now gets its next issue, with "
+        "a line in its journal; the issue before stays, and so does what the referee decided. With "
+        "--ruleset by these rules from now on. A final result is to be signed again, a void run "
+        "stays void, an aborted one has no indicators and is left alone",
+    )
+    options.add_json(parser)
+    options.add_format(parser, None)
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what --reissue would change, write nothing"
+    )
+    options.add_settings(parser)
+    sharing.add(parser, "scored")
 
 
 class _Write(argparse.Action):
@@ -133,20 +158,55 @@ class _Write(argparse.Action):
 
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
-    from madrob_console.archive.grades import Grade
-    from madrob_console.archive.run_paths import all_runs_at
-    from madrob_console.cli.batch import in_order
-
-    runs = all_runs_at(arguments.paths)
+    _refuse_contradictions(arguments)
+    runs = sharing.runs_of(arguments)
     rules = _rules(arguments.ruleset)
+    if arguments.output is not None:
+        from madrob_console.cli.score_output import write_tables
+
+        return write_tables(arguments, runs, rules)
+    if arguments.reissue is not None:
+        from madrob_console.cli.score_reissue import reissue
+        from madrob_console.clock import SystemClock
+
+        return reissue(arguments, runs, rules[0], SystemClock())
+    return _describe(arguments, runs, rules)
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    """End where options do not go together, as far as argparse does not know it."""
+    parser, tables, issues = arguments.parser, arguments.output, arguments.reissue
+    if arguments.ruleset is not None and (arguments.check or arguments.write is not None):
+        parser.error(f"--ruleset: not allowed with {'--check' if arguments.check else '--write'}")
+    if issues is None and (arguments.dry_run or arguments.settings):
+        parser.error(f"{'--dry-run' if arguments.dry_run else '--settings'}: only with --reissue")
+    if issues is not None and arguments.ruleset == _ALL:
+        parser.error(f"--reissue: with one ruleset, not {_ALL}")
+    if issues is not None and not issues.strip():
+        parser.error("--reissue: give a reason, it stands in every journal")
+    if arguments.json and (tables is not None or issues is not None):
+        parser.error(f"--json: not allowed with {'--reissue' if tables is None else '--output'}")
+    if arguments.format is not None and tables is None:
+        parser.error("--format: only with --output")
+
+
+def _describe(
+    arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
+) -> int:
+    """Print what is to be said of each run."""
+    from madrob_console.archive.grades import Grade
+
+    write = arguments.write
+    if write is not None and arguments.scheduler is not None:  # as for the paths of the runs
+        write = write._replace(folder=write.folder.absolute())
     describe = partial(
         describe_run,
         rules=rules,
         check=arguments.check,
-        write=arguments.write,
+        write=write,
         as_json=arguments.json,
     )
-    scored = in_order(describe, runs, arguments.jobs, arguments.backend)
+    scored = sharing.shared(arguments, describe, runs, _lost)
     with closing(scored) as texts, progress("runs") as tell:
         bad, grades, held = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
@@ -157,6 +217,10 @@ def main(arguments: argparse.Namespace) -> int:
     if grades[Grade.DIFFERS]:
         return DIFFERENCES
     return BAD_INPUT if bad else 0
+
+
+def _lost(run: RunPath, why: str) -> RunText:
+    return RunText("", sharing.lost_words(run, why))
 
 
 def _rules(name: str | None) -> tuple[RulesetName | None, ...]:

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from typing_extensions import Buffer
 
     from madrob_console.archive.run_paths import RunPath
-    from madrob_console.tidy.run_rows import Row
-    from madrob_console.tidy.table_files import TableWriter
+    from madrob_console.tidy.run_rows import RowWriter
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -41,9 +40,6 @@ code 2 when a result is missing or cannot be used; the rest is there.
 """
 
 _STDOUT = Path("-")
-
-_ROWS_AT_ONCE = 10_000
-"""No more rows than these and those of one run are in memory."""
 
 
 class _Written(NamedTuple):
@@ -88,7 +84,7 @@ def add(commands: options.Commands) -> None:
         metavar="FOLDER",
         help="folder for the tables; made if there is none",
     )
-    _add_format(samples)
+    options.add_format(samples)
     options.add_choice(
         samples, "--ruleset", RulesetName, None, "the rules; those of the run if not given"
     )
@@ -113,18 +109,8 @@ def _add_runs(parts: options.Commands, table: TidyTable) -> None:
         metavar="FILE",
         help="the file; standard output if not given, or -",
     )
-    _add_format(parser)
+    options.add_format(parser)
     options.add_settings(parser)
-
-
-def _add_format(parser: argparse.ArgumentParser) -> None:
-    options.add_choice(
-        parser,
-        "--format",
-        TableFormat,
-        TableFormat.CSV,
-        "csv, ndjson (a JSON object on each line) or parquet, which needs the extra `tables`",
-    )
 
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
@@ -132,6 +118,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     from madrob_console.archive.run_paths import all_runs_at
     from madrob_console.config import load_settings
     from madrob_console.files.whole import whole_file
+    from madrob_console.tidy.run_rows import RowWriter
     from madrob_console.tidy.table_files import TableWriter, check_writable
 
     output: Path = arguments.output
@@ -149,7 +136,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
         Complaints() as bad,
         progress("runs") as tell,
         target as file,
-        closing(TableWriter(file, table, arguments.format)) as writer,
+        closing(RowWriter(TableWriter(file, table, arguments.format), table)) as writer,
     ):
         _write_runs(runs, arguments.testbed_name, table, writer, bad, tell)
     if not to_terminal:
@@ -161,19 +148,18 @@ def _write_runs(
     runs: Sequence[RunPath],
     testbed: str | None,
     table: TidyTable,
-    writer: TableWriter,
+    writer: RowWriter,
     bad: Complaints,
     tell: Tell,
 ) -> None:
     """The rows of all runs, some runs after the other."""
     from madrob_console.archive.collection import demand_testbed
     from madrob_console.archive.stored_runs import Counted, stored_run
-    from madrob_console.tidy.run_rows import cells_of, rows_of
+    from madrob_console.tidy.run_rows import rows_of
 
     counted = Counted.of(runs)
     if testbed is not None:
         demand_testbed(testbed, counted.testbeds)
-    rows: list[Row] = []
     twins: list[tuple[str, str]] = []
     tell(0, len(runs))
     for number, run in enumerate(runs, start=1):
@@ -186,13 +172,8 @@ def _write_runs(
         if (place := counted.places.get(label.run_id, run.name)) != run.name:
             twins.append((run.name, place))
         elif testbed in (None, label.testbed):
-            rows += rows_of(table, stored)
-        if len(rows) >= _ROWS_AT_ONCE:
-            writer.add(cells_of(table, rows))
-            rows = []
+            writer.add(rows_of(table, stored))
         tell(number, len(runs))
-    if rows:
-        writer.add(cells_of(table, rows))
     name_twins(twins)
 
 

@@ -43,11 +43,28 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
 
 
 def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
-    """Make a folder with these files; it is there with all of them or not at all.
+    """Make a folder with these files, as `new_folder` does.
+
+    Args:
+        path: of the folder.
+        files: by name.
+
+    Raises:
+        MadrobError: something is there already, or the disk refuses.
+    """
+    with new_folder(path) as part:
+        atomic_writes(part, files)
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to be filled; it is there with all that was put into it or not at all.
 
     Args:
         path: of the folder; the one that it lies in is made, too. There must be nothing yet.
-        files: by name.
+
+    Yields:
+        where to put the files until then.
 
     Raises:
         MadrobError: something is there already, or the disk refuses.
@@ -58,7 +75,8 @@ def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> Non
         if path.exists() or path.is_symlink():
             raise taken
         part.mkdir(parents=True)
-        atomic_writes(part, files)
+        yield part
+        _sync_folder(part)
         part.rename(path)
         _sync_folder(path.parent)
     except OSError as error:

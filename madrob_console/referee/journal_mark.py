@@ -13,7 +13,7 @@ from madrob_console.referee.run import JournalMark
 _BESIDE = {Change.EVENT, Change.RESULT_WRITTEN, Change.WITHDRAWN}
 """From these no result changes; where they stand among the others may differ."""
 
-_OPENS = {act.name for act in (Reissue, Void, Correct, TakeBack)}
+_OPENS = {*(act.name for act in (Reissue, Void, Correct, TakeBack)), Change.REISSUED}
 """They open a final result again."""
 
 

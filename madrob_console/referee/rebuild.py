@@ -11,16 +11,18 @@ from madrob_console.names import terminal_safe
 from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Run, TestbedFault
+from madrob_console.referee.run import FalseStart, Phase, Run, TestbedFault
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,
     decide_false_starts,
+    reissued,
     stop,
     time_out,
 )
 from scoring.protocol import EventName, Outcome
 from scoring.rest import HandleRest
+from scoring.rulesets import RulesetName
 
 _LATEST = 1e11  # s since the epoch, within what calendars reach
 
@@ -37,6 +39,7 @@ class Change(StrEnum):
     EVENT = "event"
     FAULT = "fault of the testbed"
     RESULT_WRITTEN = "result written"
+    REISSUED = "re-issued after a rule change"
 
 
 def act_of(entry: Entry) -> Act | None:
@@ -121,6 +124,9 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
+        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
+            name = details.get("ruleset")
+            return reissued(run, None if name is None else RulesetName(name))
         case Change.RESULT_WRITTEN:
             return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from madrob_console.referee.run import Phase, Run
 from scoring.protocol import Outcome
+from scoring.rulesets import RulesetName
 
 LEAST_PREROLL = 1.0
 """Recording begins at least this long before the start, s (protocol section 3)."""
@@ -52,6 +53,18 @@ def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
 
 def opened_again(run: Run) -> Run:
     """A final result is open once more, and its next issue has a number; any other stays."""
-    if run.phase is not Phase.FINAL:
-        return run
+    return _with_next_issue(run) if run.phase is Phase.FINAL else run
+
+
+def reissued(run: Run, rules: RulesetName | None) -> Run:
+    """The result gets another issue after a rule change, final or not; it is open afterwards.
+
+    Args:
+        run: before it, and over.
+        rules: by which its result is made from now on; None = by those that made it.
+    """
+    return replace(_with_next_issue(run), ruleset=rules or run.ruleset)
+
+
+def _with_next_issue(run: Run) -> Run:
     return replace(run, phase=Phase.STOPPED, closure=None, issue=max(1, run.issue) + 1)

@@ -9,12 +9,14 @@ from typing import TypeAlias
 from madrob_console.archive.stored_runs import StoredRun
 from madrob_console.referee.flags import undecided
 from madrob_console.tidy.run_tables import EVENTS, INDICATORS, RUNS, STEPS
-from madrob_console.tidy.table_files import Cells
+from madrob_console.tidy.table_files import Cells, TableWriter
 from madrob_console.tidy.tidy_table import TidyTable
 from scoring.protocol import Condition
 
 Row: TypeAlias = Mapping[str, object]
 """Its cells by column."""
+
+_ROWS_AT_ONCE = 10_000
 
 
 def rows_of(table: TidyTable, run: StoredRun) -> Iterator[Row]:
@@ -28,6 +30,36 @@ def cells_of(table: TidyTable, rows: Iterable[Row]) -> Mapping[str, Cells]:
     """The same by column."""
     every = list(rows)
     return {column.name: [row[column.name] for row in every] for column in table.columns}
+
+
+class RowWriter:
+    """Writes a table of any number of runs: few rows and those of one run are in memory.
+
+    Args:
+        writer: of the table.
+        table: which.
+    """
+
+    def __init__(self, writer: TableWriter, table: TidyTable) -> None:
+        self._writer = writer
+        self._table = table
+        self._rows: list[Row] = []
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Those of one run."""
+        self._rows += rows
+        if len(self._rows) >= _ROWS_AT_ONCE:
+            self._flush()
+
+    def close(self) -> None:
+        """Write the rest, and what belongs at the end."""
+        if self._rows:
+            self._flush()
+        self._writer.close()
+
+    def _flush(self) -> None:
+        self._writer.add(cells_of(self._table, self._rows))
+        self._rows = []
 
 
 def task_cells(condition: Condition) -> Row:
@@ -91,13 +123,15 @@ def _indicators(run: StoredRun) -> Iterator[Row]:
 
 def _events(run: StoredRun) -> Iterator[Row]:
     for one in run.result.events:
-        yield {"event": one.event, "time": one.time, "since_start": one.since_start}
+        told = {"ruleset": run.result.ruleset, "event": one.event}
+        yield {**told, "time": one.time, "since_start": one.since_start}
 
 
 def _steps(run: StoredRun) -> Iterator[Row]:
     for one in run.result.steps:
         done = one.final is not None
         yield {
+            "ruleset": run.result.ruleset,
             "step": one.step,
             "name": one.name,
             "done": done,

@@ -92,6 +92,7 @@ EVENTS = TidyTable(
     "one row for each event of a run",
     (
         *WHOSE,
+        _RULESET,
         TidyColumn("event", CellKind.TEXT, "", "as EUROBENCH names it"),
         TidyColumn("time", CellKind.NUMBER, "s", "since 1970 (UTC)"),
         _SINCE_START,
@@ -103,6 +104,7 @@ STEPS = TidyTable(
     "one row for each run and step, six of them",
     (
         *WHOSE,
+        _RULESET,
         TidyColumn("step", CellKind.COUNT, "", "1 to 6"),
         TidyColumn("name", CellKind.TEXT, "", "in words"),
         TidyColumn("done", CellKind.FLAG, "", "whether it counts as done"),
@@ -116,3 +118,13 @@ STEPS = TidyTable(
 
 RUN_TABLES = (RUNS, INDICATORS, EVENTS, STEPS)
 """All of them, from few rows to many."""
+
+UNREADABLE = TidyTable(
+    "unreadable",
+    "one row for each run that cannot be read",
+    (
+        TidyColumn("place", CellKind.TEXT, "", "path of its folder or bag"),
+        TidyColumn("reason", CellKind.TEXT, "", "why, in words"),
+    ),
+)
+"""Beside the tables of runs that are scored for them."""

@@ -8,8 +8,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import next_run_number
+from madrob_console.archive.grades import Grade
 from madrob_console.archive.history import History
+from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
@@ -18,6 +22,7 @@ from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
 from madrob_console.referee.run import Phase, TeamWord
 from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Outcome, Step
+from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import completed
@@ -95,6 +100,25 @@ def test_an_earlier_run_is_ruled_finalised_and_issued_again_in_its_own_folder(
     assert document["indicators"]["capability_level"]["value"] == 6
     assert (folder / "result_issue_1.json").exists()
     again.engine.close()
+
+
+def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
+    tmp_path: Path,
+) -> None:
+    folder = finished(tmp_path)
+    change = RuleChange("rules of May", RulesetName.ROBUST_2026, "Ada", 1_700_000_100.0)
+    issue = next_issue(RunPath(folder), change)
+    assert issue is not None
+    write_next_issue(issue, 1_700_000_101.0)
+    drive = Drive(tmp_path)
+    shown(drive.engine, folder)
+    assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
+    drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+    drive.engine.close()
+    document = msgspec.json.decode((folder / "result.json").read_bytes())
+    assert (document["issue"], document["ruleset"]) == (2, "robust-2026")
+    assert document["closure"]["team_word"] == "acknowledged"
+    assert check_run(RunPath(folder)).grade is Grade.SAME
 
 
 def test_a_run_that_was_cut_off_is_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:

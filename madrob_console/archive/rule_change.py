@@ -1,0 +1,248 @@
+"""Re-issues results after a rule change: next issues are made anywhere, and written in one place.
+
+Who makes one touches nothing. Who writes it holds the run, finds the journal as it was, and adds
+the journal's line first: whatever ends it afterwards, the result is made again from that line
+(`archive/repair.py`), and there is no second issue.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from madrob_console.archive.check import Difference, compare
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.grades import Grade
+from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
+from madrob_console.archive.result_writer import has_content, result_files, write_result
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.scored import Scored, open_run
+from madrob_console.archive.unfinished import is_held
+from madrob_console.errors import MadrobError
+from madrob_console.kinds import SourceKind
+from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, refusal_words
+from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.rebuild import Change, after
+from madrob_console.referee.run import JournalMark, Phase, TeamWord
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.rulesets import RulesetName
+
+_VALUE = re.compile(r"indicators\.(\w+)\.value")
+_RECORDING = re.compile(r"files\..*\.mcap\b")
+
+
+@dataclass(frozen=True, slots=True)
+class RuleChange:
+    """Why results are re-issued, and by what.
+
+    Attributes:
+        reason: for the journal.
+        rules: the ruleset; None = that of each result, as this version of the program has it.
+        referee: who says so; empty where no name is known.
+        time: when, s since the epoch.
+    """
+
+    reason: str
+    rules: RulesetName | None
+    referee: str
+    time: float
+
+    @property
+    def entry(self) -> Entry:
+        """The journal's line of it."""
+        details = {} if self.rules is None else {"ruleset": self.rules.value}
+        return Entry(self.time, Origin.REFEREE, Change.REISSUED, self.referee, self.reason, details)
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedValue:
+    """An indicator that a rule change changes.
+
+    Attributes:
+        indicator: which.
+        before, after: its values; None = it has none.
+    """
+
+    indicator: IndicatorName
+    before: int | float | None
+    after: int | float | None
+
+    @property
+    def words(self) -> str:
+        """All of it, with as many digits as tell the two apart."""
+        texts = [_rounded(self.before), _rounded(self.after)]
+        if texts[0] == texts[1]:
+            texts = [str(self.before), str(self.after)]
+        return f"{self.indicator.words} {' -> '.join(texts)}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NextIssue:
+    """The next issue of a result that a rule change changes, to be written.
+
+    Attributes:
+        folder: of the run.
+        number: of the issue.
+        values: what it changes of the indicators.
+        others: how much else differs.
+        signed: the team's word on the issue before; None = that was not final.
+        counts: whether the run enters the standings: it is valid and official.
+        made_of: the journal that it was made of.
+        entry: the journal's next line.
+        files: of the result, those that are to be written.
+    """
+
+    folder: Path
+    number: int
+    values: tuple[ChangedValue, ...]
+    others: int
+    signed: TeamWord | None
+    counts: bool
+    made_of: JournalMark
+    entry: Entry
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """What it changes, on one line."""
+        parts = [value.words for value in self.values]
+        if self.others:
+            parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
+        signed = "" if self.signed is None else f" (was final, {self.signed}: not final any more)"
+        return f"issue {self.number}{signed}: {', '.join(parts)}"
+
+
+class OutOfDateError(MadrobError):
+    """A result that is not what its journal says: it is to be made again first."""
+
+
+def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
+    """Score a run and see whether its result would be another one; nothing is written.
+
+    Args:
+        run: a run folder.
+        change: by what.
+        files: whether they are wanted.
+
+    Returns:
+        The next issue; None = there is nothing to re-issue: the result stays as it is, or the run
+        was aborted and has no indicators.
+
+    Raises:
+        OutOfDateError: the result is not what the journal says.
+        MadrobError: there is no result, the recording is another one, or somebody works on the run.
+    """
+    folder = run.path
+    if run.prefix or not (folder / RESULT_FILE).is_file():
+        raise MadrobError(f"{run.name}: has no {RESULT_FILE} to re-issue: name run folders")
+    if not (folder / JOURNAL_FILE).is_file():
+        raise MadrobError(f"{run.name}: has no {JOURNAL_FILE}, where a re-issue has to stand")
+    if is_held(folder / JOURNAL_FILE):
+        raise _busy(folder)
+    opened = open_run(folder, change.rules)
+    recorded = opened.recorded
+    before = recorded.run
+    assert before.journal is not None
+    if opened.out_of_date:
+        raise OutOfDateError(
+            f"{folder}: {RESULT_FILE} is not what the journal says: `madrob recover` makes it again"
+        )
+    if before.phase not in (Phase.STOPPED, Phase.FINAL):
+        raise MadrobError(f"{folder}: was cut off: open it in the console, the referee decides")
+    if before.outcome is Outcome.ABORTED:
+        return None
+    found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
+    if not found:
+        return None
+    entry = change.entry
+    reissued = replace(after(before, entry), journal=mark_of((*recorded.entries, entry)))
+    values = tuple(_values(found))
+    data: dict[str, bytes] = {}
+    if files:
+        data = result_files(folder, Scored.of(recorded.record, reissued, opened.assessment))
+    return NextIssue(
+        folder,
+        reissued.issue,
+        values,
+        len(found) - len(values),
+        None if before.closure is None else before.closure.team_word,
+        before.valid and not before.practice and recorded.record.source is SourceKind.ROS,
+        before.journal,
+        entry,
+        {name: data[name] for name in data if not has_content(folder / name, data[name])},
+    )
+
+
+def write_next_issue(made: NextIssue, now: float) -> None:
+    """Journal and write a next issue; the one before stays under its number.
+
+    Args:
+        made: the issue, with its files.
+        now: s since the epoch.
+
+    Raises:
+        MadrobError: somebody works on the run or did so since, or the disk refuses.
+    """
+    folder = made.folder
+    path, journal = folder / JOURNAL_FILE, Journal()
+    if is_held(path):
+        raise _busy(folder)
+    try:
+        journal.reopen(path)
+    except BlockingIOError:
+        raise _busy(folder) from None
+    except OSError as error:
+        raise MadrobError(
+            f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
+        ) from None
+    try:
+        if mark_of(read_journal(path)[0]) != made.made_of:
+            raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
+        if not journal.append([made.entry]):
+            assert journal.refused is not None
+            raise MadrobError(f"{folder}: {refusal_words(journal.refused)}: nothing was re-issued")
+        write_result(folder, made.files, made.number)
+        details = {"issue": made.number}
+        journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
+    finally:
+        journal.close()
+
+
+def _busy(folder: Path) -> MadrobError:
+    return MadrobError(f"{folder}: a console works on this run: leave it there, then try again")
+
+
+def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
+    """In what the stored result of a run is another one than the fresh one.
+
+    Raises:
+        MadrobError: the recording is not the one that the result was made of.
+    """
+    try:
+        stored = read_whole_result(str(folder))
+    except UnusableResultError as error:
+        raise MadrobError(f"{folder}: {error}") from None
+    found = compare(stored, scored, folder).of(Grade.DIFFERS)
+    if any(_RECORDING.match(each.what) for each in found):
+        raise MadrobError(
+            f"{folder}: the recording is not the one that its result was made of: put that back, "
+            "or decide in the console"
+        )
+    return [each for each in found if not each.what.startswith("files")]
+
+
+def _values(found: Sequence[Difference]) -> Iterator[ChangedValue]:
+    for each in found:
+        if match := _VALUE.fullmatch(each.what):
+            before, now = each.stored, each.recomputed
+            assert isinstance(before, int | float | None)
+            assert isinstance(now, int | float | None)
+            name = next(one for one in IndicatorName if one == match[1])
+            yield ChangedValue(name, before, now)
+
+
+def _rounded(value: float | None) -> str:
+    return "none" if value is None else f"{value:.6g}"

@@ -1,0 +1,258 @@
+"""The same work on many things, on a running Dask cluster, in order."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import logging
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from madrob_console.cli.problems import complain
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+    from scoring.libraries import Libraries
+
+ANSWERS_WITHIN = 10.0
+"""A scheduler that does not is none, s."""
+
+_AHEAD, _LEAST_AHEAD = 4, 256
+"""Items that are handed out at once: so many for each thread that there is, and so many in all,
+from which a cluster that adapts sees that it is too small."""
+
+_LOOK = 10.0
+"""While nothing is done the workers are counted so often, s."""
+
+_CANCELLED = (asyncio.CancelledError, concurrent.futures.CancelledError)
+
+_Item = TypeVar("_Item")
+_Done = TypeVar("_Done")
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerFacts:
+    """What a worker of a cluster says of itself.
+
+    Attributes:
+        software: this program's version there.
+        libraries: what computes there.
+        unseen: those of the paths that it was asked for and does not see.
+    """
+
+    software: str
+    libraries: Libraries
+    unseen: tuple[str, ...]
+
+
+def worker_facts(paths: Sequence[str]) -> WorkerFacts:
+    """What there is where it is called, and which of the paths are not."""
+    from madrob_console.version import software_version
+    from scoring.libraries import libraries_here
+
+    unseen = tuple(path for path in paths if not Path(path).exists())
+    return WorkerFacts(software_version(), libraries_here(), unseen)
+
+
+def on_cluster(
+    work: Callable[[_Item], _Done],
+    items: Sequence[_Item],
+    address: str,
+    paths: Iterable[Path],
+    lost: Callable[[_Item, str], _Done],
+) -> Generator[_Done, None, None]:
+    """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
+
+    What a worker that dies had in hand is given to others. An item that takes worker after worker
+    with it is tried once more without any other beside it, and then given up. Closed, it cancels
+    what still works.
+
+    Args:
+        work: what to do; it must be importable by name on the workers.
+        items: on what.
+        address: of the scheduler.
+        paths: which the workers must see.
+        lost: what stands for an item that is given up, from why, in words.
+
+    Raises:
+        MadrobError: `distributed` is not installed, the scheduler does not answer or goes away, or
+            a worker does not fit.
+    """
+    with _connected(address) as client:
+        _demand_fitting(client, address, [str(path) for path in paths])
+        threads = sum(client.nthreads().values())
+        ahead = max(_LEAST_AHEAD, _AHEAD * threads)
+        yield from _Spread(client, work, items, lost).results(ahead)
+
+
+class _Spread(Generic[_Item, _Done]):
+    """Items that are handed out, and what comes of them."""
+
+    def __init__(
+        self,
+        client: Client,
+        work: Callable[[_Item], _Done],
+        items: Sequence[_Item],
+        lost: Callable[[_Item, str], _Done],
+    ) -> None:
+        self._client = client
+        self._work = work
+        self._items = items
+        self._lost = lost
+        self._waiting: dict[Future, int] = {}
+        self._ready: dict[int, _Done] = {}
+        self._suspects: list[int] = []
+
+    def results(self, ahead: int) -> Iterator[_Done]:
+        """In the order of the items; no more than so many are handed out or ready at once."""
+        left = iter(range(len(self._items)))
+        try:
+            for number in range(len(self._items)):
+                while number not in self._ready:
+                    if self._suspects and not self._waiting:
+                        self._try_alone(self._suspects.pop())
+                        continue
+                    room = ahead - len(self._waiting) - len(self._ready)
+                    for each in islice(left, 0 if self._suspects else max(room, 0)):
+                        self._hand_out(each)
+                    self._take(last=False)
+                yield self._ready.pop(number)
+        finally:
+            if self._waiting:
+                self._client.cancel(list(self._waiting), force=True)
+
+    def _hand_out(self, number: int) -> None:
+        future = self._client.submit(self._work, self._items[number], pure=False)
+        self._waiting[future] = number
+
+    def _try_alone(self, number: int) -> None:
+        self._hand_out(number)
+        while self._waiting:
+            self._take(last=True)
+
+    def _take(self, *, last: bool) -> None:
+        """Wait until something is done, and take it."""
+        from distributed import wait
+
+        try:
+            done = wait(list(self._waiting), timeout=_LOOK, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            if not self._client.nthreads():
+                complain("the cluster has no workers: waiting for some; Ctrl+C stops")
+            return
+        except _CANCELLED:
+            raise _gone() from None
+        for future in done:
+            self._take_one(future, last=last)
+
+    def _take_one(self, future: Future, *, last: bool) -> None:
+        from distributed import KilledWorker
+
+        number = self._waiting[future]
+        item = self._items[number]
+        try:
+            self._ready[number] = future.result(timeout=_LOOK)
+        except _CANCELLED:
+            raise _gone() from None
+        except KilledWorker:
+            if last:
+                why = "every worker died that worked on it: too little memory, or a fault of it"
+                self._ready[number] = self._lost(item, why)
+            else:
+                self._suspects.append(number)
+        except Exception as error:  # noqa: BLE001  # of this item and no other
+            if future.status != "error":  # it went with its worker before it was taken: once more
+                return
+            why = f"the cluster could not do it ({type(error).__name__}: {str(error)[:200]})"
+            self._ready[number] = self._lost(item, terminal_safe(why))
+        del self._waiting[future]
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    try:
+        import distributed
+    except ImportError:
+        raise MadrobError(
+            "--scheduler needs distributed: install madrob-console with its extra `cluster`, here "
+            "and on the workers"
+        ) from None
+    for name in [*logging.root.manager.loggerDict, "asyncio"]:
+        if name.partition(".")[0] in {"asyncio", "distributed", "tornado"}:  # what matters is told
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # here; threads outlive this
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"(distributed|dask|tornado)\.")
+        asyncio.run(_ask(address))  # a client that finds nobody takes a minute to give up
+        with distributed.Client(address, timeout=ANSWERS_WITHIN) as client:
+            yield client
+
+
+async def _ask(address: str) -> None:
+    """Ask who is there.
+
+    Raises:
+        MadrobError: no scheduler.
+    """
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    try:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, timeout=ANSWERS_WITHIN, connection_args=arguments) as there:
+            found = await asyncio.wait_for(there.identity(), ANSWERS_WITHIN)
+            if found["type"] == "Scheduler":
+                return
+    except (OSError, ValueError, TypeError, KeyError, ImportError):
+        pass
+    raise MadrobError(
+        f"--scheduler {terminal_safe(address)}: no Dask scheduler answers there: give the address "
+        "that it prints, as in tcp://10.0.0.5:8786"
+    )
+
+
+def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
+    """There are workers, and each of them gives the same results here as there.
+
+    Raises:
+        MadrobError: one does not.
+    """
+    try:
+        client.wait_for_workers(1, timeout=ANSWERS_WITHIN)
+    except TimeoutError:
+        raise MadrobError(
+            f"--scheduler {address}: it has no workers: start `dask worker {address}`"
+        ) from None
+    try:
+        found: dict[str, WorkerFacts] = client.run(worker_facts, list(paths))
+    except Exception as error:  # noqa: BLE001  whatever it is, they cannot
+        raise MadrobError(
+            f"--scheduler {address}: its workers cannot run this program "
+            f"({type(error).__name__}: {terminal_safe(str(error)[:200])}): install the same "
+            "madrob-console there"
+        ) from None
+    here = worker_facts(())
+    for worker, facts in sorted(found.items()):
+        if facts.unseen:
+            raise MadrobError(
+                f"worker {worker} does not see {facts.unseen[0]}: name paths on a disk that all "
+                "workers share"
+            )
+        there = (facts.software, *astuple(facts.libraries))
+        if there != (own := (here.software, *astuple(here.libraries))):
+            theirs, ours = next(pair for pair in zip(there, own, strict=True) if len(set(pair)) > 1)
+            raise MadrobError(
+                f"worker {worker} has other versions ({theirs} there, {ours} here), which round "
+                "otherwise: install the same there"
+            )
+
+
+def _gone() -> MadrobError:
+    return MadrobError("the scheduler went away: start it, and this command, again")

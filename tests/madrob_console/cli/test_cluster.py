@@ -1,0 +1,138 @@
+"""`--scheduler`: the runs go to a Dask cluster, and what happens to it costs little."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from madrob_console.cli.cluster import on_cluster
+from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
+from madrob_console.testbeds.simulated import Scenario
+from tests.madrob_console.recorded_runs import copy_run
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
+
+
+def test_without_distributed_one_line_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["score", "--scheduler", "tcp://10.0.0.5:8786", str(tmp_path)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err == (
+        "madrob: --scheduler needs distributed: install madrob-console with its extra `cluster`, "
+        "here and on the workers\n"
+    )
+
+
+def die_of_three(number: int) -> int:
+    """What a run does that needs more memory than there is."""
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return -number
+
+
+def die_once(marker: tuple[int, str]) -> int:
+    """What a machine does that goes down once."""
+    number, path = marker
+    if number == 5 and not Path(path).exists():
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return -number
+
+
+def fail(number: int) -> int:
+    """What a fault of ours does."""
+    raise ValueError(f"number {number}")
+
+
+def linger(mark: tuple[int, str]) -> None:
+    """Say that it was begun, and work on until somebody says that it is enough."""
+    number, folder = mark
+    Path(folder, f"begun_{number}").touch()
+    while not Path(folder, "enough").exists():
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    """A scheduler, and two workers in processes of their own."""
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
+    how = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=2, processes=True, **how) as running:
+        yield running
+
+
+@pytest.mark.machine
+@pytest.mark.timeout(300)
+@pytest.mark.filterwarnings("default")  # of distributed's own threads and processes
+def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
+    cluster: LocalCluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    address = cluster.scheduler_address
+    root = tmp_path / "results"
+    for number in range(1, 5):
+        copy_run(root, number, Scenario.TOUCH_ONLY)
+    (root / "subject_009_cond_001_run_001_20231114_221323").mkdir()
+    assert main(["score", "--jobs", "1", str(root)]) == 2
+    alone = capsys.readouterr()
+    monkeypatch.chdir(tmp_path)
+    assert main(["score", "--scheduler", address, "results"]) == 2
+    assert capsys.readouterr() == alone
+
+    def spread(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+        return list(on_cluster(work, items, address, [], lambda item, why: f"{item}: {why}"))
+
+    # a worker that dies costs nothing but the time of its runs
+    marked = [(number, str(tmp_path / "died")) for number in range(20)]
+    assert spread(die_once, marked) == [-number for number in range(20)]
+    assert (tmp_path / "died").exists()
+    # a run that takes every worker with it is one row with its reason
+    done = spread(die_of_three, range(20))
+    assert done.pop(3).startswith("3: every worker died that worked on it")
+    assert done == [-number for number in range(20) if number != 3]
+    assert spread(fail, [7]) == ["7: the cluster could not do it (ValueError: number 7)"]
+
+    # what is closed is cancelled: nothing more is begun
+    lingering = tmp_path / "lingering"
+    lingering.mkdir()
+    marks = [(number, str(lingering)) for number in range(30)]
+    results = on_cluster(linger, marks, address, [], lambda item, _why: None)
+    with pytest.raises(KeyboardInterrupt):
+        _interrupted(results, lingering, monkeypatch)
+    (lingering / "enough").touch()
+    assert spread(abs, [-1, -2]) == [1, 2]
+    assert len(list(lingering.glob("begun_*"))) < 10
+
+    monkeypatch.setattr("madrob_console.version.software_version", lambda: "0.0.1")
+    with pytest.raises(MadrobError, match=r"has other versions \(.* there, 0\.0\.1 here\)"):
+        spread(abs, [-1, -2])
+
+
+def _interrupted(results: Iterator[None], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take results until work has begun; then Ctrl+C is pressed."""
+    import distributed
+
+    wait = distributed.wait
+
+    def pressed(futures: list[object], **_how: object) -> object:
+        if any(folder.iterdir()):
+            raise KeyboardInterrupt
+        return wait(futures, timeout=0.1, return_when="FIRST_COMPLETED")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(distributed, "wait", pressed)
+        next(results)
