@@ -343,10 +343,13 @@ class Assessment(LiveAssessment):
     ) -> tuple[Ending, tuple[str, ...]]:
         """A run that other rules completed stops when these do, if the recording has it.
 
-        What the referee has ruled since moves no stop, and no outcome is decided anew.
+        What the referee has ruled since moves no stop, and no outcome is decided anew; a run in
+        which the referee ruled may have stopped by that.
         """
         stop, name = ending.stop, self._ruleset.name
-        if not self._stopped_by_others or stop is None or rulings:
+        if not self._stopped_by_others or stop is None:
+            return ending, ()
+        if any(ruling.time <= stop for ruling in rulings):
             return ending, ()
         completed = self.procedure().completed
         if completed is None or completed == stop:

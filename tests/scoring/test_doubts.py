@@ -10,7 +10,8 @@ from msgspec.structs import replace as changed
 
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
-from scoring.protocol import EventName, Outcome, Side, Thresholds
+from scoring.procedure import Ruling
+from scoring.protocol import EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
 from scoring.samples import PassageSample, Sample
@@ -217,6 +218,19 @@ def test_a_run_scored_by_other_rules_stops_where_these_say() -> None:
         result = run.result(Ending(Outcome.COMPLETED, "all six steps done", stop))[0]
         assert result.stop == own[others.name].stop
         assert any(f"by the rules of {others.name}" in words for words in result.quality.remarks)
+
+
+@pytest.mark.parametrize(("ruled", "level"), [(1.0, 6), (-1.0, 4)])
+def test_what_was_ruled_after_a_run_moves_no_stop_of_other_rules(ruled: float, level: int) -> None:
+    samples = clean()
+    stop = scored(samples).stop
+    assert stop is not None
+    run = Assessment(CONDITION, START, ruleset=ROBUST_2026, stopped_by=PROTOCOL)
+    for sample in samples:
+        run.feed(sample)
+    ruling = Ruling(Step.CROSS, True, stop + ruled, "video", "Ada")
+    ending = Ending(Outcome.COMPLETED, "all six steps done", stop)
+    assert run.result(ending, [ruling])[0].indicators[LEVEL].value == level
 
 
 def test_doubts_change_no_value() -> None:
