@@ -30,7 +30,7 @@ from scoring.protocol import (
     Signal,
     Thresholds,
 )
-from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
+from scoring.quality import AGAINST_OPENING, BY_THE_RULES, Quality, QualityCounter
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, cut_rows, process_rows
@@ -343,24 +343,22 @@ class Assessment(LiveAssessment):
     ) -> tuple[Ending, tuple[str, ...]]:
         """A run that other rules completed stops when these do, if the recording has it.
 
-        What the referee has ruled since moves no stop, and no outcome is decided anew; a run in
-        which the referee ruled may have stopped by that.
+        What the referee has ruled since moves no stop, and no outcome is decided anew.
         """
         stop, name = ending.stop, self._ruleset.name
         if not self._stopped_by_others or stop is None:
             return ending, ()
-        if any(ruling.time <= stop for ruling in rulings):
-            return ending, ()
-        completed = self.procedure().completed
+        in_the_run = [ruling for ruling in rulings if ruling.time <= stop]
+        completed = self.procedure(in_the_run).completed
         if completed is None or completed == stop:
             return ending, ()
         if ending.outcome is not Outcome.COMPLETED:
             if completed > stop or ending.outcome is not Outcome.TIMEOUT:
                 return ending, ()
             done = f"all six steps are done {completed - self.start:.3f} s after the start"
-            return ending, (f"by the rules of {name} {done}: the outcome is that of the run",)
+            return ending, (f"{BY_THE_RULES}{name} {done}: the outcome is that of the run",)
         when = f"{abs(completed - stop):.3f} s {'later' if completed > stop else 'earlier'}"
-        remark = f"by the rules of {name} the run stops {when}"
+        remark = f"{BY_THE_RULES}{name} the run stops {when}"
         return replace(ending, stop=completed), (remark,)
 
     def _end(self, ending: Ending) -> float:

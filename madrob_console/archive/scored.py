@@ -43,8 +43,8 @@ from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_names import numbers_of
 from scoring.evaluate import Assessment, LiveAssessment
 from scoring.kinematics import load_filters
-from scoring.protocol import Condition, Outcome
-from scoring.quality import AGAINST_OPENING
+from scoring.protocol import Condition, Outcome, Step
+from scoring.quality import AGAINST_OPENING, BY_THE_RULES
 from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
@@ -378,8 +378,10 @@ def _lost_steps(assessment: LiveAssessment, recorded: RecordedRun) -> str | None
         return None
     before = takewhile(lambda entry: entry.what != Change.RUN_STOPS, entries)
     rulings = rebuild(tuple(before), recorded.record.handle_zero).rulings
-    steps = assessment.procedure(rulings, run.stop).steps
-    lost = [str(record.step.value) for record in steps if not record.done]
+    # other rules than those that stopped the run find the last steps a little after its stop
+    found = (assessment.procedure(rulings, until) for until in (run.stop, None))
+    done = {record.step for procedure in found for record in procedure.steps if record.done}
+    lost = [str(step.value) for step in Step if step not in done]
     if not lost:
         return None
     return (
@@ -425,5 +427,5 @@ def keep_stored_remarks(assessment: LiveAssessment, run: Run, folder: Path) -> N
 
 
 def _of_the_moment(remark: str) -> bool:
-    """Whether a remark follows from what the referee has decided up to now, or may take back."""
-    return remark.startswith(DECISION_REMARKS) or remark.endswith(AGAINST_OPENING)
+    """Whether a remark follows from the ruleset, or what the referee has decided up to now."""
+    return remark.startswith((*DECISION_REMARKS, BY_THE_RULES)) or remark.endswith(AGAINST_OPENING)

@@ -220,8 +220,8 @@ def test_a_run_scored_by_other_rules_stops_where_these_say() -> None:
         assert any(f"by the rules of {others.name}" in words for words in result.quality.remarks)
 
 
-@pytest.mark.parametrize(("ruled", "level"), [(1.0, 6), (-1.0, 4)])
-def test_what_was_ruled_after_a_run_moves_no_stop_of_other_rules(ruled: float, level: int) -> None:
+@pytest.mark.parametrize("ruled", [1.0, -1.0])
+def test_a_ruling_keeps_no_run_from_stopping_where_other_rules_stop_it(ruled: float) -> None:
     samples = clean()
     stop = scored(samples).stop
     assert stop is not None
@@ -230,7 +230,9 @@ def test_what_was_ruled_after_a_run_moves_no_stop_of_other_rules(ruled: float, l
         run.feed(sample)
     ruling = Ruling(Step.CROSS, True, stop + ruled, "video", "Ada")
     ending = Ending(Outcome.COMPLETED, "all six steps done", stop)
-    assert run.result(ending, [ruling])[0].indicators[LEVEL].value == level
+    result = run.result(ending, [ruling])[0]
+    assert result.indicators[LEVEL].value == 6
+    assert result.stop == scored(samples, ROBUST_2026).stop
 
 
 def test_doubts_change_no_value() -> None:

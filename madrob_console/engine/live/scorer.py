@@ -45,9 +45,15 @@ class PastRun:
     doubts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, run: Run, assessment: LiveAssessment) -> PastRun:
-        """Of a run that is over, and what follows it."""
-        procedure = assessment.procedure(run.rulings, run.stop)
+    def of(cls, run: Run, assessment: LiveAssessment, stop: float | None) -> PastRun:
+        """Of a run that is over, and what follows it.
+
+        Args:
+            run: its state.
+            assessment: fed with all of its samples.
+            stop: as its result has it; other rules may stop a run later than it was stopped.
+        """
+        procedure = assessment.procedure(run.rulings, stop)
         return cls(
             procedure,
             assessment.provisional(procedure),
@@ -105,7 +111,7 @@ class RenderedResult:
             record=record,
             run=run,
             result=scored.result,
-            past=PastRun.of(run, assessment),
+            past=PastRun.of(run, assessment, scored.result.stop),
             files={} if folder is None else result_files(folder, scored),
             curves=msgspec.msgpack.encode(curves_of(scored.result, scored.rows)),
             report=pickle.dumps(scored, pickle.HIGHEST_PROTOCOL),
