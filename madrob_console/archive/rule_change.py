@@ -31,6 +31,7 @@ from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
 
 _VALUE = re.compile(r"indicators\.(\w+)\.value")
+_WHOSE = ("run_id", "subject", "condition_number", "run_number")
 _RECORDING = re.compile(r"files\..*\.mcap\b")
 
 
@@ -219,7 +220,7 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
     """In what the stored result of a run is another one than the fresh one.
 
     Raises:
-        MadrobError: the recording is not the one that the result was made of.
+        MadrobError: the recording is not the one that the result was made of, or of another run.
     """
     try:
         stored = read_whole_result(str(folder))
@@ -231,6 +232,12 @@ def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
             f"{folder}: the recording is not the one that its result was made of: put that back, "
             "or decide in the console"
         )
+    for each in found:
+        if each.what in _WHOSE and each.stored:
+            raise MadrobError(
+                f"{folder}: {RESULT_FILE} is of another run than journal and recording "
+                f"({each.words}): put its own back, or decide in the console"
+            )
     return [each for each in found if not each.what.startswith("files")]
 
 

@@ -60,6 +60,10 @@ def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
     paths: list[Path] = arguments.paths
     if arguments.scheduler is not None:  # workers have another working directory
         paths = [path.absolute() for path in paths]
+    if arguments.shard is not None:  # one task of many would say so, and the others be content
+        for path in paths:
+            if not path.exists():
+                raise MadrobError(f"{path}: no such file or directory: every share needs all paths")
     return shared_out(all_runs_at(paths), arguments.shard)
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run, score_opened
+from madrob_console.errors import MadrobError
 from scoring.quality import BY_THE_RULES
 from scoring.rulesets import RulesetName
 from tests.madrob_console.recorded_runs import completed
@@ -44,3 +46,14 @@ def test_a_torn_recording_that_has_all_steps_has_lost_none_by_other_rules(run: P
     bag.write_bytes(bag.read_bytes()[:-60])  # its footer
     remarks = open_run(run).assessment.quality().remarks
     assert not any("is lost" in remark for remark in remarks)
+
+
+def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_one(
+    run: Path,
+) -> None:
+    path = run / "result.json"
+    document = msgspec.json.decode(path.read_bytes())
+    path.write_bytes(msgspec.json.encode(document | {"subject": 41}))
+    change = RuleChange("rules of May", None, "Ada", 1_800_000_100.0)
+    with pytest.raises(MadrobError, match=r"of another run .*subject: stored 41, now 3"):
+        next_issue(RunPath(run), change)

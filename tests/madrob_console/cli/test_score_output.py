@@ -87,6 +87,16 @@ def test_shards_are_the_whole_together(tmp_path: Path) -> None:
         assert len(whole) > 0
 
 
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_every_share_says_that_a_path_is_missing(
+    number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "out"
+    assert score(tmp_path / "nope", "--output", target, "--shard", f"{number}/3") == 2
+    assert "nope: no such file or directory" in capsys.readouterr().err
+    assert not target.exists()
+
+
 def test_a_division_into_other_shards_does_not_get_beside_the_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
