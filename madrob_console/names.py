@@ -40,6 +40,11 @@ def terminal_safe(text: str) -> str:
     return "".join(map(_shown, plain))
 
 
+def valid_text(text: str) -> str:
+    """The text for a file: bytes of a path that are no UTF-8 become U+FFFD, the rest stays."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def clean_name(text: str, field: str, fallback: str = "") -> str:
     """A name of a person, team or competition, safe in a file name and on the terminal.
 

@@ -19,7 +19,7 @@ from madrob_console.cli.parsing import one_of
 from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
 from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.names import terminal_safe, valid_text
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -379,5 +379,5 @@ def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:
 def _json(run: RunPath, content: dict[str, Any]) -> str:
     import msgspec
 
-    document = msgspec.json.encode({"path": run.name} | content)
+    document = msgspec.json.encode({"path": valid_text(run.name)} | content)
     return msgspec.json.format(document, indent=2).decode()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from madrob_console.errors import MadrobError
 from madrob_console.files.whole import whole_file
+from madrob_console.names import valid_text
 from madrob_console.tidy.tidy_table import CellKind, TableFormat, TidyColumn, TidyTable
 
 if TYPE_CHECKING:
@@ -159,4 +160,6 @@ def _column(column: TidyColumn, cells: Cells) -> pd.Series[Any]:
     if isinstance(cells, np.ma.MaskedArray):
         missing = np.ma.getmaskarray(cells)
         return pd.Series(pd.arrays.BooleanArray(cells.data.astype(np.bool_), missing))
+    if column.kind is CellKind.TEXT:  # paths among them
+        cells = [valid_text(cell) if isinstance(cell, str) else cell for cell in cells]
     return pd.Series(cells, dtype=column.kind.value)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 from io import StringIO
 from pathlib import Path
 
@@ -85,6 +88,20 @@ def test_shards_are_the_whole_together(tmp_path: Path) -> None:
             check_dtype=False,  # that of a table without rows
         )
         assert len(whole) > 0
+
+
+def test_a_path_that_is_no_text_is_one_in_tables_and_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / os.fsdecode(b"hall \xff")
+    root.mkdir()
+    shutil.copytree(recorded(Scenario.NOMINAL), root / recorded(Scenario.NOMINAL).name)
+    assert score(root, "--output", tmp_path / "out") == 0
+    (place,) = frame(tmp_path / "out" / "runs.csv")["place"]
+    assert "hall \ufffd" in place
+    capsys.readouterr()
+    assert score(root, "--json") == 0
+    assert "hall \ufffd" in json.loads(capsys.readouterr().out)["runs"][0]["path"]
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
