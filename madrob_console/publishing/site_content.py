@@ -33,8 +33,8 @@ ORDER = (
 TEAMS_ORDER = (
     "In each condition a team's best run: the highest capability level, completed before failed, "
     "then the least execution time. Teams are ordered by their highest level, then by in how many "
-    "conditions they reached it, then by how many they completed; values of failed runs order "
-    "nothing. The protocol makes no ranking."
+    "conditions they reached it, then by in how many they completed a run; values of failed runs "
+    "order nothing. The protocol makes no ranking."
 )
 """The same of teams over all conditions."""
 
