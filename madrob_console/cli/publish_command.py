@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options, which_runs
 from madrob_console.cli.problems import BAD_INPUT, MOST_ALIKE, Complaints, complain
 from madrob_console.cli.progress import progress
-from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -56,20 +55,19 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.config import load_settings
         from madrob_console.publishing.publish import site_files
-        from madrob_console.publishing.site_folder import SiteRefusedError, write_site
+        from madrob_console.publishing.site_folder import SiteNotWrittenError, site_held, write_site
 
     settings = load_settings(arguments.settings)
     which_runs.demand_results(arguments, settings)
-    found = options.collection(arguments, settings)
-    content = _content(arguments, settings, found)
     site = _site(arguments)
-    files, without = site_files(content)
     try:
-        with progress("files") as tell:
-            written = write_site(site, files, tell)
-    except SiteRefusedError:
-        raise
-    except MadrobError as error:
+        with site_held(site):  # before the runs are read: nobody's older pages come after newer
+            found = options.collection(arguments, settings)
+            content = _content(arguments, settings, found)
+            files, without = site_files(content)
+            with progress("files") as tell:
+                written = write_site(site, files, tell)
+    except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
     _name_without_report(without)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -34,6 +34,10 @@ _NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._
 
 class SiteRefusedError(MadrobError):
     """The folder is not for a site: nothing was written, and trying again does not help."""
+
+
+class SiteNotWrittenError(MadrobError):
+    """The site cannot be written now: trying again may help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,31 @@ class Written:
     removed: int
 
 
+@contextmanager
+def site_held(folder: Path) -> Iterator[None]:
+    """Nobody else writes the site meanwhile: its runs are read in here, and the newest come last.
+
+    Args:
+        folder: of the site: a new or empty one, or one that was written before.
+
+    Raises:
+        SiteRefusedError: the folder holds other things.
+        SiteNotWrittenError: the disk refuses, or another writes there now.
+    """
+    _demand_site(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        hold = Hold(folder / LOCK_FILE)
+    except BlockingIOError:
+        raise SiteNotWrittenError(
+            f"{folder}: another `madrob publish` writes there now; wait"
+        ) from None
+    except OSError as error:
+        raise _refused(folder, error) from None
+    with hold:
+        yield
+
+
 def write_site(
     folder: Path,
     files: Iterable[SiteFile],
@@ -99,25 +128,28 @@ def write_site(
     Who looks at the site meanwhile sees each file as it was or as it will be.
 
     Args:
-        folder: of the site: a new or empty one, or one that was written before.
+        folder: of the site, within `site_held`.
         files: all of it; those that others link to first.
         tell: is told how many files are done, and of how many.
 
     Raises:
         SiteRefusedError: the folder holds other things.
-        MadrobError: the disk refuses, or another writes there now.
+        SiteNotWrittenError: the disk refuses.
     """
-    _demand_site(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with Hold(folder / LOCK_FILE):
-            return _write(folder, {file.name: file for file in files}, tell)
-    except BlockingIOError:
-        raise MadrobError(f"{folder}: another `madrob publish` writes there now; wait") from None
+        return _write(folder, {file.name: file for file in files}, tell)
     except OSError as error:
-        raise MadrobError(
-            f"{folder}: not written ({error.strerror}); make room or name another folder"
-        ) from None
+        raise _refused(folder, error) from None
+    except SiteRefusedError:
+        raise
+    except MadrobError as error:
+        raise SiteNotWrittenError(str(error)) from None
+
+
+def _refused(folder: Path, error: OSError) -> SiteNotWrittenError:
+    return SiteNotWrittenError(
+        f"{folder}: not written ({error.strerror}); make room or name another folder"
+    )
 
 
 def _write(
