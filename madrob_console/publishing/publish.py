@@ -11,9 +11,10 @@ from pathlib import Path
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.files.bounded import read_all, stamp_of
+from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
 from madrob_console.publishing.overview import hall_page, overview_page, plan_page
-from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy
+from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
     HALL,
@@ -24,7 +25,7 @@ from madrob_console.publishing.site_content import (
     report_beside,
     team_place,
 )
-from madrob_console.publishing.site_folder import SiteFile
+from madrob_console.publishing.site_folder import SiteFile, SourceUnreadError
 from madrob_console.publishing.site_frame import condition_link, team_link, ways
 from madrob_console.publishing.site_tables import RunTables
 from madrob_console.publishing.team_page import team_page
@@ -37,7 +38,7 @@ from madrob_console.tidy.run_tables import RUN_TABLES
 
 
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
-    """All files, those that others link to first; and the runs without a report.
+    """All files, those that others link to first; and the runs without a report that the site can take.
 
     Args:
         content: of the site.
@@ -70,7 +71,7 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     place, folder = content.places[run.folder], content.source(run)
     result = place.replace(place.rpartition("/")[2], RESULT_FILE)
     named = []
-    stamp = stamp_of(f"{folder}/{REPORT_FILE}")
+    stamp = stamp_to_copy(folder / REPORT_FILE)
     if stamp is not None and not report_is_old(folder):
         named.append(report_beside(place))
         key = _key(content.software, stamp, *content.places_of_team(run.subject).values())
@@ -90,7 +91,13 @@ def _report(content: SiteContent, run: RunSummary) -> bytes:
         condition_link(content, place, run.condition),
     )
     places = content.places_of_team(run.subject)
-    data = read_all(content.source(run) / REPORT_FILE, LARGEST_REPORT)
+    path = content.source(run) / REPORT_FILE
+    try:
+        data = read_all(path, LARGEST_REPORT)
+    except OSError as error:
+        raise SourceUnreadError(
+            f"{path}: cannot be read ({refusal(error)}); `madrob report` makes it anew"
+        ) from None
     text = data.decode(errors="replace")
     return report_copy(text, run.folder, places, ways(content, place, around)).encode()
 

@@ -6,9 +6,11 @@ import html
 import posixpath
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from urllib.parse import quote, unquote
 
 from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.publishing.site_content import beside, report_beside
 from madrob_console.publishing.site_frame import NOTHING_ELSE
 from madrob_console.report.markup import Markup
@@ -20,6 +22,19 @@ _LINK = re.compile(r'<a href="([^"#][^"]*)">')
 _FILES = re.compile(
     r'<section id="files">.*?</section>\s*|<a href="#files">[^<]*</a>\s*', re.DOTALL
 )
+
+
+def stamp_to_copy(report: Path) -> Stamp | None:
+    """The stamp of a report that the site can take; None = it is missing, unreadable or too large.
+
+    Args:
+        report: its path.
+    """
+    try:
+        _, stamp = read_bounded(str(report), 1)
+    except OSError:
+        return None
+    return stamp if stamp[1] <= LARGEST_REPORT else None
 
 
 def report_copy(report: str, folder: str, places: Mapping[str, str], around: Markup) -> str:

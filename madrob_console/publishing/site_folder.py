@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -36,6 +36,10 @@ class SiteRefusedError(MadrobError):
     """The folder is not for a site: nothing was written, and trying again does not help."""
 
 
+class SourceUnreadError(MadrobError):
+    """What one file is made of cannot be read: the others are written all the same."""
+
+
 class SiteNotWrittenError(MadrobError):
     """The site cannot be written now: trying again may help."""
 
@@ -48,6 +52,7 @@ class SiteFile:
         name: its path in the site's folder.
         key: what it is made of: the same key, the same content.
         make: makes its content, or says of which file it is a copy; asked only where it changed.
+            Raises `SourceUnreadError` where what it is made of cannot be read.
     """
 
     name: str
@@ -86,11 +91,13 @@ class Written:
         files: how many it has.
         written: how many of them were written.
         removed: how many were, because their runs are gone.
+        unread: why the others could not be made; they are tried again the next time.
     """
 
     files: int
     written: int
     removed: int
+    unread: Sequence[str] = ()
 
 
 @contextmanager
@@ -160,7 +167,7 @@ def _write(
         if name not in before and (folder / name).exists():
             raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
     changed = [file for file in files.values() if not _is_there(folder, file, before)]
-    written = 0
+    written, unread = 0, []
     gone = [name for name in before if name not in files]
     if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
         known = before | {file.name: _Entry() for file in changed}
@@ -169,14 +176,18 @@ def _write(
             tell(number, len(changed))
             path = folder / file.name
             path.parent.mkdir(parents=True, exist_ok=True)
-            written += _put(path, file.make())
+            try:
+                written += _put(path, file.make())
+            except SourceUnreadError as error:
+                unread.append(str(error))
+                continue
             known[file.name] = _Entry(file.key, stamp_of(str(path)))
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)
             del known[name]
         _note(folder, known)
-    return Written(len(files), written, len(gone))
+    return Written(len(files), written, len(gone), unread)
 
 
 def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import madrob_console.publishing.publish
 import madrob_console.publishing.site_tables
-from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.files.bounded import read_all
 from madrob_console.publishing.publish import site_files
+from madrob_console.publishing.report_copy import LARGEST_REPORT
 from madrob_console.publishing.site_content import SiteContent
-from tests.madrob_console.publishing.competition_runs import RUNS, publish, publish_code
+from tests.madrob_console.publishing.competition_runs import (
+    RUNS,
+    publish,
+    publish_code,
+)
 
 
 def change(results: Path, number: int, **fields: object) -> None:
@@ -45,3 +54,45 @@ def test_a_slow_publisher_writes_no_older_pages_over_newer_ones(
     assert "another `madrob publish` writes there now" in capsys.readouterr().err
     publish(results)
     assert "VOID" in page_of(results, 0).read_text()
+
+
+def _large(report: Path) -> None:
+    with report.open("ab") as file:
+        file.truncate(LARGEST_REPORT + 1)
+
+
+@pytest.mark.parametrize("spoil", [_large])
+def test_a_report_that_cannot_be_taken_is_named_and_left_out_alone(
+    results: Path, spoil: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(results)
+    assert page_of(results, 0, REPORT_FILE).exists()
+    spoil(results / RUNS[0].folder / REPORT_FILE)
+    publish(results)
+    assert f"{RUNS[0].folder}: no report of its result" in capsys.readouterr().err
+    assert not page_of(results, 0, REPORT_FILE).exists()
+    assert REPORT_FILE not in page_of(results, 0).read_text()
+    assert page_of(results, 1, REPORT_FILE).exists()
+
+
+def test_a_report_that_cannot_be_read_to_its_end_keeps_no_page_behind_it_from_being_written(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = results / RUNS[0].folder / REPORT_FILE
+
+    def read(path: Path, limit: int) -> bytes:
+        if path == bad:
+            raise OSError(errno.EIO, "Input/output error")
+        return read_all(path, limit)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.publishing.publish, "read_all", read)
+        assert publish_code(results) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert f"{bad}: cannot be read (Input/output error)" in told
+    assert "make room" not in told
+    site = results.parent / "site"
+    assert (site / "index.html").exists()
+    assert page_of(results, 1, REPORT_FILE).exists()
+    publish(results)
+    assert page_of(results, 0, REPORT_FILE).exists()
