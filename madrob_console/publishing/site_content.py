@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import posixpath
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -144,8 +145,8 @@ def report_beside(page: str) -> str:
 def _called(run: RunSummary) -> str:
     """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
     name = os.path.basename(run.folder)  # noqa: PTH119  of text
-    own = run.run_id[-8:] if run.run_id[-8:].isalnum() else ""
-    return f"{name}_{own or sha256(run.folder.encode()).hexdigest()[:8]}"
+    own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
+    return f"{name}_{own[0] if own else sha256(run.folder.encode()).hexdigest()[:8]}"
 
 
 def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -96,3 +97,12 @@ def test_a_report_that_cannot_be_read_to_its_end_keeps_no_page_behind_it_from_be
     assert page_of(results, 1, REPORT_FILE).exists()
     publish(results)
     assert page_of(results, 0, REPORT_FILE).exists()
+
+
+@pytest.mark.parametrize("run_id", ["abcdefg\u00e9", "../../..", "0190\u0661\u0662\u0663\u0664"])
+def test_whatever_a_run_says_it_is_its_page_is_found_again(results: Path, run_id: str) -> None:
+    change(results, 0, run_id=run_id)
+    publish(results)
+    publish(results)
+    place = page_of(results, 0).relative_to(results.parent / "site").as_posix()
+    assert re.fullmatch(r"runs/[a-z0-9_]+/index\.html", place)
