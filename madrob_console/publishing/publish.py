@@ -105,7 +105,8 @@ def _report(content: SiteContent, run: RunSummary) -> bytes:
 def _tables(content: SiteContent) -> Iterator[SiteFile]:
     tables = RunTables(content)
     for table in RUN_TABLES:
-        yield SiteFile(f"data/{table.name}.csv", tables.key, partial(tables.csv, table))
+        make = partial(tables.csv, table)
+        yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
     yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
     undated = replace(content.standings, made=0.0)
     yield SiteFile.of(

@@ -53,11 +53,13 @@ class SiteFile:
         key: what it is made of: the same key, the same content.
         make: makes its content, or says of which file it is a copy; asked only where it changed.
             Raises `SourceUnreadError` where what it is made of cannot be read.
+        whole: whether nothing was missing when it was made; else it is made again the next time.
     """
 
     name: str
     key: str
     make: Callable[[], bytes | Path]
+    whole: Callable[[], bool] = lambda: True
 
     @classmethod
     def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
@@ -181,7 +183,7 @@ def _write(
             except SourceUnreadError as error:
                 unread.append(str(error))
                 continue
-            known[file.name] = _Entry(file.key, stamp_of(str(path)))
+            known[file.name] = _Entry(file.key if file.whole() else "", stamp_of(str(path)))
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)

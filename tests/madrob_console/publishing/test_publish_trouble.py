@@ -14,7 +14,10 @@ import pytest
 import madrob_console.publishing.publish
 import madrob_console.publishing.site_tables
 from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_all
 from madrob_console.publishing.publish import site_files
 from madrob_console.publishing.report_copy import LARGEST_REPORT
@@ -106,3 +109,22 @@ def test_whatever_a_run_says_it_is_its_page_is_found_again(results: Path, run_id
     publish(results)
     place = page_of(results, 0).relative_to(results.parent / "site").as_posix()
     assert re.fullmatch(r"runs/[a-z0-9_]+/index\.html", place)
+
+
+def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(run: RunPath) -> object:
+        if RUNS[0].folder in str(run.path):
+            raise MadrobError("too many open files")
+        return stored_run(run)
+
+    def rows() -> int:
+        return len((results.parent / "site/data/runs.csv").read_text().splitlines()) - 1
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.publishing.site_tables, "stored_run", read)
+        publish(results)
+        assert rows() == len(RUNS) - 2  # without practice and this one
+    publish(results)
+    assert rows() == len(RUNS) - 1
