@@ -33,8 +33,8 @@ def add(commands: options.Commands) -> None:
         "elsewhere. Only what has changed is written, each file whole; only files that this "
         "command wrote are removed. hall.html is for a screen in the hall: it is loaded again by "
         "itself. With setting `results.publish` the engine does this after each result. Exit code "
-        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses or "
-        "another writes there.",
+        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses "
+        "or another writes there.",
         examples=(
             "madrob publish ~/site",
             "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",
@@ -114,8 +114,6 @@ def _site(arguments: argparse.Namespace) -> Path:
 
 def _name_without_report(runs: Sequence[RunSummary]) -> None:
     for run in runs[:MOST_ALIKE]:
-        complain(
-            f"note: {run.folder}: no report of its result that can be shown; `madrob report` makes it"
-        )
+        complain(f"note: {run.folder}: no report of its result to show; `madrob report` makes it")
     if len(runs) > MOST_ALIKE:
         complain(f"note: and {len(runs) - MOST_ALIKE} more runs without a report")

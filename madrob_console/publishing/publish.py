@@ -38,7 +38,7 @@ from madrob_console.tidy.run_tables import RUN_TABLES
 
 
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
-    """All files, those that others link to first; and the runs without a report that the site can take.
+    """All files, those that others link to first; and the runs without a report to show.
 
     Args:
         content: of the site.

@@ -212,7 +212,7 @@ def test_a_run_without_a_report_is_published_and_named(
 ) -> None:
     (results / RUNS[0].folder / REPORT_FILE).unlink()
     site = publish(results)
-    assert f"{RUNS[0].folder}: no report of its result that can be shown" in capsys.readouterr().err
+    assert f"{RUNS[0].folder}: no report of its result to show" in capsys.readouterr().err
     (page,) = site.glob("runs/subject_001_cond_007_run_001_*/index.html")
     assert not page.with_name(REPORT_FILE).exists()
     assert "result.json" in page.read_text()
