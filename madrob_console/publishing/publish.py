@@ -30,7 +30,7 @@ from madrob_console.publishing.site_frame import condition_link, team_link, ways
 from madrob_console.publishing.site_tables import RunTables
 from madrob_console.publishing.team_page import team_page
 from madrob_console.report.explanations import date_text
-from madrob_console.report.markup import link
+from madrob_console.report.markup import Markup, link
 from madrob_console.report.old_reports import report_is_old
 from madrob_console.standings.data_files import standings_csv, standings_json
 from madrob_console.standings.plan_table import plan_json
@@ -74,8 +74,10 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     stamp = stamp_to_copy(folder / REPORT_FILE)
     if stamp is not None and not report_is_old(folder):
         named.append(report_beside(place))
-        key = _key(content.software, stamp, *content.places_of_team(run.subject).values())
-        yield SiteFile(named[0], key, partial(_report, content, run))
+        around = _around(content, run)
+        places = content.places_of_team(run.subject).values()
+        key = _key(content.software, stamp, around, *places)
+        yield SiteFile(named[0], key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
     if stamp is not None:
         named.append(result)
@@ -83,13 +85,18 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     yield SiteFile.of(place, run_page(content, run, named))
 
 
-def _report(content: SiteContent, run: RunSummary) -> bytes:
+def _around(content: SiteContent, run: RunSummary) -> Markup:
+    """The ways from its report to the pages around it."""
     place = report_beside(content.places[run.folder])
-    around = (
+    more = (
         link(beside(place, content.places[run.folder]), "this run, short"),
         team_link(content, place, run.subject),
         condition_link(content, place, run.condition),
     )
+    return ways(content, place, more)
+
+
+def _report(content: SiteContent, run: RunSummary, around: Markup) -> bytes:
     places = content.places_of_team(run.subject)
     path = content.source(run) / REPORT_FILE
     try:
@@ -99,7 +106,7 @@ def _report(content: SiteContent, run: RunSummary) -> bytes:
             f"{path}: cannot be read ({refusal(error)}); `madrob report` makes it anew"
         ) from None
     text = data.decode(errors="replace")
-    return report_copy(text, run.folder, places, ways(content, place, around)).encode()
+    return report_copy(text, run.folder, places, around).encode()
 
 
 def _tables(content: SiteContent) -> Iterator[SiteFile]:

@@ -128,3 +128,18 @@ def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
         assert rows() == len(RUNS) - 2  # without practice and this one
     publish(results)
     assert rows() == len(RUNS) - 1
+
+
+def test_reports_follow_the_teams_name_and_lead_to_no_plan_that_is_gone(results: Path) -> None:
+    teams = results.parent / "teams.csv"
+    teams.write_text("subject,team\n2,Old Name\n")
+    publish(results, "--teams", teams)
+    assert "Old Name" in page_of(results, 3, REPORT_FILE).read_text()
+    assert "plan.html" in page_of(results, 3, REPORT_FILE).read_text()
+    teams.write_text("subject,team\n2,New Name\n")
+    (results.parent / "plan.csv").write_text("")
+    publish(results, "--teams", teams)
+    text = page_of(results, 3, REPORT_FILE).read_text()
+    assert "New Name" in text
+    assert "Old Name" not in text
+    assert "plan.html" not in text
