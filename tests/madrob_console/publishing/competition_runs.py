@@ -35,7 +35,7 @@ RUNS = (
     of(4, source="simulated", team="Rehearsal"),
 )
 REPORT = (
-    '<!DOCTYPE html>\n<html lang="en"><head>\n<meta charset="utf-8">\n</head><body><main>'
+    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n</head><body><main>'
     '<nav><a href="#files">files</a></nav>'
     '<a href="../{other}/report.html">run 2</a> <a href="../elsewhere/report.html">gone</a>'
     '<section id="files"><a href="bag.mcap">bag.mcap</a></section></main></body></html>'

@@ -22,6 +22,7 @@ from madrob_console.files.bounded import read_all
 from madrob_console.publishing.publish import site_files
 from madrob_console.publishing.report_copy import LARGEST_REPORT
 from madrob_console.publishing.site_content import SiteContent
+from madrob_console.report.markup import page
 from tests.madrob_console.publishing.competition_runs import (
     RUNS,
     publish,
@@ -65,7 +66,11 @@ def _large(report: Path) -> None:
         file.truncate(LARGEST_REPORT + 1)
 
 
-@pytest.mark.parametrize("spoil", [_large])
+def _foreign(report: Path) -> None:
+    report.write_text('<html><!--<meta charset="utf-8">--><script>alert(1)</script><body>')
+
+
+@pytest.mark.parametrize("spoil", [_large, _foreign])
 def test_a_report_that_cannot_be_taken_is_named_and_left_out_alone(
     results: Path, spoil: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -100,6 +105,16 @@ def test_a_report_that_cannot_be_read_to_its_end_keeps_no_page_behind_it_from_be
     assert page_of(results, 1, REPORT_FILE).exists()
     publish(results)
     assert page_of(results, 0, REPORT_FILE).exists()
+
+
+def test_a_report_as_the_console_makes_it_may_run_nothing_on_the_site(results: Path) -> None:
+    (results / RUNS[0].folder / REPORT_FILE).write_text(page("Run 1", "<script>", wide=True))
+    publish(results)
+    text = page_of(results, 0, REPORT_FILE).read_text()
+    assert text.startswith(
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta http-equiv="Content-Security-Policy" content="default-src &#x27;none&#x27;;'
+    )
 
 
 @pytest.mark.parametrize("run_id", ["abcdefg\u00e9", "../../..", "0190\u0661\u0662\u0663\u0664"])
