@@ -175,13 +175,13 @@ NONE_ALIKE: Alike = {}
 
 
 def alike_among(runs: Sequence[RunSummary]) -> Alike:
-    """Of runs that stand beside each other (protocol section 11)."""
+    """Of runs that stand beside each other (protocol section 11), in values that order them."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
         known = [
-            (run.folder, run.values[name], run.uncertainties[name])
+            (run.folder, value, run.uncertainties[name])
             for run in runs
-            if name in run.values and name in run.uncertainties
+            if (value := drawable(run, name)) is not None and name in run.uncertainties
         ]
         for (one, value, spread), (two, other, its) in combinations(known, 2):
             if not distinguishable(value, other, spread, its):

@@ -21,10 +21,14 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_all
 from madrob_console.publishing.publish import site_files
 from madrob_console.publishing.report_copy import LARGEST_REPORT
-from madrob_console.publishing.site_content import SiteContent
+from madrob_console.publishing.site_content import SiteContent, alike_among
 from madrob_console.report.markup import page
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
 from tests.madrob_console.publishing.competition_runs import (
     RUNS,
+    TIME,
+    of,
     publish,
     publish_code,
 )
@@ -158,3 +162,12 @@ def test_reports_follow_the_teams_name_and_lead_to_no_plan_that_is_gone(results:
     assert "New Name" in text
     assert "Old Name" not in text
     assert "plan.html" not in text
+
+
+def test_the_time_of_a_failed_run_is_like_no_other() -> None:
+    wide = {TIME: Uncertainty(5.0, 10.0)}
+    one, near = (of(n, own={TIME: 59.9}, uncertainties=wide) for n in (1, 2))
+    failed = of(3, outcome=Outcome.TIMEOUT, own={TIME: 60.0}, uncertainties=wide)
+    assert failed.folder not in alike_among([one, near, failed])
+    assert alike_among([one, near])[one.folder] == {TIME}
+    assert alike_among([one, failed]) == {}
