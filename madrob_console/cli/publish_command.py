@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options, which_runs
 from madrob_console.cli.problems import BAD_INPUT, MOST_ALIKE, Complaints, complain
 from madrob_console.cli.progress import progress
-from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
@@ -34,7 +33,8 @@ def add(commands: options.Commands) -> None:
         "elsewhere. Only what has changed is written, each file whole; only files that this "
         "command wrote are removed. hall.html is for a screen in the hall: it is loaded again by "
         "itself. With setting `results.publish` the engine does this after each result. Exit code "
-        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses.",
+        f"2 when a run cannot be read (the rest is there), {os.EX_TEMPFAIL} when the disk refuses "
+        "or another writes there.",
         examples=(
             "madrob publish ~/site",
             "madrob publish /var/www/html/doors hall_a hall_b    # one competition in two halls",
@@ -56,26 +56,27 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.config import load_settings
         from madrob_console.publishing.publish import site_files
-        from madrob_console.publishing.site_folder import SiteRefusedError, write_site
+        from madrob_console.publishing.site_folder import SiteNotWrittenError, site_held, write_site
 
     settings = load_settings(arguments.settings)
     which_runs.demand_results(arguments, settings)
-    found = options.collection(arguments, settings)
-    content = _content(arguments, settings, found)
     site = _site(arguments)
-    files, without = site_files(content)
     try:
-        with progress("files") as tell:
-            written = write_site(site, files, tell)
-    except SiteRefusedError:
-        raise
-    except MadrobError as error:
+        with site_held(site):  # before the runs are read: nobody's older pages come after newer
+            found = options.collection(arguments, settings)
+            content = _content(arguments, settings, found)
+            files, without = site_files(content)
+            with progress("files") as tell:
+                written = write_site(site, files, tell)
+    except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
     _name_without_report(without)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
+        for problem in written.unread:
+            complaints.add(problem, problem.partition(":")[0])
     print(f"{written.files} files, {written.written} written, {written.removed} removed")
     print(terminal_safe(str(site / INDEX_PAGE)))
     return BAD_INPUT if complaints.count else 0
@@ -113,6 +114,6 @@ def _site(arguments: argparse.Namespace) -> Path:
 
 def _name_without_report(runs: Sequence[RunSummary]) -> None:
     for run in runs[:MOST_ALIKE]:
-        complain(f"note: {run.folder}: no report of its result yet; `madrob report` makes it")
+        complain(f"note: {run.folder}: no report of its result to show; `madrob report` makes it")
     if len(runs) > MOST_ALIKE:
         complain(f"note: and {len(runs) - MOST_ALIKE} more runs without a report")

@@ -11,9 +11,10 @@ from pathlib import Path
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.files.bounded import read_all, stamp_of
+from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
 from madrob_console.publishing.overview import hall_page, overview_page, plan_page
-from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy
+from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
     HALL,
@@ -24,12 +25,12 @@ from madrob_console.publishing.site_content import (
     report_beside,
     team_place,
 )
-from madrob_console.publishing.site_folder import SiteFile
+from madrob_console.publishing.site_folder import SiteFile, SourceUnreadError
 from madrob_console.publishing.site_frame import condition_link, team_link, ways
 from madrob_console.publishing.site_tables import RunTables
 from madrob_console.publishing.team_page import team_page
 from madrob_console.report.explanations import date_text
-from madrob_console.report.markup import link
+from madrob_console.report.markup import Markup, link
 from madrob_console.report.old_reports import report_is_old
 from madrob_console.standings.data_files import standings_csv, standings_json
 from madrob_console.standings.plan_table import plan_json
@@ -37,7 +38,7 @@ from madrob_console.tidy.run_tables import RUN_TABLES
 
 
 def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
-    """All files, those that others link to first; and the runs without a report.
+    """All files, those that others link to first; and the runs without a report to show.
 
     Args:
         content: of the site.
@@ -70,11 +71,13 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     place, folder = content.places[run.folder], content.source(run)
     result = place.replace(place.rpartition("/")[2], RESULT_FILE)
     named = []
-    stamp = stamp_of(f"{folder}/{REPORT_FILE}")
+    stamp = stamp_to_copy(folder / REPORT_FILE)
     if stamp is not None and not report_is_old(folder):
         named.append(report_beside(place))
-        key = _key(content.software, stamp, *content.places_of_team(run.subject).values())
-        yield SiteFile(named[0], key, partial(_report, content, run))
+        around = _around(content, run)
+        places = content.places_of_team(run.subject).values()
+        key = _key(content.software, stamp, around, *places)
+        yield SiteFile(named[0], key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
     if stamp is not None:
         named.append(result)
@@ -82,23 +85,35 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     yield SiteFile.of(place, run_page(content, run, named))
 
 
-def _report(content: SiteContent, run: RunSummary) -> bytes:
+def _around(content: SiteContent, run: RunSummary) -> Markup:
+    """The ways from its report to the pages around it."""
     place = report_beside(content.places[run.folder])
-    around = (
+    more = (
         link(beside(place, content.places[run.folder]), "this run, short"),
         team_link(content, place, run.subject),
         condition_link(content, place, run.condition),
     )
+    return ways(content, place, more)
+
+
+def _report(content: SiteContent, run: RunSummary, around: Markup) -> bytes:
     places = content.places_of_team(run.subject)
-    data = read_all(content.source(run) / REPORT_FILE, LARGEST_REPORT)
+    path = content.source(run) / REPORT_FILE
+    try:
+        data = read_all(path, LARGEST_REPORT)
+    except OSError as error:
+        raise SourceUnreadError(
+            f"{path}: cannot be read ({refusal(error)}); `madrob report` makes it anew"
+        ) from None
     text = data.decode(errors="replace")
-    return report_copy(text, run.folder, places, ways(content, place, around)).encode()
+    return report_copy(text, run.folder, places, around).encode()
 
 
 def _tables(content: SiteContent) -> Iterator[SiteFile]:
     tables = RunTables(content)
     for table in RUN_TABLES:
-        yield SiteFile(f"data/{table.name}.csv", tables.key, partial(tables.csv, table))
+        make = partial(tables.csv, table)
+        yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
     yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
     undated = replace(content.standings, made=0.0)
     yield SiteFile.of(

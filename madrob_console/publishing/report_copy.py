@@ -6,12 +6,15 @@ import html
 import posixpath
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from urllib.parse import quote, unquote
 
 from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.publishing.site_content import beside, report_beside
+from madrob_console.publishing.site_folder import SourceUnreadError
 from madrob_console.publishing.site_frame import NOTHING_ELSE
-from madrob_console.report.markup import Markup
+from madrob_console.report.markup import PAGE_BEGINS, Markup
 
 LARGEST_REPORT = 20_000_000
 """Of a report that is taken along, bytes."""
@@ -20,6 +23,23 @@ _LINK = re.compile(r'<a href="([^"#][^"]*)">')
 _FILES = re.compile(
     r'<section id="files">.*?</section>\s*|<a href="#files">[^<]*</a>\s*', re.DOTALL
 )
+
+
+def stamp_to_copy(report: Path) -> Stamp | None:
+    """The stamp of a report that the site can take; None = there is no such one.
+
+    It can be read, has at most `LARGEST_REPORT`, and begins as our own pages do: another could
+    swallow what the copy says to the browser.
+
+    Args:
+        report: its path.
+    """
+    try:
+        begins, stamp = read_bounded(str(report), len(PAGE_BEGINS))
+    except OSError:
+        return None
+    ours = begins == PAGE_BEGINS.encode()
+    return stamp if ours and stamp[1] <= LARGEST_REPORT else None
 
 
 def report_copy(report: str, folder: str, places: Mapping[str, str], around: Markup) -> str:
@@ -32,7 +52,12 @@ def report_copy(report: str, folder: str, places: Mapping[str, str], around: Mar
         folder: of the run, as its summary has it.
         places: the pages of its team's runs on the site, by the run's folder.
         around: the ways to the pages around it.
+
+    Raises:
+        SourceUnreadError: it does not begin as our own pages do.
     """
+    if not report.startswith(PAGE_BEGINS):
+        raise SourceUnreadError(f"{folder}: its report is none; `madrob report` makes it anew")
     here = report_beside(places[folder])
     reports = {
         posixpath.normpath(f"{other}/{REPORT_FILE}"): report_beside(place)
@@ -45,5 +70,5 @@ def report_copy(report: str, folder: str, places: Mapping[str, str], around: Mar
         return "<a>" if place is None else f'<a href="{quote(beside(here, place))}">'
 
     text = _LINK.sub(led, _FILES.sub("", report))
-    text = text.replace('<meta charset="utf-8">', f'<meta charset="utf-8">{NOTHING_ELSE}', 1)
+    text = f"{PAGE_BEGINS}{NOTHING_ELSE}{text.removeprefix(PAGE_BEGINS)}"
     return re.sub("<body>", lambda _: f"<body>{around}", text, count=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import posixpath
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -144,8 +145,8 @@ def report_beside(page: str) -> str:
 def _called(run: RunSummary) -> str:
     """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
     name = os.path.basename(run.folder)  # noqa: PTH119  of text
-    own = run.run_id[-8:] if run.run_id[-8:].isalnum() else ""
-    return f"{name}_{own or sha256(run.folder.encode()).hexdigest()[:8]}"
+    own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
+    return f"{name}_{own[0] if own else sha256(run.folder.encode()).hexdigest()[:8]}"
 
 
 def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:
@@ -174,13 +175,13 @@ NONE_ALIKE: Alike = {}
 
 
 def alike_among(runs: Sequence[RunSummary]) -> Alike:
-    """Of runs that stand beside each other (protocol section 11)."""
+    """Of runs that stand beside each other (protocol section 11), in values that order them."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
         known = [
-            (run.folder, run.values[name], run.uncertainties[name])
+            (run.folder, value, run.uncertainties[name])
             for run in runs
-            if name in run.values and name in run.uncertainties
+            if (value := drawable(run, name)) is not None and name in run.uncertainties
         ]
         for (one, value, spread), (two, other, its) in combinations(known, 2):
             if not distinguishable(value, other, spread, its):

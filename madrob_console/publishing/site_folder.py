@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -36,6 +36,14 @@ class SiteRefusedError(MadrobError):
     """The folder is not for a site: nothing was written, and trying again does not help."""
 
 
+class SourceUnreadError(MadrobError):
+    """What one file is made of cannot be read: the others are written all the same."""
+
+
+class SiteNotWrittenError(MadrobError):
+    """The site cannot be written now: trying again may help."""
+
+
 @dataclass(frozen=True, slots=True)
 class SiteFile:
     """A file of the site.
@@ -44,11 +52,14 @@ class SiteFile:
         name: its path in the site's folder.
         key: what it is made of: the same key, the same content.
         make: makes its content, or says of which file it is a copy; asked only where it changed.
+            Raises `SourceUnreadError` where what it is made of cannot be read.
+        whole: whether nothing was missing when it was made; else it is made again the next time.
     """
 
     name: str
     key: str
     make: Callable[[], bytes | Path]
+    whole: Callable[[], bool] = lambda: True
 
     @classmethod
     def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
@@ -82,11 +93,38 @@ class Written:
         files: how many it has.
         written: how many of them were written.
         removed: how many were, because their runs are gone.
+        unread: why the others could not be made; they are tried again the next time.
     """
 
     files: int
     written: int
     removed: int
+    unread: Sequence[str] = ()
+
+
+@contextmanager
+def site_held(folder: Path) -> Iterator[None]:
+    """Nobody else writes the site meanwhile: its runs are read in here, and the newest come last.
+
+    Args:
+        folder: of the site: a new or empty one, or one that was written before.
+
+    Raises:
+        SiteRefusedError: the folder holds other things.
+        SiteNotWrittenError: the disk refuses, or another writes there now.
+    """
+    _demand_site(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        hold = Hold(folder / LOCK_FILE)
+    except BlockingIOError:
+        raise SiteNotWrittenError(
+            f"{folder}: another `madrob publish` writes there now; wait"
+        ) from None
+    except OSError as error:
+        raise _refused(folder, error) from None
+    with hold:
+        yield
 
 
 def write_site(
@@ -99,25 +137,28 @@ def write_site(
     Who looks at the site meanwhile sees each file as it was or as it will be.
 
     Args:
-        folder: of the site: a new or empty one, or one that was written before.
+        folder: of the site, within `site_held`.
         files: all of it; those that others link to first.
         tell: is told how many files are done, and of how many.
 
     Raises:
         SiteRefusedError: the folder holds other things.
-        MadrobError: the disk refuses, or another writes there now.
+        SiteNotWrittenError: the disk refuses.
     """
-    _demand_site(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with Hold(folder / LOCK_FILE):
-            return _write(folder, {file.name: file for file in files}, tell)
-    except BlockingIOError:
-        raise MadrobError(f"{folder}: another `madrob publish` writes there now; wait") from None
+        return _write(folder, {file.name: file for file in files}, tell)
     except OSError as error:
-        raise MadrobError(
-            f"{folder}: not written ({error.strerror}); make room or name another folder"
-        ) from None
+        raise _refused(folder, error) from None
+    except SiteRefusedError:
+        raise
+    except MadrobError as error:
+        raise SiteNotWrittenError(str(error)) from None
+
+
+def _refused(folder: Path, error: OSError) -> SiteNotWrittenError:
+    return SiteNotWrittenError(
+        f"{folder}: not written ({error.strerror}); make room or name another folder"
+    )
 
 
 def _write(
@@ -128,7 +169,7 @@ def _write(
         if name not in before and (folder / name).exists():
             raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
     changed = [file for file in files.values() if not _is_there(folder, file, before)]
-    written = 0
+    written, unread = 0, []
     gone = [name for name in before if name not in files]
     if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
         known = before | {file.name: _Entry() for file in changed}
@@ -137,14 +178,18 @@ def _write(
             tell(number, len(changed))
             path = folder / file.name
             path.parent.mkdir(parents=True, exist_ok=True)
-            written += _put(path, file.make())
-            known[file.name] = _Entry(file.key, stamp_of(str(path)))
+            try:
+                written += _put(path, file.make())
+            except SourceUnreadError as error:
+                unread.append(str(error))
+                continue
+            known[file.name] = _Entry(file.key if file.whole() else "", stamp_of(str(path)))
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)
             del known[name]
         _note(folder, known)
-    return Written(len(files), written, len(gone))
+    return Written(len(files), written, len(gone), unread)
 
 
 def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing, suppress
+from contextlib import closing
 from hashlib import sha256
 from io import BytesIO
 
@@ -23,9 +23,13 @@ class RunTables:
 
     Args:
         content: of the site.
+
+    Attributes:
+        whole: whether every run could be read.
     """
 
     def __init__(self, content: SiteContent) -> None:
+        self.whole = True
         self._content = content
         self._rows: dict[str, list[dict[str, object]]] | None = None
 
@@ -56,10 +60,14 @@ class RunTables:
     def _read(self) -> dict[str, list[dict[str, object]]]:
         found: dict[str, list[dict[str, object]]] = {table.name: [] for table in RUN_TABLES}
         for run in self._runs():
-            with suppress(MadrobError):  # it changes just now: the next time it is there
+            try:
                 stored = stored_run(RunPath(self._content.source(run)))
-                for table in RUN_TABLES:
-                    place = self._content.places[run.folder]  # no path of this machine
-                    own = {"place": place} if any(c.name == "place" for c in table.columns) else {}
-                    found[table.name] += [{**row, **own} for row in rows_of(table, stored)]
+                of_run = {table.name: list(rows_of(table, stored)) for table in RUN_TABLES}
+            except MadrobError:
+                self.whole = False  # it changes just now: the next time it is there
+                continue
+            for table in RUN_TABLES:
+                place = self._content.places[run.folder]  # no path of this machine
+                own = {"place": place} if any(c.name == "place" for c in table.columns) else {}
+                found[table.name] += [{**row, **own} for row in of_run[table.name]]
         return found

@@ -50,16 +50,18 @@ def page(
     mark = None if journal is None else f"{journal.lines} {journal.sha256}"
     sheets = ("report.css", "wide.css") if wide else ("report.css",)
     css = "".join(_sheet(name) for name in sheets)
-    top = element(
-        "head",
-        element("meta", charset="utf-8"),
+    top = (
         head,
         NOTHING if mark is None else element("meta", name="journal", content=mark),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("title", title),
         element("style", Markup(css)),
     )
-    return "<!DOCTYPE html>\n" + element("html", top, element("body", body), lang="en")
+    return f"{PAGE_BEGINS}{together(top)}</head>\n{element('body', body)}</html>\n"
+
+
+PAGE_BEGINS = '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+"""Of every page; behind it comes what else its head says."""
 
 
 @cache

@@ -23,62 +23,26 @@ from madrob_console.errors import MadrobError
 from madrob_console.publishing.overview import REFRESH
 from madrob_console.publishing.publish import site_files
 from madrob_console.publishing.site_content import SiteContent, condition_place, team_place
-from madrob_console.publishing.site_folder import SiteFile, SiteRefusedError, write_site
+from madrob_console.publishing.site_folder import (
+    SiteFile,
+    SiteRefusedError,
+    Written,
+    site_held,
+    write_site,
+)
 from madrob_console.standings.competition import competition_standings
-from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
-from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary, write
-
-TIME, LEVEL = IndicatorName.EXECUTION_TIME, IndicatorName.CAPABILITY_LEVEL
-SMOOTH = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
-HOSTILE = '<script>alert(1)</script>"&\x1b[31m\u202e'
-CUP = "Autumn Cup"
-
-
-def of(subject: int, number: int = 1, condition: int = 7, **fields: object) -> RunSummary:
-    """A run, `number` hours after the first ones, with values of its own."""
-    own = {TIME: 10.0 + subject, **dict(fields.pop("own", {}))}  # type: ignore[call-overload]
-    fields.setdefault("values", {**VALUES, **own})
-    return summary(subject, condition, number, hour=number + subject / 10, **fields)
-
-
-RUNS = (
-    of(1, uncertainties={TIME: Uncertainty(0.005, 0.01)}, final=True, team_word="protested"),
-    of(1, 2, flags=(UNDECIDED_START,)),
-    of(1, 3, outcome=Outcome.ABORTED, values={}, reason="a child ran in"),
-    of(2, outcome=Outcome.TIMEOUT, own={LEVEL: 4, SMOOTH: 539.5}),
-    of(3, own={SMOOTH: 3.9}, doubts={SMOOTH: 1}),
-    of(3, 2, voided=True),
-    of(3, 1, condition=12, team=HOSTILE),
-    of(4, source="simulated", team="Rehearsal"),
+from tests.madrob_console.publishing.competition_runs import (
+    LEVEL,
+    RUNS,
+    SMOOTH,
+    TIME,
+    of,
+    publish,
+    stamps,
 )
-REPORT = (
-    '<!DOCTYPE html>\n<html lang="en"><head>\n<meta charset="utf-8">\n</head><body><main>'
-    '<nav><a href="#files">files</a></nav>'
-    '<a href="../{other}/report.html">run 2</a> <a href="../elsewhere/report.html">gone</a>'
-    '<section id="files"><a href="bag.mcap">bag.mcap</a></section></main></body></html>'
-)
-
-
-@pytest.fixture
-def results(tmp_path: Path) -> Path:
-    root = tmp_path / "results"
-    for run in RUNS:
-        folder = write(root, run).parent
-        (folder / REPORT_FILE).write_text(REPORT.format(other=RUNS[1].folder))
-    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n1,7,2\n3,12,2\n9,7,1\n")
-    return root
-
-
-def publish(results: Path, *options: object, site: str = "site") -> Path:
-    """Publish them; returns the folder of the site."""
-    folder, plan = results.parent / site, results.parent / "plan.csv"
-    chosen = results.parent / "madrob.toml"
-    chosen.write_text(f'[competition]\nname = "{CUP}"\n')
-    where = ("--results", results, "--settings", chosen, "--plan", plan)
-    assert main(["publish", str(folder), *map(str, (*where, *options))]) == 0
-    return folder
+from tests.madrob_console.run_folders import write
 
 
 class Page(HTMLParser):
@@ -109,12 +73,6 @@ class Page(HTMLParser):
 
 def pages(site: Path) -> list[Page]:
     return [Page(path) for path in sorted(site.rglob("*.html"))]
-
-
-def stamps(site: Path) -> dict[str, tuple[int, int]]:
-    """When each file was written, and which it is."""
-    found = (path for path in site.rglob("*") if path.is_file())
-    return {str(p.relative_to(site)): (p.stat().st_mtime_ns, p.stat().st_ino) for p in found}
 
 
 # ---------------------------------------------------------------- what is there
@@ -254,7 +212,7 @@ def test_a_run_without_a_report_is_published_and_named(
 ) -> None:
     (results / RUNS[0].folder / REPORT_FILE).unlink()
     site = publish(results)
-    assert f"{RUNS[0].folder}: no report of its result yet" in capsys.readouterr().err
+    assert f"{RUNS[0].folder}: no report of its result to show" in capsys.readouterr().err
     (page,) = site.glob("runs/subject_001_cond_007_run_001_*/index.html")
     assert not page.with_name(REPORT_FILE).exists()
     assert "result.json" in page.read_text()
@@ -370,17 +328,23 @@ def page(name: str, text: str) -> SiteFile:
     return SiteFile.of(name, text)
 
 
+def put(folder: Path, files: list[SiteFile]) -> Written:
+    """Write a site of these files."""
+    with site_held(folder):
+        return write_site(folder, files)
+
+
 def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
-    write_site(tmp_path / "site", [page("index.html", "old")])
+    put(tmp_path / "site", [page("index.html", "old")])
     (tmp_path / "site/hall.html").write_text("mine")
     with pytest.raises(SiteRefusedError, match="move it away"):
-        write_site(tmp_path / "site", [page("index.html", "new"), page("hall.html", "new")])
+        put(tmp_path / "site", [page("index.html", "new"), page("hall.html", "new")])
     assert (tmp_path / "site/index.html").read_text() == "old"
 
 
 def test_who_is_cut_off_leaves_whole_files_and_the_next_one_goes_on(tmp_path: Path) -> None:
     site = tmp_path / "site"
-    write_site(site, [page("a.html", "old a"), page("b.html", "old b")])
+    put(site, [page("a.html", "old a"), page("b.html", "old b")])
 
     def full() -> bytes:
         assert (site / "a.html").read_text() == "new a"  # in the order given
@@ -388,31 +352,31 @@ def test_who_is_cut_off_leaves_whole_files_and_the_next_one_goes_on(tmp_path: Pa
 
     files = [page("a.html", "new a"), SiteFile("b.html", "2", full), page("c.html", "new c")]
     with pytest.raises(MadrobError, match="no room"):
-        write_site(site, files)
+        put(site, files)
     assert {p.name: p.read_text() for p in site.glob("*.html")} == {
         "a.html": "new a",
         "b.html": "old b",
     }
-    done = write_site(site, [page("a.html", "new a"), page("c.html", "new c")])
+    done = put(site, [page("a.html", "new a"), page("c.html", "new c")])
     assert (done.removed, {p.name for p in site.glob("*.html")}) == (1, {"a.html", "c.html"})
     assert not [p for p in site.iterdir() if p.suffix in {".part", ".lock"}]
 
 
 def test_a_file_that_somebody_changed_is_made_again(tmp_path: Path) -> None:
-    write_site(tmp_path / "site", [page("a.html", "whole")])
+    put(tmp_path / "site", [page("a.html", "whole")])
     (tmp_path / "site/a.html").write_text("cut")
-    write_site(tmp_path / "site", [page("a.html", "whole")])
+    put(tmp_path / "site", [page("a.html", "whole")])
     assert (tmp_path / "site/a.html").read_text() == "whole"
 
 
 def test_names_in_the_list_lead_nowhere_else(tmp_path: Path) -> None:
     site = tmp_path / "site"
-    write_site(site, [page("a.html", "a")])
+    put(site, [page("a.html", "a")])
     (tmp_path / "mine.txt").write_text("mine")
     listed = next(site.glob(".madrob_site.json"))
     listed.write_text(listed.read_text().replace('"a.html"', '"../mine.txt"'))
     (site / "a.html").unlink()
-    write_site(site, [page("b.html", "b")])
+    put(site, [page("b.html", "b")])
     assert (tmp_path / "mine.txt").exists()
 
 

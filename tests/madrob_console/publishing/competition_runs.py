@@ -1,0 +1,62 @@
+"""A competition's runs in a results folder, and its pages made of them by the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from madrob_console.archive.history import RunSummary
+from madrob_console.cli.main import main
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
+from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary
+
+TIME, LEVEL = IndicatorName.EXECUTION_TIME, IndicatorName.CAPABILITY_LEVEL
+SMOOTH = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION
+HOSTILE = '<script>alert(1)</script>"&\x1b[31m\u202e'
+CUP = "Autumn Cup"
+
+
+def of(subject: int, number: int = 1, condition: int = 7, **fields: object) -> RunSummary:
+    """A run, `number` hours after the first ones, with values of its own."""
+    own = {TIME: 10.0 + subject, **dict(fields.pop("own", {}))}  # type: ignore[call-overload]
+    fields.setdefault("values", {**VALUES, **own})
+    return summary(subject, condition, number, hour=number + subject / 10, **fields)
+
+
+RUNS = (
+    of(1, uncertainties={TIME: Uncertainty(0.005, 0.01)}, final=True, team_word="protested"),
+    of(1, 2, flags=(UNDECIDED_START,)),
+    of(1, 3, outcome=Outcome.ABORTED, values={}, reason="a child ran in"),
+    of(2, outcome=Outcome.TIMEOUT, own={LEVEL: 4, SMOOTH: 539.5}),
+    of(3, own={SMOOTH: 3.9}, doubts={SMOOTH: 1}),
+    of(3, 2, voided=True),
+    of(3, 1, condition=12, team=HOSTILE),
+    of(4, source="simulated", team="Rehearsal"),
+)
+REPORT = (
+    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n</head><body><main>'
+    '<nav><a href="#files">files</a></nav>'
+    '<a href="../{other}/report.html">run 2</a> <a href="../elsewhere/report.html">gone</a>'
+    '<section id="files"><a href="bag.mcap">bag.mcap</a></section></main></body></html>'
+)
+
+
+def publish_code(results: Path, *options: object, site: str = "site") -> int:
+    """Publish them; returns the exit code."""
+    chosen = results.parent / "madrob.toml"
+    chosen.write_text(f'[competition]\nname = "{CUP}"\n')
+    where = ("--results", results, "--settings", chosen, "--plan", results.parent / "plan.csv")
+    return main(["publish", str(results.parent / site), *map(str, (*where, *options))])
+
+
+def publish(results: Path, *options: object, site: str = "site") -> Path:
+    """Publish them; returns the folder of the site."""
+    assert publish_code(results, *options, site=site) == 0
+    return results.parent / site
+
+
+def stamps(site: Path) -> dict[str, tuple[int, int]]:
+    """When each file was written, and which it is."""
+    found = (path for path in site.rglob("*") if path.is_file())
+    return {str(p.relative_to(site)): (p.stat().st_mtime_ns, p.stat().st_ino) for p in found}

@@ -1,0 +1,173 @@
+"""`madrob publish` while others publish, and of runs that something is wrong with."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import madrob_console.publishing.publish
+import madrob_console.publishing.site_tables
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.stored_runs import stored_run
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_all
+from madrob_console.publishing.publish import site_files
+from madrob_console.publishing.report_copy import LARGEST_REPORT
+from madrob_console.publishing.site_content import SiteContent, alike_among
+from madrob_console.report.markup import page
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
+from tests.madrob_console.publishing.competition_runs import (
+    RUNS,
+    TIME,
+    of,
+    publish,
+    publish_code,
+)
+
+
+def change(results: Path, number: int, **fields: object) -> None:
+    """Other words in the result of one of the runs."""
+    path = results / RUNS[number].folder / RESULT_FILE
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
+def page_of(results: Path, number: int, name: str = "index.html") -> Path:
+    """Of one of the runs."""
+    (found,) = (results.parent / "site/runs").glob(f"{RUNS[number].folder}_*")
+    return found / name
+
+
+def test_a_slow_publisher_writes_no_older_pages_over_newer_ones(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    codes = []
+
+    def slow(content: SiteContent) -> object:
+        monkeypatch.undo()
+        change(results, 0, voided={"reason": "unsafe"})  # after this one has read the runs
+        codes.append(publish_code(results))
+        return site_files(content)
+
+    monkeypatch.setattr(madrob_console.publishing.publish, "site_files", slow)
+    publish(results)
+    assert codes == [os.EX_TEMPFAIL]  # the engine tries it again
+    assert "another `madrob publish` writes there now" in capsys.readouterr().err
+    publish(results)
+    assert "VOID" in page_of(results, 0).read_text()
+
+
+def _large(report: Path) -> None:
+    with report.open("ab") as file:
+        file.truncate(LARGEST_REPORT + 1)
+
+
+def _foreign(report: Path) -> None:
+    report.write_text('<html><!--<meta charset="utf-8">--><script>alert(1)</script><body>')
+
+
+@pytest.mark.parametrize("spoil", [_large, _foreign])
+def test_a_report_that_cannot_be_taken_is_named_and_left_out_alone(
+    results: Path, spoil: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish(results)
+    assert page_of(results, 0, REPORT_FILE).exists()
+    spoil(results / RUNS[0].folder / REPORT_FILE)
+    publish(results)
+    assert f"{RUNS[0].folder}: no report of its result" in capsys.readouterr().err
+    assert not page_of(results, 0, REPORT_FILE).exists()
+    assert REPORT_FILE not in page_of(results, 0).read_text()
+    assert page_of(results, 1, REPORT_FILE).exists()
+
+
+def test_a_report_that_cannot_be_read_to_its_end_keeps_no_page_behind_it_from_being_written(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = results / RUNS[0].folder / REPORT_FILE
+
+    def read(path: Path, limit: int) -> bytes:
+        if path == bad:
+            raise OSError(errno.EIO, "Input/output error")
+        return read_all(path, limit)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.publishing.publish, "read_all", read)
+        assert publish_code(results) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert f"{bad}: cannot be read (Input/output error)" in told
+    assert "make room" not in told
+    site = results.parent / "site"
+    assert (site / "index.html").exists()
+    assert page_of(results, 1, REPORT_FILE).exists()
+    publish(results)
+    assert page_of(results, 0, REPORT_FILE).exists()
+
+
+def test_a_report_as_the_console_makes_it_may_run_nothing_on_the_site(results: Path) -> None:
+    (results / RUNS[0].folder / REPORT_FILE).write_text(page("Run 1", "<script>", wide=True))
+    publish(results)
+    text = page_of(results, 0, REPORT_FILE).read_text()
+    assert text.startswith(
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta http-equiv="Content-Security-Policy" content="default-src &#x27;none&#x27;;'
+    )
+
+
+@pytest.mark.parametrize("run_id", ["abcdefg\u00e9", "../../..", "0190\u0661\u0662\u0663\u0664"])
+def test_whatever_a_run_says_it_is_its_page_is_found_again(results: Path, run_id: str) -> None:
+    change(results, 0, run_id=run_id)
+    publish(results)
+    publish(results)
+    place = page_of(results, 0).relative_to(results.parent / "site").as_posix()
+    assert re.fullmatch(r"runs/[a-z0-9_]+/index\.html", place)
+
+
+def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(run: RunPath) -> object:
+        if RUNS[0].folder in str(run.path):
+            raise MadrobError("too many open files")
+        return stored_run(run)
+
+    def rows() -> int:
+        return len((results.parent / "site/data/runs.csv").read_text().splitlines()) - 1
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.publishing.site_tables, "stored_run", read)
+        publish(results)
+        assert rows() == len(RUNS) - 2  # without practice and this one
+    publish(results)
+    assert rows() == len(RUNS) - 1
+
+
+def test_reports_follow_the_teams_name_and_lead_to_no_plan_that_is_gone(results: Path) -> None:
+    teams = results.parent / "teams.csv"
+    teams.write_text("subject,team\n2,Old Name\n")
+    publish(results, "--teams", teams)
+    assert "Old Name" in page_of(results, 3, REPORT_FILE).read_text()
+    assert "plan.html" in page_of(results, 3, REPORT_FILE).read_text()
+    teams.write_text("subject,team\n2,New Name\n")
+    (results.parent / "plan.csv").write_text("")
+    publish(results, "--teams", teams)
+    text = page_of(results, 3, REPORT_FILE).read_text()
+    assert "New Name" in text
+    assert "Old Name" not in text
+    assert "plan.html" not in text
+
+
+def test_the_time_of_a_failed_run_is_like_no_other() -> None:
+    wide = {TIME: Uncertainty(5.0, 10.0)}
+    one, near = (of(n, own={TIME: 59.9}, uncertainties=wide) for n in (1, 2))
+    failed = of(3, outcome=Outcome.TIMEOUT, own={TIME: 60.0}, uncertainties=wide)
+    assert failed.folder not in alike_among([one, near, failed])
+    assert alike_among([one, near])[one.folder] == {TIME}
+    assert alike_among([one, failed]) == {}
