@@ -72,6 +72,7 @@ def main(arguments: argparse.Namespace) -> int:
         complain(error)
         return os.EX_TEMPFAIL
     _name_without_report(without)
+    which_runs.name_practice_alone(content.standings, found)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)

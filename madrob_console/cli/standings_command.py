@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options, which_runs
-from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
+from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.safe_output import put_bytes
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -86,9 +86,7 @@ def main(arguments: argparse.Namespace) -> int:
     if not targets:
         for line in standings_lines(found):
             print(terminal_safe(line))
-    practice = sum(run.practice for run in collection.runs)
-    if found.official and practice and not any(run.official for run in collection.runs):
-        complain(f"note: no official run, {practice} of practice: --practice shows them")
+    which_runs.name_practice_alone(found, collection)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run, _ in found.left_out if run.problem)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli.options import results_folder, team_list
 from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.problems import complain
 from madrob_console.errors import MadrobError
 
 if TYPE_CHECKING:
@@ -55,6 +56,13 @@ def standings(
         best=best,
         listed=team_list(arguments, settings).names,
     )
+
+
+def name_practice_alone(found: CompetitionStandings, collection: Collection) -> None:
+    """Say so where official runs were asked for and there is practice only."""
+    practice = sum(run.practice for run in collection.runs)
+    if found.official and practice and not any(run.official for run in collection.runs):
+        complain(f"note: no official run, {practice} of practice: --practice shows them")
 
 
 def demand_results(arguments: argparse.Namespace, settings: Settings) -> None:

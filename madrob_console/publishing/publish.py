@@ -132,4 +132,4 @@ def _itself(path: Path) -> Path:
 
 
 def _key(*of: object) -> str:
-    return sha256("\n".join(map(str, of)).encode()).hexdigest()
+    return sha256("\n".join(map(str, of)).encode(errors="surrogateescape")).hexdigest()

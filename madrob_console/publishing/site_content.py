@@ -146,7 +146,8 @@ def _called(run: RunSummary) -> str:
     """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
     name = os.path.basename(run.folder)  # noqa: PTH119  of text
     own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
-    return f"{name}_{own[0] if own else sha256(run.folder.encode()).hexdigest()[:8]}"
+    folder = run.folder.encode(errors="surrogateescape")
+    return f"{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
 
 
 def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:

@@ -41,7 +41,9 @@ class RunTables:
             f"{run.folder} {stamp_of(f'{content.source(run)}/{RESULT_FILE}')} {run.voided}"
             for run in self._runs()
         ]
-        return sha256("\n".join((content.software, *told)).encode()).hexdigest()
+        return sha256(
+            "\n".join((content.software, *told)).encode(errors="surrogateescape")
+        ).hexdigest()
 
     def csv(self, table: TidyTable) -> bytes:
         """One of the tables."""

@@ -16,6 +16,7 @@ import madrob_console.publishing.site_tables
 from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import stored_run
+from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_all
@@ -32,6 +33,7 @@ from tests.madrob_console.publishing.competition_runs import (
     publish,
     publish_code,
 )
+from tests.madrob_console.run_folders import write
 
 
 def change(results: Path, number: int, **fields: object) -> None:
@@ -171,3 +173,16 @@ def test_the_time_of_a_failed_run_is_like_no_other() -> None:
     assert failed.folder not in alike_among([one, near, failed])
     assert alike_among([one, near])[one.folder] == {TIME}
     assert alike_among([one, failed]) == {}
+
+
+def test_halls_whose_folders_are_no_text_are_published(results: Path) -> None:
+    hall = results.rename(results.parent / os.fsdecode(b"hall \xff"))
+    site = results.parent / "site"
+    assert main(["publish", str(site), str(hall / RUNS[0].folder), str(hall / RUNS[3].folder)]) == 0
+    assert len(list((site / "runs").iterdir())) == 2
+
+
+def test_practice_alone_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "results", of(4, source="simulated"))
+    publish(tmp_path / "results")
+    assert "no official run, 1 of practice: --practice shows them" in capsys.readouterr().err
