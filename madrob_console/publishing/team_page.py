@@ -86,7 +86,7 @@ def _by_condition(
         why = [
             element("p", f"Run {run.run_number} does not count: ", said(why_left_out(run)), ".")
             for run in found
-            if not run.valid and not run.never_ran
+            if not run.valid
         ]
         yield why or NOTHING
 
