@@ -7,6 +7,7 @@ the journal's line first: whatever ends it afterwards, the result is made again 
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -90,7 +91,7 @@ class NextIssue:
         others: how much else differs.
         signed: the team's word on the issue before; None = that was not final.
         counts: whether the run enters the standings: it is valid and official.
-        made_of: the journal that it was made of.
+        made_of: the journal that it was made of, with all its lines.
         entry: the journal's next line.
         files: of the result, those that are to be written.
     """
@@ -145,7 +146,6 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     opened = open_run(folder, change.rules)
     recorded = opened.recorded
     before = recorded.run
-    assert before.journal is not None
     if opened.out_of_date:
         raise OutOfDateError(
             f"{folder}: {RESULT_FILE} is not what the journal says: `madrob recover` makes it again"
@@ -170,7 +170,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         len(found) - len(values),
         None if before.closure is None else before.closure.team_word,
         before.valid and not before.practice and recorded.record.source is SourceKind.ROS,
-        before.journal,
+        _whole(recorded.entries),
         entry,
         {name: data[name] for name in data if not has_content(folder / name, data[name])},
     )
@@ -199,7 +199,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
             f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
         ) from None
     try:
-        if mark_of(read_journal(path)[0]) != made.made_of:
+        if _whole(read_journal(path)[0]) != made.made_of:
             raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
         if not journal.append([made.entry]):
             assert journal.refused is not None
@@ -209,6 +209,14 @@ def write_next_issue(made: NextIssue, now: float) -> None:
         journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
     finally:
         journal.close()
+
+
+def _whole(entries: Sequence[Entry]) -> JournalMark:
+    """The mark of every line, of those too from which no result changes: a note on a final one."""
+    digest = hashlib.sha256()
+    for entry in entries:
+        digest.update(f"{entry.to_json()}\n".encode())
+    return JournalMark(len(entries), digest.hexdigest())
 
 
 def _busy(folder: Path) -> MadrobError:

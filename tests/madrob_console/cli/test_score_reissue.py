@@ -209,10 +209,11 @@ def test_a_run_that_a_console_works_on_is_left_to_it(
     assert digest(folder) == before
 
 
+@pytest.mark.parametrize("source", [completed, appealed])
 def test_what_the_referee_does_between_scoring_and_writing_is_not_overwritten(
-    tmp_path: Path,
+    source: Callable[[], Path], tmp_path: Path
 ) -> None:
-    folder = copy(completed(), tmp_path)
+    folder = copy(source(), tmp_path)  # the second one is final, which no note changes
     made = next_issue(RunPath(folder), CHANGE)
     assert made is not None
     journal = folder / "journal.jsonl"
