@@ -12,10 +12,12 @@ from typing import Any
 
 import pytest
 
+from madrob_console.archive import repair, rule_change
 from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
 from madrob_console.files.held import Hold
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.journal import HOLD_FILE
@@ -264,6 +266,45 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
         assert json.loads((folder / "result_issue_1.json").read_text()) == result(completed())
         assert not (folder / "result_issue_2.json").exists()
         assert main(["score", "--check", str(folder)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("rules", "count", "issue"), [("robust-2026", 1, 3), ("eurobench-2020", 2, 4)]
+)
+def test_an_issue_that_a_full_disk_refused_is_told_then_and_when_the_next_try_writes_it(
+    rules: str,
+    count: int,
+    issue: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    whole, folder = copy(appealed(), tmp_path / "whole"), copy(appealed(), tmp_path / "refused")
+    assert reissue(whole, *ROBUST) == 0
+    line, *summary = capsys.readouterr().out.replace(str(whole), str(folder)).splitlines()
+    assert "issue 3 (was final, acknowledged: not final any more): " in line
+
+    def full(*_: object) -> None:
+        raise MadrobError("not written (No space left on device)")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rule_change, "write_result", full)
+        patch.setattr(repair, "write_result", full)
+        for _ in range(2):
+            assert reissue(folder, *ROBUST) == 2
+            told = capsys.readouterr()
+            assert "issue 3 is journalled, its result is not written yet: the same command" in (
+                told.err
+            )
+            assert "(not written (No space left on device))" in told.err
+            assert told.out.startswith("0 re-issued, 0 unchanged, 1 journalled and not written yet")
+            assert told.out.endswith(", 0 left alone (see above)\n")
+    assert reissue(folder, "--ruleset", rules) == 0
+    found = capsys.readouterr().out.splitlines()
+    assert found[0] == line
+    assert f"{count} re-issued, 0 unchanged, 0 left alone (see above)" in found
+    assert found[1:] == summary or count == 2
+    assert (result(folder)["issue"], result(folder)["ruleset"]) == (issue, rules)
 
 
 def test_reports_tell_of_the_issue_that_there_is(tmp_path: Path) -> None:
