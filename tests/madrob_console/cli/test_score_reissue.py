@@ -247,8 +247,8 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
         fsync(number)
         left, synced = left - 1, synced + 1
 
+    whole = copy(completed(), tmp_path / "undisturbed")  # recorded before anything is counted
     monkeypatch.setattr(os, "fsync", counted)
-    whole = copy(completed(), tmp_path / "undisturbed")
     assert reissue(whole, *ROBUST) == 0
     every, wanted = synced, result(whole)
     assert every > 8
