@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.progress import progress
@@ -230,13 +231,18 @@ def _renew_reports(
 def renewed_report(run: RunPath, *, time: float) -> str:
     """Make the report of a run again; says why it cannot be, empty = it is.
 
+    That of a run that a console works on is left to it.
+
     Args:
         run: which one.
         time: of the rule change: what lies around runs is looked at once for each.
     """
+    from madrob_console.archive.unfinished import is_held
     from madrob_console.cli.repairing import renew_report
 
     try:
+        if is_held(run.path / JOURNAL_FILE):
+            return ""
         renew_report(run.path, _around(time))
     except MadrobError as error:
         return str(error)

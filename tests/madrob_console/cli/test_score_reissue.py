@@ -19,11 +19,12 @@ from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
 from madrob_console.errors import MadrobError
 from madrob_console.files.held import Hold
-from madrob_console.referee.acts import Abort
+from madrob_console.referee.acts import Abort, Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import appealed, completed, copy_run, recorded
@@ -313,6 +314,21 @@ def test_reports_tell_of_the_issue_that_there_is(tmp_path: Path) -> None:
     assert reissue(folder, *ROBUST) == 0
     assert "issue 2" in (folder / "report.html").read_text()
     assert not list(recorded(Scenario.TOUCH_ONLY).glob("report.html"))
+
+
+def test_the_report_of_a_run_that_a_console_works_on_is_left_to_it(tmp_path: Path) -> None:
+    folder = copy(completed(), tmp_path)
+    assert main(["report", str(folder)]) == 0
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
+    drive.act(Rule(Step.CROSS, False, "came back"))
+    drive.engine.close()
+    before = digest(folder)
+    with Hold(folder / HOLD_FILE):
+        assert reissue(folder, *ROBUST) == 2
+    assert digest(folder) == before
+    assert reissue(folder, *ROBUST) == 0
+    assert "issue 2" in (folder / "report.html").read_text()
 
 
 def test_shards_re_issue_every_run_once(tmp_path: Path) -> None:
