@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from uuid import UUID
 
 from madrob_console.archive.digests import identity_record, kept_run_id, run_id_at
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
@@ -47,13 +48,16 @@ def _identity(path: Path) -> dict[str, dict[str, str]]:
 
 
 def _told_run_id(path: Path) -> str:
-    """The identity by the result beside a recording, which may be older than its damage."""
+    """The identity by the result beside a recording, which may be older than its damage.
+
+    Empty where none is told.
+    """
     folder = path.parent if path.is_file() else path
     if path.is_file() and path.name not in read_file_digests(str(folder)):
         return ""  # of another run
     try:
-        return read_result(str(folder))[0].run_id
-    except (FileNotFoundError, UnusableResultError):
+        return str(UUID(read_result(str(folder))[0].run_id))
+    except (FileNotFoundError, UnusableResultError, ValueError):
         return ""
 
 

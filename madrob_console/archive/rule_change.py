@@ -7,6 +7,7 @@ the journal's line first: whatever ends it afterwards, the result is made again 
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,14 +19,14 @@ from madrob_console.archive.grades import Grade
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.archive.result_writer import has_content, result_files, write_result
 from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.scored import Scored, open_run
+from madrob_console.archive.scored import OpenedRun, Scored, open_run
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, refusal_words
 from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.rebuild import Change, after
-from madrob_console.referee.run import JournalMark, Phase, TeamWord
+from madrob_console.referee.rebuild import Change, after, rebuild
+from madrob_console.referee.run import JournalMark, Phase, Run, TeamWord
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
@@ -91,7 +92,7 @@ class NextIssue:
         others: how much else differs.
         signed: the team's word on the issue before; None = that was not final.
         counts: whether the run enters the standings: it is valid and official.
-        made_of: the journal that it was made of.
+        made_of: the journal that it was made of, with all its lines.
         entry: the journal's next line.
         files: of the result, those that are to be written.
     """
@@ -120,6 +121,22 @@ class OutOfDateError(MadrobError):
     """A result that is not what its journal says: it is to be made again first."""
 
 
+class UnwrittenError(MadrobError):
+    """An issue that is journalled, but whose result the disk refuses.
+
+    Args:
+        folder: of the run.
+        number: of the issue.
+        why: in words.
+    """
+
+    def __init__(self, folder: Path, number: int, why: object) -> None:
+        super().__init__(
+            f"{folder}: issue {number} is journalled, its result is not written yet: the same "
+            f"command writes it ({why})"
+        )
+
+
 def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
     """Score a run and see whether its result would be another one; nothing is written.
 
@@ -144,9 +161,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
     if is_held(folder / JOURNAL_FILE):
         raise _busy(folder)
     opened = open_run(folder, change.rules)
-    recorded = opened.recorded
-    before = recorded.run
-    assert before.journal is not None
+    before = opened.recorded.run
     if opened.out_of_date:
         raise OutOfDateError(
             f"{folder}: {RESULT_FILE} is not what the journal says: `madrob recover` makes it again"
@@ -155,11 +170,57 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         raise MadrobError(f"{folder}: was cut off: open it in the console, the referee decides")
     if before.outcome is Outcome.ABORTED:
         return None
+    return _issue(opened, opened.recorded.entries, before, change.entry, files=files)
+
+
+def unwritten_issue(folder: Path) -> NextIssue | None:
+    """The issue whose line a journal has, but that was not written: the disk was full, say.
+
+    `archive/repair.py` writes it; this tells what it changes, as long as it is not written.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        It, without its files; None = there is none, or nobody can tell what it changes.
+
+    Raises:
+        MadrobError: the run cannot be read.
+    """
+    opened = open_run(folder)
+    recorded = opened.recorded
+    if not opened.out_of_date or recorded.entries[-1].what != Change.REISSUED:
+        return None
+    *earlier, entry = recorded.entries
+    set_as = recorded.recorded_as
+    before = rebuild(earlier, set_as.handle_zero, set_as.zero_samples)
+    before = replace(before, journal=mark_of(earlier))
+    try:
+        return _issue(opened, earlier, before, entry, files=False)
+    except MadrobError:
+        return None
+
+
+def _issue(
+    opened: OpenedRun, entries: Sequence[Entry], before: Run, entry: Entry, *, files: bool
+) -> NextIssue | None:
+    """The issue that a line makes of a run; None = the result stays as it is.
+
+    Args:
+        opened: the run, followed by the rules of the line.
+        entries: the lines before.
+        before: the state after these.
+        entry: the line.
+        files: whether they are wanted.
+
+    Raises:
+        MadrobError: the recording is not the one that the stored result was made of.
+    """
+    folder, recorded = opened.folder, opened.recorded
     found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
     if not found:
         return None
-    entry = change.entry
-    reissued = replace(after(before, entry), journal=mark_of((*recorded.entries, entry)))
+    reissued = replace(after(before, entry), journal=mark_of((*entries, entry)))
     values = tuple(_values(found))
     data: dict[str, bytes] = {}
     if files:
@@ -171,7 +232,7 @@ def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextI
         len(found) - len(values),
         None if before.closure is None else before.closure.team_word,
         before.valid and not before.practice and recorded.record.source is SourceKind.ROS,
-        before.journal,
+        _whole(entries),
         entry,
         {name: data[name] for name in data if not has_content(folder / name, data[name])},
     )
@@ -185,6 +246,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
         now: s since the epoch.
 
     Raises:
+        UnwrittenError: the disk refuses the result, but took the journal's line.
         MadrobError: somebody works on the run or did so since, or the disk refuses.
     """
     folder = made.folder
@@ -200,16 +262,27 @@ def write_next_issue(made: NextIssue, now: float) -> None:
             f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
         ) from None
     try:
-        if mark_of(read_journal(path)[0]) != made.made_of:
+        if _whole(read_journal(path)[0]) != made.made_of:
             raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
         if not journal.append([made.entry]):
             assert journal.refused is not None
             raise MadrobError(f"{folder}: {refusal_words(journal.refused)}: nothing was re-issued")
-        write_result(folder, made.files, made.number)
+        try:
+            write_result(folder, made.files, made.number)
+        except MadrobError as error:
+            raise UnwrittenError(folder, made.number, error) from None
         details = {"issue": made.number}
         journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
     finally:
         journal.close()
+
+
+def _whole(entries: Sequence[Entry]) -> JournalMark:
+    """The mark of every line, of those too from which no result changes: a note on a final one."""
+    digest = hashlib.sha256()
+    for entry in entries:
+        digest.update(f"{entry.to_json()}\n".encode())
+    return JournalMark(len(entries), digest.hexdigest())
 
 
 def _busy(folder: Path) -> MadrobError:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.progress import progress
@@ -77,6 +78,7 @@ class Practice:
         values: by indicator, how many values it changes.
         levels: by the capability level before and after, how many runs.
         unchanged: runs that it leaves as they are.
+        unwritten: issues that the disk refused after the journal's line.
     """
 
     issues: int = 0
@@ -85,12 +87,10 @@ class Practice:
     values: Counter[IndicatorName] = field(default_factory=Counter)
     levels: Counter[tuple[float | None, float | None]] = field(default_factory=Counter)
     unchanged: int = 0
+    unwritten: int = 0
 
-    def add(self, issue: NextIssue | None) -> None:
-        """One more run."""
-        if issue is None:
-            self.unchanged += 1
-            return
+    def add(self, issue: NextIssue) -> None:
+        """One more result."""
         self.issues += 1
         self.counting += issue.counts
         self.signed += issue.signed is not None
@@ -102,7 +102,10 @@ class Practice:
     def lines(self, bad: int, *, dry: bool) -> Iterator[str]:
         """All of it, for people."""
         done = "would be re-issued" if dry else "re-issued"
-        yield f"{self.issues} {done}, {self.unchanged} unchanged, {bad} left alone (see above)"
+        counts = [f"{self.issues} {done}", f"{self.unchanged} unchanged"]
+        if self.unwritten:
+            counts.append(f"{self.unwritten} journalled and not written yet")
+        yield f"{', '.join(counts)}, {bad - self.unwritten} left alone (see above)"
         if not self.issues:
             return
         final = f"{self.signed} of them {'are' if dry else 'were'} final and to be signed again"
@@ -152,6 +155,8 @@ def _go_through(
     bad: Complaints,
 ) -> None:
     """Every run: what the rule change changes of it is said, and written if it is to be."""
+    from madrob_console.archive.rule_change import UnwrittenError
+
     dry: bool = arguments.dry_run
     work = partial(made_issue, change=change, files=not dry)
     issues = shared(arguments, work, runs, _lost, at_once=_AT_ONCE)
@@ -159,35 +164,53 @@ def _go_through(
         tell(0, len(runs))
         for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
             tell(number, len(runs))
+            issues_before = practice.issues
             try:
-                issue = _settled(run, one, change, clock, dry=dry)
+                for issue in _settled(run, one, change, clock, dry=dry):
+                    practice.add(issue)
+                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
             except MadrobError as error:
+                practice.unwritten += isinstance(error, UnwrittenError)
                 bad.add(error, run.name)
                 continue
-            practice.add(issue)
-            if issue is not None:
-                print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
+            practice.unchanged += practice.issues == issues_before
 
 
 def _settled(
     run: RunPath, made: MadeIssue, change: RuleChange, clock: Clock, *, dry: bool
-) -> NextIssue | None:
-    """Write what is to be written of one run.
+) -> Iterator[NextIssue]:
+    """Write what is to be written of one run: what was journalled before, and what is new.
 
     Raises:
         MadrobError: it cannot be.
     """
-    from madrob_console.archive.rule_change import write_next_issue
+    from madrob_console.archive.rule_change import (
+        UnwrittenError,
+        unwritten_issue,
+        write_next_issue,
+    )
     from madrob_console.cli.repairing import repair_run
 
     if made.out_of_date and not dry:  # an earlier re-issue was killed, or an engine
-        repair_run(run.path)
+        unwritten = unwritten_issue(run.path)
+        try:
+            repair_run(run.path)
+        except MadrobError as error:
+            if unwritten is None:
+                raise
+            if unwritten_issue(run.path) is not None:
+                raise UnwrittenError(run.path, unwritten.number, error) from None
+            yield unwritten  # only its report is not there
+            raise
+        if unwritten is not None:
+            yield unwritten
         made = made_issue(run, change=change, files=True)
     if made.problem is not None:
         raise MadrobError(made.problem)
-    if made.issue is not None and not dry:
-        write_next_issue(made.issue, clock.now_ns() / 1e9)
-    return made.issue
+    if made.issue is not None:
+        if not dry:
+            write_next_issue(made.issue, clock.now_ns() / 1e9)
+        yield made.issue
 
 
 def _renew_reports(
@@ -208,13 +231,18 @@ def _renew_reports(
 def renewed_report(run: RunPath, *, time: float) -> str:
     """Make the report of a run again; says why it cannot be, empty = it is.
 
+    That of a run that a console works on is left to it.
+
     Args:
         run: which one.
         time: of the rule change: what lies around runs is looked at once for each.
     """
+    from madrob_console.archive.unfinished import is_held
     from madrob_console.cli.repairing import renew_report
 
     try:
+        if is_held(run.path / JOURNAL_FILE):
+            return ""
         renew_report(run.path, _around(time))
     except MadrobError as error:
         return str(error)

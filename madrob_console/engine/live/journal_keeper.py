@@ -11,7 +11,7 @@ from pathlib import Path
 
 from madrob_console.engine.live.keeper import Keeper, why_not
 from madrob_console.errors import MadrobError
-from madrob_console.referee.journal import Entry, Journal, refusal_words, up_to_date
+from madrob_console.referee.journal import Entry, Journal, read_journal, refusal_words, up_to_date
 from madrob_console.referee.journal_mark import GrowingMark
 from madrob_console.referee.run import JournalMark
 
@@ -93,8 +93,12 @@ class OpenJournal:
     def reopen(cls, path: Path, lines: Sequence[Entry]) -> OpenJournal:
         """Go on with the journal of an earlier run; its lines are written where there is none.
 
+        Args:
+            path: its file.
+            lines: those that the run was read with, which took a while.
+
         Raises:
-            MadrobError: another program writes it, or the disk refuses.
+            MadrobError: another program writes it or did so since, or the disk refuses.
         """
         journal = Journal()
         try:
@@ -102,12 +106,17 @@ class OpenJournal:
                 journal.reopen(path)
             except FileNotFoundError:
                 return cls.create(path, lines)
+            found, _ = read_journal(path)
         except BlockingIOError:
             raise MadrobError(f"{path.parent.name}: another console works on this run") from None
         except OSError as error:
+            journal.close()
             raise MadrobError(
                 f"{path}: cannot be written ({error.strerror}); `madrob score` reads such a run"
             ) from None
+        if found and found != tuple(lines):  # one without lines says nothing: the bag was read
+            journal.close()
+            raise MadrobError(f"{path.parent.name}: was changed meanwhile: open it once more")
         return cls(path, journal, lines)
 
     def append(self, lines: Sequence[Entry], *, again: bool) -> tuple[int, str | None]:

@@ -166,6 +166,20 @@ def test_an_older_run_without_a_result_is_the_same_run_however_often_it_is_repai
         recording.write_bytes(recording.read_bytes()[:-1000])
 
 
+def test_a_result_that_claims_an_identity_that_is_none_tells_a_repair_nothing(torn: Path) -> None:
+    before = run_id_at(torn)
+    (torn / "result.json").write_text(json.dumps(stored(torn) | {"run_id": "not-a-uuid"}))
+    recover_recording(torn)
+    assert kept_run_id(torn) == before != ""
+
+
+def test_a_repair_keeps_an_identity_in_its_usual_form(torn: Path) -> None:
+    told = "0190b0d0-0000-7000-8000-00000000000a"
+    (torn / "result.json").write_text(json.dumps(stored(torn) | {"run_id": told.upper()}))
+    recover_recording(torn)
+    assert read_bag(torn).records[IDENTITY_RECORD] == {"run_id": told}
+
+
 def test_no_repair_adds_to_the_identity_of_a_run_that_has_one(run: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(run, tmp_path / run.name)
     recording = next(folder.glob("*.mcap"))

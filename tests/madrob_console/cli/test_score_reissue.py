@@ -12,16 +12,19 @@ from typing import Any
 
 import pytest
 
+from madrob_console.archive import repair, rule_change
 from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
 from madrob_console.files.held import Hold
-from madrob_console.referee.acts import Abort
+from madrob_console.referee.acts import Abort, Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import appealed, completed, copy_run, recorded
@@ -209,10 +212,11 @@ def test_a_run_that_a_console_works_on_is_left_to_it(
     assert digest(folder) == before
 
 
+@pytest.mark.parametrize("source", [completed, appealed])
 def test_what_the_referee_does_between_scoring_and_writing_is_not_overwritten(
-    tmp_path: Path,
+    source: Callable[[], Path], tmp_path: Path
 ) -> None:
-    folder = copy(completed(), tmp_path)
+    folder = copy(source(), tmp_path)  # the second one is final, which no note changes
     made = next_issue(RunPath(folder), CHANGE)
     assert made is not None
     journal = folder / "journal.jsonl"
@@ -244,8 +248,8 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
         fsync(number)
         left, synced = left - 1, synced + 1
 
+    whole = copy(completed(), tmp_path / "undisturbed")  # recorded before anything is counted
     monkeypatch.setattr(os, "fsync", counted)
-    whole = copy(completed(), tmp_path / "undisturbed")
     assert reissue(whole, *ROBUST) == 0
     every, wanted = synced, result(whole)
     assert every > 8
@@ -265,12 +269,66 @@ def test_whenever_it_is_killed_the_next_try_makes_one_whole_issue_and_no_second(
         assert main(["score", "--check", str(folder)]) == 0
 
 
+@pytest.mark.parametrize(
+    ("rules", "count", "issue"), [("robust-2026", 1, 3), ("eurobench-2020", 2, 4)]
+)
+def test_an_issue_that_a_full_disk_refused_is_told_then_and_when_the_next_try_writes_it(
+    rules: str,
+    count: int,
+    issue: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    whole, folder = copy(appealed(), tmp_path / "whole"), copy(appealed(), tmp_path / "refused")
+    assert reissue(whole, *ROBUST) == 0
+    line, *summary = capsys.readouterr().out.replace(str(whole), str(folder)).splitlines()
+    assert "issue 3 (was final, acknowledged: not final any more): " in line
+
+    def full(*_: object) -> None:
+        raise MadrobError("not written (No space left on device)")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rule_change, "write_result", full)
+        patch.setattr(repair, "write_result", full)
+        for _ in range(2):
+            assert reissue(folder, *ROBUST) == 2
+            told = capsys.readouterr()
+            assert "issue 3 is journalled, its result is not written yet: the same command" in (
+                told.err
+            )
+            assert "(not written (No space left on device))" in told.err
+            assert told.out.startswith("0 re-issued, 0 unchanged, 1 journalled and not written yet")
+            assert told.out.endswith(", 0 left alone (see above)\n")
+    assert reissue(folder, "--ruleset", rules) == 0
+    found = capsys.readouterr().out.splitlines()
+    assert found[0] == line
+    assert f"{count} re-issued, 0 unchanged, 0 left alone (see above)" in found
+    assert found[1:] == summary or count == 2
+    assert (result(folder)["issue"], result(folder)["ruleset"]) == (issue, rules)
+
+
 def test_reports_tell_of_the_issue_that_there_is(tmp_path: Path) -> None:
     folder = copy_run(tmp_path, 1, Scenario.TOUCH_ONLY)
     assert main(["report", str(folder)]) == 0
     assert reissue(folder, *ROBUST) == 0
     assert "issue 2" in (folder / "report.html").read_text()
     assert not list(recorded(Scenario.TOUCH_ONLY).glob("report.html"))
+
+
+def test_the_report_of_a_run_that_a_console_works_on_is_left_to_it(tmp_path: Path) -> None:
+    folder = copy(completed(), tmp_path)
+    assert main(["report", str(folder)]) == 0
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
+    drive.act(Rule(Step.CROSS, False, "came back"))
+    drive.engine.close()
+    before = digest(folder)
+    with Hold(folder / HOLD_FILE):
+        assert reissue(folder, *ROBUST) == 2
+    assert digest(folder) == before
+    assert reissue(folder, *ROBUST) == 0
+    assert "issue 2" in (folder / "report.html").read_text()
 
 
 def test_shards_re_issue_every_run_once(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from madrob_console.archive.history import History
 from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
+from madrob_console.archive.unfinished import is_held
 from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
@@ -120,6 +121,36 @@ def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
     assert (document["issue"], document["ruleset"]) == (2, "robust-2026")
     assert document["closure"]["team_word"] == "acknowledged"
     assert check_run(RunPath(folder)).grade is Grade.SAME
+
+
+@pytest.mark.parametrize("final", [False, True])
+def test_a_run_that_was_re_issued_while_it_was_read_is_opened_only_once_it_is_read_again(
+    tmp_path: Path, *, final: bool
+) -> None:
+    folder = finished(tmp_path)
+    drive = Drive(tmp_path)
+    if final:
+        shown(drive.engine, folder)
+        drive.act(Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+        drive.engine.close()
+        drive = Drive(tmp_path)
+    read = drive.engine.read_run(folder).result()
+    change = RuleChange("rules of May", RulesetName.ROBUST_2026, "Ada", 1_700_000_100.0)
+    issue = next_issue(RunPath(folder), change)
+    assert issue is not None
+    write_next_issue(issue, 1_700_000_101.0)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    told: list[str | None] = []
+    drive.engine.open_run(read, told.append)
+    assert told == [f"{folder.name}: was changed meanwhile: open it once more"]
+    assert drive.engine.run.phase is Phase.IDLE
+    assert drive.engine.folder is None
+    assert not is_held(folder / "journal.jsonl")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    shown(drive.engine, folder)
+    assert (drive.engine.run.issue, drive.engine.run.phase) == (2, Phase.STOPPED)
+    assert drive.engine.run.ruleset is RulesetName.ROBUST_2026
+    drive.engine.close()
 
 
 def test_a_run_that_was_cut_off_is_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:
