@@ -68,6 +68,8 @@ def on_cluster(
     address: str,
     paths: Iterable[Path],
     lost: Callable[[_Item, str], _Done],
+    *,
+    at_once: int | None = None,
 ) -> Generator[_Done, None, None]:
     """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
 
@@ -81,6 +83,7 @@ def on_cluster(
         address: of the scheduler.
         paths: which the workers must see.
         lost: what stands for an item that is given up, from why, in words.
+        at_once: no more than so many are out or in memory; None = as many as keep it busy.
 
     Raises:
         MadrobError: `distributed` is not installed, the scheduler does not answer or goes away, or
@@ -90,6 +93,7 @@ def on_cluster(
         _demand_fitting(client, address, [str(path) for path in paths])
         threads = sum(client.nthreads().values())
         ahead = max(_LEAST_AHEAD, _AHEAD * threads)
+        ahead = ahead if at_once is None else min(ahead, at_once)
         yield from _Spread(client, work, items, lost).results(ahead)
 
 

@@ -82,8 +82,7 @@ def shared(
         work: what to do; it must be importable by name, and so must what it takes and gives.
         runs: on what.
         lost: what stands for a run that no worker of a cluster survives, from why, in words.
-        at_once: of what comes of them so many are in memory; None = they are small. A cluster has
-            a limit of its own.
+        at_once: of what comes of them so many are in memory; None = they are small.
 
     Raises:
         MadrobError: the processes or the cluster cannot be used.
@@ -100,7 +99,7 @@ def shared(
 
     named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
     there = [path for path in named if path.exists()]
-    return on_cluster(work, runs, arguments.scheduler, there, lost)
+    return on_cluster(work, runs, arguments.scheduler, there, lost, at_once=at_once)
 
 
 def _one_by_one(

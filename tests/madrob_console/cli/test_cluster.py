@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from madrob_console.archive.run_paths import all_runs_at
 from madrob_console.cli.cluster import on_cluster
 from madrob_console.cli.main import main
+from madrob_console.cli.sharing import lost_words, shared
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.recorded_runs import copy_run
@@ -106,6 +110,10 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     assert done == [-number for number in range(20) if number != 3]
     assert spread(fail, [7]) == ["7: the cluster could not do it (ValueError: number 7)"]
 
+    # no more is out than is wanted in memory, of a command that says how much
+    with monkeypatch.context() as patch:
+        assert _most_out(address, root, patch) == 2
+
     # what is closed is cancelled: nothing more is begun
     lingering = tmp_path / "lingering"
     lingering.mkdir()
@@ -120,6 +128,27 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     monkeypatch.setattr("madrob_console.version.software_version", lambda: "0.0.1")
     with pytest.raises(MadrobError, match=r"has other versions \(.* there, 0\.0\.1 here\)"):
         spread(abs, [-1, -2])
+
+
+def _most_out(address: str, root: Path, patch: pytest.MonkeyPatch) -> int:
+    """How many of all runs are handed out and not taken, where two are wanted at most."""
+    import distributed
+
+    out, most, submit = 0, 0, distributed.Client.submit
+
+    def counted(client: object, *call: object, **how: object) -> object:
+        nonlocal out, most
+        out += 1
+        most = max(most, out)
+        return submit(client, *call, **how)
+
+    patch.setattr(distributed.Client, "submit", counted)
+    arguments = argparse.Namespace(scheduler=address, paths=[root])
+    runs = all_runs_at([root])
+    assert len(runs) > 2
+    for _ in shared(arguments, attrgetter("name"), runs, lost_words, at_once=2):
+        out -= 1
+    return most
 
 
 def _interrupted(results: Iterator[None], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
