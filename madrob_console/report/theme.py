@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping
 
 from madrob_console.report.markup import Markup
-from scoring.figures.colours import BLUE, GREY, ORANGE, RED
+from scoring.figures.colours import BAND, BLUE, GREY, ORANGE, RED
 from scoring.figures.phases import TimedPhase
 
 _NAMES: Mapping[str, str] = {
     "#ffffff": "paper",
     "#000000": "ink",
-    "#e0e0e0": "band",
+    BAND: "band",
     ORANGE: "orange",
     BLUE: "blue",
     RED: "red",

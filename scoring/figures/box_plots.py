@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scoring.figures.colours import BLUE, GREY, ORANGE, RED
+from scoring.figures.colours import BAND, BLUE, GREY, ORANGE, RED
 from scoring.figures.fluid import TICK_ROOM, across, axis, bars, drawing, line
 from scoring.figures.value_scale import FAILED, shown_values
 
@@ -17,7 +17,6 @@ FEWEST_FOR_A_BOX = 5
 """Of fewer values there are points alone."""
 
 _INSET = 4  # px between a box and the edge of its row
-_BAND = "#e0e0e0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ def box_plot(rows: Sequence[BoxRow], alternative: str, *, all_shown: bool = Fals
             stroke = line(median, window, top, top + ROW - 2 * _INSET)
             parts += [
                 f'<g style="stroke: {GREY}">{whisker}</g>',
-                f'<g style="fill: {_BAND}; stroke: {GREY}">{box}</g>',
+                f'<g style="fill: {BAND}; stroke: {GREY}">{box}</g>',
                 f'<g style="stroke: {ORANGE}; stroke-width: 3">{stroke}</g>',
             ]
         points = "".join(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from scoring.figures.colours import BLUE, GREY, RED
+from scoring.figures.colours import BAND, BLUE, GREY, RED
 from scoring.figures.event_labels import Interval
 from scoring.figures.fluid import TICK_ROOM, drawing
 from scoring.figures.value_scale import FAILED, few_ticks, shown_values
@@ -17,7 +17,6 @@ HEIGHT = 84
 
 _LEFT, _RIGHT = 17.0, 97.0  # percent of the width: letters stand before
 _LEVELS = 4  # round values on the scale
-_BAND = "#e0e0e0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ def day_curve(
 
     grid = [
         f'<line x1="{_LEFT:g}%" x2="100%" y1="{top(tick):g}" y2="{top(tick):g}" '
-        f'style="stroke: {_BAND}"/>'
+        f'style="stroke: {BAND}"/>'
         f'<text x="{_LEFT - 1:g}%" y="{top(tick) + 4:g}" text-anchor="end">{tick:g}</text>'
         for tick in few_ticks(window, _LEVELS)
     ]
