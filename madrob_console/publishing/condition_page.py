@@ -18,7 +18,6 @@ from madrob_console.publishing.site_frame import run_link, runs_table, site_page
 from madrob_console.report.explanations import task_text
 from madrob_console.report.markup import Content, Markup, element, section
 from madrob_console.standings.competition import SIGNS, RulesetStandings
-from madrob_console.standings.tally import Standing
 from madrob_console.standings.web_page import how_to_read, teams_table
 from scoring.protocol import Condition
 
@@ -60,7 +59,8 @@ def _group(
 ) -> Iterator[Markup]:
     rules = f", ruleset {group.ruleset}" if several else ""
     runs = {
-        one.subject: _runs(content, one, condition.number) for one in group.conditions[condition]
+        one.subject: content.runs_of(one.subject, condition.number, group.ruleset)
+        for one in group.conditions[condition]
     }
     best = {subject: best_of(found) for subject, found in runs.items()}
     ordered = sorted(group.conditions[condition], key=lambda one: _order(best[one.subject]))
@@ -97,14 +97,6 @@ def _group(
             lambda tally: element("b", team_link(content, place, tally.subject)),
         ),
     )
-
-
-def _runs(content: SiteContent, team: Standing, number: int) -> list[RunSummary]:
-    return [
-        run
-        for run in content.of_team[team.subject]
-        if run.condition == number and run.ruleset == team.ruleset
-    ]
 
 
 def _order(best: RunSummary | None) -> tuple[float, ...]:

@@ -145,8 +145,12 @@ def _local(at: float, form: str = _CLOCK) -> str:
 
 
 def _caption(name: IndicatorName) -> str:
-    return f"{name.words}, {unit_text(name.spec.unit)}; {name.spec.better} is better"
+    return f"{name.words}{_unit_and_direction(name)}"
 
 
 def _title(name: IndicatorName) -> Content:
-    return element("b", name.words), f", {unit_text(name.spec.unit)}; {name.spec.better} is better"
+    return element("b", name.words), _unit_and_direction(name)
+
+
+def _unit_and_direction(name: IndicatorName) -> str:
+    return f", {unit_text(name.spec.unit)}; {name.spec.better} is better"

@@ -188,7 +188,7 @@ def _group_table(content: SiteContent, place: str, group: RulesetStandings) -> M
         team.subject: {
             condition.number: found
             for condition in group.conditions
-            if (found := _best(content, team.subject, condition.number, group.ruleset))
+            if (found := best_of(content.runs_of(team.subject, condition.number, group.ruleset)))
         }
         for team in group.overall
     }
@@ -211,16 +211,6 @@ def _group_table(content: SiteContent, place: str, group: RulesetStandings) -> M
 
     heads = ("team", *(condition_link(content, place, number) for number in numbers), "runs")
     return table(heads, map(row, ordered), class_="runs", caption="level, and time if completed")
-
-
-def _best(content: SiteContent, subject: int, number: int, ruleset: str) -> RunSummary | None:
-    return best_of(
-        [
-            run
-            for run in content.of_team[subject]
-            if run.condition == number and run.ruleset == ruleset
-        ]
-    )
 
 
 def _team_order(best: dict[int, RunSummary], subject: int) -> tuple[float, ...]:

@@ -23,6 +23,7 @@ from madrob_console.publishing.site_content import (
     beside,
     condition_place,
     report_beside,
+    result_beside,
     team_place,
 )
 from madrob_console.publishing.site_folder import SiteFile, SourceUnreadError
@@ -69,7 +70,7 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
 def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     """Its report, its result, its page."""
     place, folder = content.places[run.folder], content.source(run)
-    result = place.replace(place.rpartition("/")[2], RESULT_FILE)
+    result = result_beside(place)
     named = []
     stamp = stamp_to_copy(folder / REPORT_FILE)
     if stamp is not None and not report_is_old(folder):

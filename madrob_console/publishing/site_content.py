@@ -15,7 +15,7 @@ from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import TypeAlias
 
-from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.standings.competition import CompetitionStandings
@@ -93,6 +93,14 @@ class SiteContent:
             if run.outcome is not None and run.problem is None
         }
 
+    def runs_of(self, subject: int, condition: int, ruleset: str) -> list[RunSummary]:
+        """Those of a team in a condition by one ruleset, whether they count or not."""
+        return [
+            run
+            for run in self.of_team[subject]
+            if run.condition == condition and run.ruleset == ruleset
+        ]
+
     def places_of_team(self, subject: int) -> Mapping[str, str]:
         """Those of a team."""
         folders = (run.folder for run in self.of_team[subject])
@@ -140,6 +148,11 @@ def beside(page: str, name: str) -> str:
 def report_beside(page: str) -> str:
     """The report of a run, by the run's page."""
     return str(PurePosixPath(page).with_name(REPORT_FILE))
+
+
+def result_beside(page: str) -> str:
+    """The result of a run, likewise."""
+    return str(PurePosixPath(page).with_name(RESULT_FILE))
 
 
 def _called(run: RunSummary) -> str:
