@@ -68,7 +68,7 @@ def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
 
 
 @dataclass
-class Practice:
+class ChangeTotals:
     """What a rule change comes to.
 
     Attributes:
@@ -136,12 +136,12 @@ def reissue(
     reason = arguments.reissue.strip()
     referee = load_settings(arguments.settings).competition.referee
     change = RuleChange(reason, rules, referee, clock.now_ns() / 1e9)
-    practice = Practice()
+    totals = ChangeTotals()
     with Complaints() as bad:
-        _go_through(arguments, runs, change, clock, practice, bad)
+        _go_through(arguments, runs, change, clock, totals, bad)
         if not dry:
             _renew_reports(arguments, runs, change, bad)
-    for line in practice.lines(bad.count, dry=dry):
+    for line in totals.lines(bad.count, dry=dry):
         print(line)
     return BAD_INPUT if bad.count else 0
 
@@ -151,7 +151,7 @@ def _go_through(
     runs: Sequence[RunPath],
     change: RuleChange,
     clock: Clock,
-    practice: Practice,
+    totals: ChangeTotals,
     bad: Complaints,
 ) -> None:
     """Every run: what the rule change changes of it is said, and written if it is to be."""
@@ -164,16 +164,16 @@ def _go_through(
         tell(0, len(runs))
         for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
             tell(number, len(runs))
-            issues_before = practice.issues
+            issues_before = totals.issues
             try:
                 for issue in _settled(run, one, change, clock, dry=dry):
-                    practice.add(issue)
+                    totals.add(issue)
                     print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
             except MadrobError as error:
-                practice.unwritten += isinstance(error, UnwrittenError)
+                totals.unwritten += isinstance(error, UnwrittenError)
                 bad.add(error, run.name)
                 continue
-            practice.unchanged += practice.issues == issues_before
+            totals.unchanged += totals.issues == issues_before
 
 
 def _settled(
