@@ -6,7 +6,7 @@ What stands here is what `result.json` says of it: names, order and meaning are 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from scoring.errors import ScoringError
@@ -253,6 +253,24 @@ def uncertainty_text(uncertainty: Uncertainty | None) -> str:
     if -4 <= place < 6:
         return f"+- {digit * 10.0**place:.{max(0, -place)}f}"
     return f"+- {digit}e{place:+03d}"
+
+
+def difference_text(difference: float, of: Iterable[Uncertainty | None], decimals: int) -> str:
+    """A difference with its sign, and the digits that the largest uncertainty leaves.
+
+    Args:
+        difference: of two values, in their unit.
+        of: the uncertainties of the two; None = not known.
+        decimals: where none is known, or both are exact: then without zeros at the end.
+    """
+    known = [each for each in of if each is not None]
+    widest = max(known, key=lambda each: each.expanded, default=None)
+    if widest is not None and widest.expanded:
+        return f"{difference:+.{decimals_left(widest)}f}"
+    if isinstance(difference, int):
+        return f"{difference:+d}"
+    text = f"{difference:+.{decimals}f}"
+    return text if widest is None else without_zeros(text)
 
 
 def decimals_left(uncertainty: Uncertainty) -> int:

@@ -10,11 +10,14 @@ from madrob_console.referee.flags import Flag
 from scoring.result import (
     Indicator,
     Result,
-    decimals_left,
+    difference_text,
     uncertainty_text,
     value_text,
     without_zeros,
 )
+
+_DECIMALS = 6
+"""Times of the epoch, of which values are made, have no more."""
 
 _NONE, _SPREAD = "-", "+-"
 
@@ -117,14 +120,8 @@ def _difference(one: Indicator, two: Indicator) -> str:
         return _NONE
     if not by:
         return "="
-    known = [each.uncertainty for each in (one, two) if each.uncertainty is not None]
-    widest = max(known, key=lambda each: each.expanded, default=None)
-    if widest is not None and widest.expanded:
-        return f"{by:+.{decimals_left(widest)}f}"
-    text = _number(by, "+")
-    return text if widest is None else without_zeros(text)
+    return difference_text(by, (one.uncertainty, two.uncertainty), _DECIMALS)
 
 
-def _number(value: float, sign: str = "") -> str:
-    """Times of the epoch, of which values are made, have no more than six decimals."""
-    return f"{value:{sign}d}" if isinstance(value, int) else f"{value:{sign}.6f}"
+def _number(value: float) -> str:
+    return f"{value:d}" if isinstance(value, int) else f"{value:.{_DECIMALS}f}"

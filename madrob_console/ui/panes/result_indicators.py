@@ -12,11 +12,10 @@ from scoring.indicator_table import IndicatorName
 from scoring.result import (
     DOUBTED,
     Uncertainty,
-    decimals_left,
+    difference_text,
     distinguishable,
     uncertainty_text,
     value_text,
-    without_zeros,
 )
 
 if TYPE_CHECKING:
@@ -33,6 +32,8 @@ _SPREAD = 11
 _ROOMY = 75
 _WITH_WORDS = 62
 """Cells with which a difference says whether it is better."""
+_IN_POWERS = 1e3
+"""A larger difference has no room otherwise."""
 
 ALIKE = "="
 """A difference within the uncertainty."""
@@ -171,7 +172,10 @@ def compared(
         word, tone = ALIKE, Tone.PLAIN
     elif difference == 0:
         word, tone = "equal", Tone.PLAIN
-    text = _difference_text(difference, known, mean.uncertainty)
+    spreads = () if known is None else (known, mean.uncertainty)
+    text = difference_text(difference, spreads, 4)
+    if abs(difference) >= _IN_POWERS:
+        text = f"{difference:+.2e}"
     parts = [Span(f"{text:>{9 if known is None or width >= _WITH_WORDS else 8}}", tone)]
     if width >= _WITH_WORDS:
         parts.append(Span(f" {word:<6}", tone))
@@ -181,17 +185,3 @@ def compared(
         of = "" if mean.runs == count else f" ({mean.runs})"
         parts.append(Span(f" {value_text(mean.value, mean.uncertainty)}{of}", Tone.DIM))
     return tuple(parts)
-
-
-def _difference_text(
-    difference: float, known: Uncertainty | None, of_mean: Uncertainty | None
-) -> str:
-    """A difference with the digits that the larger uncertainty leaves, four where none is known."""
-    if abs(difference) >= 1e3:
-        return f"{difference:+.2e}"
-    if known is None:
-        return f"{difference:+.4f}"
-    widest = max(known, of_mean or known, key=lambda one: one.expanded)
-    if widest.expanded:
-        return f"{difference:+.{decimals_left(widest)}f}"
-    return without_zeros(f"{difference:+.4f}")
