@@ -30,6 +30,8 @@ YAML_PROBLEMS = (
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 
+_EVIDENCE = re.compile(r"_evidence_\d+\.mcap\Z", re.ASCII)
+
 _QOS_LIMIT = 64 * 1024
 """The most characters of QoS that are parsed; one publisher has about 400."""
 
@@ -97,6 +99,16 @@ def topic_problem(topic: Topic) -> str | None:
 def bag_file_name(folder_name: str) -> str:
     """The name of the recording in a bag folder."""
     return f"{folder_name}_0.mcap"
+
+
+def evidence_file_name(folder_name: str, number: int) -> str:
+    """The name of a bag's evidence: what nothing is scored from. Counted from 0."""
+    return f"{folder_name}_evidence_{number}.mcap"
+
+
+def is_evidence(file_name: str) -> bool:
+    """Whether a file of a bag holds evidence: cameras and other topics, nothing of the score."""
+    return _EVIDENCE.search(file_name) is not None
 
 
 def qos_text(qos: Qos) -> str:

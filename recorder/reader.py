@@ -12,7 +12,14 @@ from typing import Any, BinaryIO, TypeAlias
 
 from mcap.records import Channel, Message, Metadata
 
-from recorder.bag import BAG_INFORMATION, METADATA_FILE, YAML_PROBLEMS, Topic, load_yaml
+from recorder.bag import (
+    BAG_INFORMATION,
+    METADATA_FILE,
+    YAML_PROBLEMS,
+    Topic,
+    is_evidence,
+    load_yaml,
+)
 from recorder.catalogue import Catalogue
 from recorder.errors import RecorderError
 from recorder.mcap_stream import DamageError, ForeignError, Gap, read_records, read_summary
@@ -28,17 +35,22 @@ _METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
 
 
-def read_bag(path: Path) -> Bag:
+def read_bag(path: Path, *, evidence: bool = False) -> Bag:
     """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
 
     An unfinished or damaged bag is opened as far as it goes, see `Bag.problem`.
+
+    Args:
+        path: the folder or the file.
+        evidence: open the evidence of the folder instead of what is scored: cameras and other
+            topics, in files of their own. A bag without evidence then has no files.
 
     Raises:
         RecorderError: there is nothing to read; the message names the remedy.
     """
     try:
         path.stat()
-        files, problem = bag_files(path) if path.is_dir() else ([path], None)
+        files, problem = bag_files(path, evidence=evidence) if path.is_dir() else ([path], None)
         refuse_sqlite(path, files)
         return Bag(path, files, problem)
     except ForeignError as error:
@@ -201,21 +213,30 @@ def _open(path: Path) -> BinaryIO:
     raise ForeignError(f"{path.name} is not a file")
 
 
-def bag_files(folder: Path) -> tuple[list[Path], str | None]:
+def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:
     """The recordings of a bag in their order, and why they may not be all.
+
+    Evidence is what lies there under such a name, whether `metadata.yaml` lists it yet or not.
 
     Raises:
         ForeignError: the folder holds no recording.
         RecorderError: they are compressed as a whole.
         OSError: it cannot be read.
     """
+    if evidence:
+        return sorted(filter(_is_evidence, folder.iterdir()), key=_natural), None
     try:
-        return _listed_files(folder), None
+        listed = _listed_files(folder)
+        return [path for path in listed if not _is_evidence(path)], None
     except FileNotFoundError:
         problem = f"{folder} has no {METADATA_FILE}, so its recording was not finished"
     except YAML_PROBLEMS:
         problem = f"{folder / METADATA_FILE} is damaged"
-    recordings = [path for path in folder.iterdir() if path.suffix in {".mcap", ".db3"}]
+    recordings = [
+        path
+        for path in folder.iterdir()
+        if path.suffix in {".mcap", ".db3"} and not _is_evidence(path)
+    ]
     if not recordings:
         raise ForeignError("the folder holds no recording")
     return sorted(recordings, key=_natural), problem
@@ -252,6 +273,10 @@ def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
     """Raise `RecorderError` for a bag of the other kind that rosbag2 has."""
     if any(file.suffix == ".db3" for file in files):
         raise RecorderError(f"{path} is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`")
+
+
+def _is_evidence(path: Path) -> bool:
+    return is_evidence(path.name)
 
 
 def _natural(path: Path) -> list[int | str]:

@@ -13,6 +13,7 @@ from uuid import UUID
 from madrob_console.files.plain import open_plain, refusal
 from madrob_console.referee.run import Sha256
 from madrob_console.referee.run_identity import derived_run_id
+from recorder.bag import is_evidence
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
@@ -101,7 +102,12 @@ def _data_files(folder: Path) -> list[str]:
         names = os.listdir(folder)  # noqa: PTH208  of the names only
     except OSError:
         return []  # the files that must be there tell why
-    return [name for name in names if name.endswith(_DATA) and not name.startswith(".")]
+    return [name for name in names if _is_data(name)]
+
+
+def _is_data(name: str) -> bool:
+    """Evidence is none: nothing of the result comes from it, and a digest of it takes long."""
+    return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)
 
 
 def _digest(path: Path) -> FileDigest:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from recorder.bag import Durability, Qos, Reliability, Topic
+from recorder.bag import Durability, Qos, Reliability, Topic, evidence_file_name
 from recorder.message import RawMessage
+from recorder.writer import BagWriter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
@@ -79,6 +82,18 @@ def strings(texts: list[str], name: str = "/talk") -> list[RawMessage]:
 
 def talk() -> Topic:
     return topic("/talk", "std_msgs/msg/String")
+
+
+def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:
+    """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
+    types = {message.topic: message.type for message in messages}
+    with TemporaryDirectory(dir=folder.parent) as aside:
+        bag = Path(aside) / "bag"
+        with BagWriter(bag, [topic(*named) for named in types.items()], {}) as writer:
+            for message in messages:
+                writer.put(message)
+        (recording,) = bag.glob("*.mcap")
+        return recording.rename(folder / evidence_file_name(folder.name, number))
 
 
 def _header(time_ns: int) -> Msg:

@@ -24,7 +24,14 @@ from recorder.errors import RecorderError
 from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
 from recorder.writer import BagWriter
-from tests.recorder.samples import door_messages, door_topics, strings, talk, typestore
+from tests.recorder.samples import (
+    add_evidence,
+    door_messages,
+    door_topics,
+    strings,
+    talk,
+    typestore,
+)
 
 MESSAGES = strings([f"number {number}" for number in range(60)])
 
@@ -335,3 +342,25 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy(tmp_path: Path) -
         assert words in str(caught.value)
         assert str(tmp_path / name) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_evidence_is_read_apart_from_what_is_scored(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    with BagWriter(folder, door_topics(), {}) as writer:
+        scored = [message for message in door_messages(3) if writer.put(message)]
+    seen = strings(["knock", "knock"], "/camera/says")
+    file = add_evidence(folder, seen)
+
+    assert list(read_bag(folder).messages()) == scored
+    assert list(read_bag(folder, evidence=True).messages()) == seen
+    assert list(read_bag(file).messages()) == seen
+    (folder / "metadata.yaml").unlink()
+    assert list(read_bag(folder).messages()) == scored
+
+
+def test_a_bag_without_evidence_has_none(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", [talk()], {}):
+        pass
+    bag = read_bag(tmp_path / "bag", evidence=True)
+    assert list(bag.messages()) == []
+    assert bag.topics() == ()
