@@ -22,6 +22,7 @@ from madrob_console.config.tables import (
     EngineSettings,
     FreshnessSettings,
     PlanSettings,
+    RecordingSettings,
     Results,
     RosSettings,
     RunDefaults,
@@ -63,6 +64,7 @@ class Settings(SettingsTable, frozen=True):
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
+    recording: RecordingSettings = RecordingSettings()
     console: ConsoleSettings = ConsoleSettings()
     engine: EngineSettings = EngineSettings()
     simulated: Simulated = Simulated()
