@@ -93,7 +93,8 @@ class Recovered:
     @property
     def changed(self) -> bool:
         """Whether anything was written."""
-        return self.torn is not None or self.metadata is not None
+        written = self.torn is not None or self.metadata is not None
+        return written or any(file.changed for file in self.evidence)
 
 
 def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
@@ -118,7 +119,8 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
             stack.callback(os.close, folder_fd)
             recovered = _recover_file(folder / name, folder_fd, new_records, in_bag=in_bag)
             if path.is_dir():
-                recovered = _with_evidence(recovered, folder, folder_fd)
+                done, hopeless = _recover_evidence(folder, folder_fd)
+                recovered = replace(recovered, evidence=tuple(done), hopeless=tuple(hopeless))
             elif is_evidence(name) and recovered.changed:
                 put_listing(folder_fd)
             return recovered
@@ -126,6 +128,22 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
         raise not_a_bag(path, error) from None
     except OSError as error:
         raise _refused(path, error) from None
+
+
+def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
+    """Repair what evidence of a bag was cut off, and list it; its recording is left alone.
+
+    Raises:
+        RecorderError: the folder cannot be read or written.
+    """
+    try:
+        folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            return tuple(_recover_evidence(folder, folder_fd)[0])
+        finally:
+            os.close(folder_fd)
+    except OSError as error:
+        raise _refused(folder, error) from None
 
 
 def _refused(path: Path, error: OSError) -> RecorderError:
@@ -177,9 +195,9 @@ def _recover_file(
         return _repair(path, folder_fd, file, new_records, in_bag=in_bag)
 
 
-def _with_evidence(recovered: Recovered, folder: Path, folder_fd: int) -> Recovered:
-    """Repair the evidence of a bag, too; what has a summary is taken for whole and not read."""
-    names = {name.partition(f"{TORN}")[0] for name in os.listdir(folder_fd)}
+def _recover_evidence(folder: Path, folder_fd: int) -> tuple[list[Recovered], list[str]]:
+    """Repair what evidence of a bag was cut off; a summary is taken for whole and not read."""
+    names = {name.partition(TORN)[0] for name in os.listdir(folder_fd)}
     done: list[Recovered] = []
     hopeless: list[str] = []
     for name in sorted(filter(is_evidence, names), key=natural_order):
@@ -196,7 +214,7 @@ def _with_evidence(recovered: Recovered, folder: Path, folder_fd: int) -> Recove
             hopeless.append(str(_refused(file, error)))
     if any(file.changed for file in done):
         put_listing(folder_fd)
-    return replace(recovered, evidence=tuple(done), hopeless=tuple(hopeless))
+    return done, hopeless
 
 
 def _repair(
