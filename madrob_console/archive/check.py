@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from madrob_console.archive.digests import lists_evidence
 from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.grades import CLOSEST, Grade, libraries_told
 from madrob_console.archive.result_document import ResultDocument
@@ -18,6 +19,7 @@ from madrob_console.archive.result_reader import UnusableResultError, read_whole
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.errors import MadrobError
+from recorder.bag import METADATA_FILE
 from scoring.libraries import Libraries, libraries_here
 
 _OF_THE_PROGRAM = {"format", "software", "libraries", "remark", "files_left_out", "flags"}
@@ -226,6 +228,8 @@ def _file_differences(
         yield Difference("files", stored, "files with their digests")
         return
     for name, digest in stored.items():
+        if name == METADATA_FILE and lists_evidence(folder):
+            continue
         if name in found:
             yield from _differences(f"files.{name}", digest, found[name])
         else:

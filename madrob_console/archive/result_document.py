@@ -20,6 +20,7 @@ from madrob_console.archive.digests import FileDigest, digests_of, kept_run_id, 
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
+from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
     Closure,
@@ -104,6 +105,7 @@ class ResultDocument(Result, Heading):
         corrections: of the set-up, which is as it is after them; the folder and the files in it are
             named after the first one's `before`.
         accepted_doubts: which doubts on the indicators the referee lets stand.
+        protests: of teams against the result, open and closed ones, by their numbers.
         taken_back: what the referee decided and took back.
         remark: on the times.
         files: name -> digest and size, of the recording and the data files.
@@ -126,6 +128,7 @@ class ResultDocument(Result, Heading):
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
+    protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
@@ -169,6 +172,7 @@ class ResultDocument(Result, Heading):
             voided=run.voided,
             corrections=run.corrections,
             accepted_doubts=run.accepted_doubts,
+            protests=run.protests,
             taken_back=run.taken_back,
             remark=MANUAL_START,
             files=files,

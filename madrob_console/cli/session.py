@@ -52,6 +52,7 @@ def open_engine(
         limits=settings.sensor_limits(),
         competition=settings.competition.name,
         testbed=settings.testbed_name(gethostname()),
+        protest_times=settings.protest_times(),
         disk_needed=settings.checks.disk_space,
         lossless=arguments.speed == 0,
     )

@@ -20,6 +20,7 @@ from madrob_console.referee.competition_plan import (
     PlanSource,
     Task,
 )
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES
 from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
@@ -30,6 +31,7 @@ _D = _T.doubt
 _L = SensorLimits()
 _E = EvidenceChoice()
 _Topics = Annotated[str, Meta(pattern=TOPIC_PATTERN)]
+_P = USUAL_PROTEST_TIMES
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
 _Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
@@ -120,6 +122,15 @@ class RunDefaults(SettingsTable, frozen=True):
         RulesetName,
         Meta(description=f"which rules make the results: {' or '.join(RulesetName)}"),
     ] = RulesetName.PROTOCOL
+
+
+class ProtestSettings(SettingsTable, frozen=True):
+    """[protests]: a competition's deadlines; past one it is told, and nothing happens by itself."""
+
+    filing: Annotated[
+        float, within(0, 1e6, "s after a result is final; later ones need a reason")
+    ] = _P.filing
+    decision: Annotated[float, within(0, 1e6, "s after it was filed it is due")] = _P.decision
 
 
 class TeamSetting(SettingsTable, frozen=True):

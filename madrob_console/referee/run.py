@@ -9,6 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from madrob_console.referee.protests import Protest
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
@@ -70,6 +71,7 @@ class DecisionKind(StrEnum):
     VOID = "void"
     CORRECTION = "correction"
     DOUBTS = "accepted doubts"
+    PROTEST = "decision on a protest"
 
 
 class TeamWord(StrEnum):
@@ -338,6 +340,7 @@ class Run:
         voided: by the referee; None = it counts as its outcome says.
         corrections: of the set-up, which is as it is after them.
         accepted_doubts: which doubts on the indicators the referee lets stand.
+        protests: of teams against the result, open and closed ones, in the order of their numbers.
         taken_back: what the referee decided and took back.
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
@@ -368,6 +371,7 @@ class Run:
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
+    protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()

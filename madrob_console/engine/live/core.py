@@ -355,6 +355,8 @@ class Engine:
             steps=self._observation.steps,
             testbed=self.config.testbed,
             new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
+            time=self.now(),
+            protest_times=self.config.protest_times,
         )
 
     @property

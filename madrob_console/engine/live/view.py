@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from madrob_console.archive.unfinished import Unfinished
@@ -24,6 +24,7 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.protests import due_words, open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
@@ -92,6 +93,7 @@ class StateView:
             f"another referee: {other}" if other else None,
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
+            *overdue_protests(run, now),
             at_hand.chronicle.problem,
             *at_hand.result.problems,
             *(replay.problems if replay else ()),
@@ -132,8 +134,16 @@ class StateView:
             playback=replay.view(result) if replay else None,
             export=export,
             teams=situation.teams,
+            protest_times=situation.protest_times,
             plan=plan,
         )
+
+
+def overdue_protests(run: Run, now: float) -> Iterator[str]:
+    """Which protests against the run should have been decided, in words."""
+    for one in open_protests(run.protests):
+        if one.due < now:
+            yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:

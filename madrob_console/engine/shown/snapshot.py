@@ -15,6 +15,7 @@ from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.run import Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.indicator_table import IndicatorName
@@ -271,6 +272,7 @@ class Snapshot:
         playback: where a replay stands; None for anything else.
         export: the last export of a team's runs; None before the first.
         teams: the list of teams.
+        protest_times: the competition's deadlines for protests.
         plan: of the competition; how much of it is done is asked for (`GivePlan`).
         right: of the screen that is shown this; all else is the same for all screens.
         pulse: how fresh this is.
@@ -309,6 +311,7 @@ class Snapshot:
     playback: PlaybackView | None = None
     export: ExportView | None = None
     teams: TeamList = NO_TEAMS
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     plan: Plan = NO_PLAN
     right: RightToAct = RightToAct()
     pulse: Pulse = Pulse()
