@@ -138,6 +138,15 @@ class Child(Generic[_T]):
             return f"it was ended by {signal.Signals(-code).name}"
         return f"it ended with code {code}"
 
+    def leave(self) -> str:
+        """Let it end by itself: it is waited for a little, and never ended; nothing to say."""
+        self.link.close()
+        while self.memories:
+            os.close(self.memories.popleft())
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIME)
+        return ""
+
     def moved(self, now: float) -> float:
         """When it last used the processor, wanted to or waited for a disk, s."""
         if now - self._looked < LOOK_PERIOD:
