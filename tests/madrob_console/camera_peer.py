@@ -35,7 +35,7 @@ from PIL import Image, ImageDraw
 
 from madrob_console.clock import NS
 from madrob_console.messages.codec import MessageTypes
-from madrob_console.testbeds.ros.loading import RosObject
+from madrob_console.testbeds.ros.loading import RosObject, load_module
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos, Reliability
 from tests.madrob_console.ros_peer import Peer
@@ -304,6 +304,10 @@ def publish(
             time.sleep(left)
         senders[topic].send(at - begin)
         heapq.heapreplace(due, (at + 1 / senders[topic].rate, topic))
+    patience = load_module("rclpy.duration").Duration(seconds=5)
+    for sender in senders.values():  # what is reliable and under way
+        if sender.publisher is not None:
+            sender.publisher.wait_for_all_acked(patience)
     return {topic: sender.sent for topic, sender in senders.items()}
 
 
