@@ -18,7 +18,8 @@ from typing import Self
 from recorder.bag import MAX_NS, Topic, topic_problem
 from recorder.bag_folder import BagFolder
 from recorder.errors import RecorderError, remedy
-from recorder.mcap_file import CHUNK_BYTES, McapFile
+from recorder.mcap_file import McapFile
+from recorder.mcap_writer import CHUNK_BYTES
 from recorder.message import RawMessage
 from recorder.stats import Account, BagSummary, DropReason, RecorderState, RecorderStats
 
@@ -296,7 +297,7 @@ class BagWriter:
         with self._changed:
             if self._state is RecorderState.FAILED:  # given up on; the account is closed
                 return
-            self._account.saved = file.saved.copy()
+            self._account.saved = file.saved
             self._span = (file.start_ns, file.end_ns)
             self._file_bytes = file.size
             self._queued -= done_bytes
