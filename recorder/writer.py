@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,18 +128,25 @@ class BagWriter:
 
         With `block_when_full` it waits for room.
         """
-        cost = len(message.data) + _OVERHEAD_BYTES
+        return self.put_all((message,)) == 1
+
+    def put_all(self, messages: Iterable[RawMessage]) -> int:
+        """Queue messages, oldest first, as `put` does one; how many were not dropped."""
+        accepted = 0
         with self._lock:
-            self._account.received[message.topic] += 1
-            reason = self._refusal(message, cost)
-            while reason is DropReason.QUEUE_FULL and self._block:
-                self._wait_for_room()
+            for message in messages:
+                cost = len(message.data) + _OVERHEAD_BYTES
+                self._account.received[message.topic] += 1
                 reason = self._refusal(message, cost)
-            if reason is not None:
-                self._account.drop(message.topic, reason)
-                return False
-            self._enqueue(message, cost)
-            return True
+                while reason is DropReason.QUEUE_FULL and self._block:
+                    self._wait_for_room()
+                    reason = self._refusal(message, cost)
+                if reason is None:
+                    self._enqueue(message, cost)
+                    accepted += 1
+                else:
+                    self._account.drop(message.topic, reason)
+        return accepted
 
     def add_topic(self, topic: Topic) -> bool:
         """Register a topic that appeared while recording.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -126,13 +126,13 @@ class RunRecorder:
         self._recording = opened.recording
         for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
-            self.put(replace(told, receive_ns=now_ns))  # said before the bag was open
+            self.put([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
 
-    def put(self, message: RawMessage) -> None:
-        """Record a message if a bag is open."""
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Record messages if a bag is open."""
         if self._recording is not None:
-            self._recording.put(message)
+            self._recording.put(messages)
 
     def look(self) -> None:
         """Record topics that appeared late, too."""
