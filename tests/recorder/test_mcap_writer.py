@@ -141,6 +141,9 @@ def test_pictures_that_are_compressed_already_are_stored_as_they_are() -> None:
     file = ours(pictures)
     assert set(compressions(file)) == {""}
     assert len(file) < 8 * 200_000 + 5_000
+    head = bytes(2_000)
+    alike = [Sample(1, n, head + NOISE[n * 200_000 : (n + 1) * 200_000]) for n in range(8)]
+    assert set(compressions(ours(alike))) == {""}
     few = ours([Sample(1, n, NOISE[n * 2_000 : (n + 1) * 2_000]) for n in range(20)])
     assert set(compressions(few)) == {""}
 
