@@ -26,6 +26,9 @@ from recorder.stats import Account, BagSummary, DropReason, RecorderState, Recor
 _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""
 
+_RECORDING, _FULL = RecorderState.RECORDING, DropReason.QUEUE_FULL
+"""What is asked for each message; Python 3.11 takes 0.2 us to look up a member."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Record:
@@ -132,13 +135,13 @@ class BagWriter:
 
     def put_all(self, messages: Iterable[RawMessage]) -> int:
         """Queue messages, oldest first, as `put` does one; how many were not dropped."""
-        accepted = 0
+        accepted, received = 0, self._account.received
         with self._lock:
             for message in messages:
                 cost = len(message.data) + _OVERHEAD_BYTES
-                self._account.received[message.topic] += 1
+                received[message.topic] += 1
                 reason = self._refusal(message, cost)
-                while reason is DropReason.QUEUE_FULL and self._block:
+                while reason is _FULL and self._block:
                     self._wait_for_room()
                     reason = self._refusal(message, cost)
                 if reason is None:
@@ -218,7 +221,7 @@ class BagWriter:
         return self._state is RecorderState.RECORDING and not self._closing
 
     def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
-        if self._state is not RecorderState.RECORDING or self._closing:
+        if self._state is not _RECORDING or self._closing:
             failed = self._state is RecorderState.FAILED
             return DropReason.FAILED if failed else DropReason.NOT_RECORDING
         topic = self._topics.get(message.topic)
@@ -230,7 +233,7 @@ class BagWriter:
             return DropReason.BAD_TIME
         if cost > self._queue_bytes:
             return DropReason.TOO_LARGE
-        return DropReason.QUEUE_FULL if self._queued + cost > self._queue_bytes else None
+        return _FULL if self._queued + cost > self._queue_bytes else None
 
     def _enqueue(self, item: _Item, cost: int) -> None:
         self._queue.append(item)
