@@ -421,8 +421,7 @@ class Engine:
     def _receive(self, messages: Sequence[RawMessage]) -> None:
         recording = self._recorder.recording and not self._at_hand.over
         if recording:
-            for message in messages:
-                self._recorder.put(message)
+            self._recorder.put(messages)
         self._backlog.add(messages, recorded=recording or self._replay is not None)
 
     def _advance(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
@@ -78,9 +78,9 @@ class Recording:
                 self._topics.add(topic.name)
                 self._writer.add_topic(topic)
 
-    def put(self, message: RawMessage) -> None:
-        """Hand a message to the writer; what it must drop is counted."""
-        self._writer.put(message)
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Hand messages to the writer; what it must drop is counted."""
+        self._writer.put_all(messages)
 
     def take_evidence_folder(self) -> int | None:
         """The handle of the folder for who records evidence, and closes it; None = there is none.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -132,7 +132,7 @@ class RunRecorder:
         self._recording = opened.recording
         for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
-            self.put(replace(told, receive_ns=now_ns))  # said before the bag was open
+            self.put([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
         if (folder := opened.recording.take_evidence_folder()) is not None:
             place = EvidencePlace(
@@ -145,10 +145,10 @@ class RunRecorder:
             )
             self._witness.begin(place)
 
-    def put(self, message: RawMessage) -> None:
-        """Record a message if a bag is open."""
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Record messages if a bag is open."""
         if self._recording is not None:
-            self._recording.put(message)
+            self._recording.put(messages)
 
     def look(self) -> None:
         """Record topics that appeared late, too."""
