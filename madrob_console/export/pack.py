@@ -98,7 +98,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
-    with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
+    with folder_for(path), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
         ]
@@ -247,8 +247,9 @@ def _add_run(archive: Archive, run: Path, called: str, without: tuple[str, ...])
 
 
 @contextmanager
-def _folder(folder: Path) -> Iterator[None]:
-    """A folder that is there while inside; where nothing comes of it, it is as it was before."""
+def folder_for(file: Path) -> Iterator[None]:
+    """The folder of a file is there while inside; where nothing comes of it, it is as before."""
+    folder = file.parent
     missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,9 @@ _TEAM = Pick(
     (
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
-        Option("p", "protested", TeamWord.PROTESTED),
+        Option(
+            "p", "protested, and it is signed all the same (P keeps it open)", TeamWord.PROTESTED
+        ),
         Option("b", "absent", TeamWord.ABSENT),
     ),
 )

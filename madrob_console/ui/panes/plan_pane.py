@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.panes.plan_reader import PlanReader
 
-KEYS = "Enter proposes, x sets up. {}; ! one invalid, + out of plan"
+KEYS = "Enter proposes, x sets up. {}; ! one invalid, + out of plan, P protest open"
 ALL = "done/planned, L level"
 NO_PLAN_WORDS = "no plan: name a file with lines `subject,condition,attempts` in [plan]"
 
@@ -220,22 +220,26 @@ class PlanPane(Vertical):
 def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> Span:
     """What a cell of the grid says; all of it without a `view`.
 
-    `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan.
+    `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan;
+    `P` in place of `/` and `!` and before `L`: a protest is open.
     """
     if attempts is None:
         return Span("")
     of, done, valid = attempts.planned, attempts.done, attempts.valid
-    sign = "/" if valid == done else "!"
+    protested = attempts.open_protests > 0
+    sign = "P" if protested else "/" if valid == done else "!"
     level = "-" if attempts.best_level is None else f"{attempts.best_level}"
-    counts = f"{done}{sign}{of}" if of else f"+{done}"
+    counts = f"{done}{sign}{of}" if of else f"+{done}{'P' * protested}"
     texts = {
         None: f"{counts}L{level}" if done else f"{counts}  ",
         CellView.DONE: counts,
-        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}",
-        CellView.LEVEL: f"L{level}" if done else ".",
+        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}{'P' * protested}",
+        CellView.LEVEL: f"{'P' * protested}L{level}" if done else ".",
     }
     if is_next:
         tone = Tone.NOTICE
+    elif protested:
+        tone = Tone.BAD
     elif attempts.left:
         tone = Tone.PLAIN if done else Tone.DIM
     else:
@@ -247,6 +251,8 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
     """A cell in words."""
     words = ", ".join(condition_words(attempts.task.condition))
     told = [f"{task_words(attempts.task, teams)}: {words}"]
+    if attempts.open_protests:
+        told.insert(0, f"PROVISIONAL, {attempts.open_protests} PROTEST open")
     if attempts.planned:
         told.append(f"{attempts.done} of {attempts.planned} attempts done")
     elif attempts.done:

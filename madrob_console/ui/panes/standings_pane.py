@@ -146,7 +146,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def words_about(self, row: Standing) -> tuple[str, Tone]:
         """The counts and the condition of a team."""
-        return about(row), Tone.DIM
+        return about(row), Tone.WARN if row.open_protests else Tone.DIM
 
     @property
     def official(self) -> bool:
@@ -186,7 +186,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
             Column(
                 "!",
-                "runs with flags: ! weighs, !! is not decided",
+                "runs with flags: ! weighs, !! is not decided, P! is protested: provisional",
                 _flags,
                 _flag_rank,
                 2,
@@ -213,13 +213,15 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
 
 def _flags(standing: Standing) -> Span:
+    if standing.open_protests:
+        return Span("P!", Tone.BAD)
     if standing.undecided:
         return Span("!!", Tone.BAD)
     return Span("!", Tone.WARN) if standing.flagged else Span("")
 
 
 def _flag_rank(standing: Standing) -> float | None:
-    return standing.undecided * 1000 + standing.flagged or None
+    return (standing.open_protests * 1000 + standing.undecided) * 1000 + standing.flagged or None
 
 
 def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
@@ -240,6 +242,7 @@ def about(standing: Standing) -> str:
         (standing.undecided, "UNDECIDED"),
         (standing.flagged, "with flags"),
     )
+    provisional = f"{standing.provisional_words}; " if standing.open_protests else ""
     told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
     apart = "".join(
@@ -248,7 +251,7 @@ def about(standing: Standing) -> str:
     )
     called = "".join(f", also '{name}'" for name in standing.other_names)
     team = standing.team or f"subject {standing.subject}"
-    return f"{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
+    return f"{provisional}{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
 
 
 def filter_for(standing: Standing) -> str:
