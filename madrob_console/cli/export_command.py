@@ -74,7 +74,7 @@ def add(commands: options.Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Make the zip; what could not be packed is named. The last line is the path of the zip."""
-    from madrob_console.cli.dossier import check_options, make_dossier
+    from madrob_console.cli.run_dossier import check_options, make_dossier
 
     check_options(arguments)
     with imports_kept():

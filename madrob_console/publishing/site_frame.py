@@ -120,7 +120,7 @@ def task_words_of(number: int) -> str:
 
 _CLOSING_WORDS = {
     "protested": "PROTESTED by the team",
-    PROTEST_OPEN: "PROVISIONAL: a PROTEST is open",
+    PROTEST_OPEN: "NOT FINAL: a PROTEST is open",
 }
 """Where a page says more than a list has room for."""
 

@@ -77,7 +77,7 @@ class Attempts:
         valid: those of them that count.
         best_level: the highest capability level of these; None without one.
         open_protests: official runs of the team in the condition, also such as are no attempt, with
-            a protest that is not decided: all of this is provisional.
+            a protest that is not decided: all of this is not final.
     """
 
     task: Task

@@ -104,7 +104,7 @@ class CompetitionStandings:
             due = time_words(run.protest_due or 0.0)
             remarks.append(
                 f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
-                f"{run.condition}: PROVISIONAL until it is decided, by {due}."
+                f"{run.condition}: NOT FINAL until it is decided, by {due}."
             )
         if self.protested:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")

@@ -32,7 +32,7 @@ COLUMNS = (
 )
 """Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
 wait for a decision of the referee: a number of theirs may still change. `open_protests` are runs
-with a protest that is not decided: the row is provisional."""
+with a protest that is not decided: the row is not final."""
 
 _FORMULA = ("=", "+", "-", "@")
 

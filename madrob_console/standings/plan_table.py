@@ -20,7 +20,7 @@ from madrob_console.referee.competition_plan import (
 NOTES = (
     "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
     "Interrupted and voided runs come next again; practice runs never count.",
-    "P behind what is done: a protest is open, the line is provisional.",
+    "P behind what is done: a protest is open, the line is not final.",
 )
 """How to read the numbers."""
 
@@ -63,7 +63,7 @@ def summary_words(found: PlanProgress) -> str:
         text += f" {found.unread} run{plural} DAMAGED and not counted."
     if protested := sum(one.open_protests for one in found.tasks):
         plural = "s are" if protested > 1 else " is"
-        text += f" {protested} PROTEST{plural} open: PROVISIONAL."
+        text += f" {protested} PROTEST{plural} open: NOT FINAL."
     return text
 
 

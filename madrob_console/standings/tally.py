@@ -96,7 +96,7 @@ class Tally:
         flagged: valid runs with a flag that weighs.
         undecided: those of them that wait for a decision of the referee.
         open_protests: runs, also such as do not count, with a protest that is not decided: what
-            stands here is provisional.
+            stands here is not final.
         aggregates: by indicator; missing = no run has a value.
         doubts: how many there are on the runs of which the aggregates are, by indicator; without a
             value, too. Missing = none.
@@ -123,10 +123,10 @@ class Tally:
     alike: Mapping[IndicatorName, tuple[int, ...]] = field(default_factory=dict)
 
     @property
-    def provisional_words(self) -> str:
+    def not_final_words(self) -> str:
         """That a protest may change it; empty where none is open."""
         count = self.open_protests
-        return f"PROVISIONAL: {count} PROTEST{'S' if count > 1 else ''} open" if count else ""
+        return f"NOT FINAL: {count} PROTEST{'S' if count > 1 else ''} open" if count else ""
 
     @property
     def who(self) -> str:

@@ -143,8 +143,8 @@ def counts(tally: Tally) -> Iterator[str]:
     ):
         if count:
             yield f"{count} {word}"
-    if tally.provisional_words:
-        yield tally.provisional_words
+    if tally.not_final_words:
+        yield tally.not_final_words
 
 
 def _indicator(tally: Tally, name: IndicatorName) -> Content:

@@ -62,7 +62,7 @@ RUNS = TidyTable(
         TidyColumn("final", CellKind.FLAG, "", "the result is final"),
         TidyColumn("team_word", CellKind.TEXT, "", "of the team, to a final result"),
         TidyColumn("protests", CellKind.COUNT, "", "against it, open and closed ones"),
-        TidyColumn("open_protests", CellKind.COUNT, "", "of them not decided: provisional"),
+        TidyColumn("open_protests", CellKind.COUNT, "", "of them not decided"),
         TidyColumn(
             "protest_due", CellKind.NUMBER, "s", "the next decision, since 1970; empty: none"
         ),

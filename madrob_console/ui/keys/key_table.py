@@ -159,11 +159,6 @@ LETTER_KEYS = (
         acts.Finalise.name, acts.Finalise.ask, where=_RESULTS,
     ),
     Key(
-        "protest", "P", "P", " Protest",
-        "file a protest against a result that is there; decide it, or the team withdraws it",
-        acts.FileProtest.name, acts.FileProtest.ask, where=_RESULTS,
-    ),
-    Key(
         "reissue", "u", "u", " Re-issue",
         "re-issue a final result, to rule again; the old issue stays",
         acts.Reissue.name, acts.Reissue.ask, where=_RESULTS,
@@ -194,6 +189,11 @@ LETTER_KEYS = (
         "take_back", "z", "z", " Take back",
         "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
         acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
+    ),
+    Key(
+        "protest", "P", "P", " Protest",
+        "file a protest against a result that is there; decide it, or the team withdraws it",
+        acts.FileProtest.name, acts.FileProtest.ask, where=_RESULTS,
     ),
     Key(
         "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",

@@ -27,7 +27,10 @@ from madrob_console.ui.panes.runs_pane import Load, RunsPane
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
 
-KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, P protest, !, ?"
+KEYS = (
+    "Enter opens, x next, / filter, v which, o O sort, <- ->; "
+    "* not final, P protest, ! flags, ? doubted"
+)
 
 
 class RunFilter(StrEnum):
@@ -35,9 +38,9 @@ class RunFilter(StrEnum):
 
     ALL = "all"
     OPEN = "not final"
-    PROTEST = "protest open"
     UNDECIDED = "undecided"
     NOT_COUNTED = "invalid and interrupted"
+    PROTEST = "protest open"
 
     def takes(self, run: RunSummary) -> bool:
         """Whether it shows a run."""
@@ -198,6 +201,9 @@ def summary(runs: Sequence[RunSummary]) -> str:
     practice = sum(run.practice for run in runs)
     among = f" ({practice} PRACTICE)" if practice else ""
     plural = "s" if len(runs) > 1 else ""
+    protests = sum(run.protest_due is not None for run in runs)
+    if protests:
+        parts.append(f"{protests} PROTEST{'S' if protests > 1 else ''} open")
     return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
 
 
@@ -222,6 +228,6 @@ def about(run: RunSummary, name: str | None = None) -> str:
     recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
     team = f"{name}{recorded}: " if name else ""
     if run.protest_due is not None:
-        told.insert(0, f"PROTEST, decision due {time_words(run.protest_due)}")
+        told.insert(0, f"decision due {time_words(run.protest_due)}")
     flagged = "; ".join(f.words for f in run.flags if f.kind is not FlagKind.PRACTICE)
     return f"{flagged}{'; ' if flagged else ''}{team}{'; '.join(told)}; {run.folder}"

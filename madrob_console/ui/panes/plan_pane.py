@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.panes.plan_reader import PlanReader
 
-KEYS = "Enter proposes, x sets up. {}; ! one invalid, + out of plan, P protest open"
+KEYS = "Enter proposes, x sets up. {}; ! one invalid, + out of plan"
 ALL = "done/planned, L level"
 NO_PLAN_WORDS = "no plan: name a file with lines `subject,condition,attempts` in [plan]"
 
@@ -150,7 +150,8 @@ class PlanPane(Vertical):
         wide = self._rows(None)
         fits = width >= cell_len(heads[0]) + 1 + len(self._conditions) * (1 + _widest(wide))
         cells = wide if fits else self._rows(self._view)
-        self._keys.say(KEYS.format(ALL if fits else f"v: {self._view}"), Tone.DIM)
+        protest = ", P protest open" if any(one.open_protests for one in found.tasks) else ""
+        self._keys.say(KEYS.format(ALL if fits else f"v: {self._view}") + protest, Tone.DIM)
         task = None if following is None else following.task
         titles = [f">{c}" if task and task.condition == c else str(c) for c in self._conditions]
         rows = [
@@ -252,7 +253,7 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
     words = ", ".join(condition_words(attempts.task.condition))
     told = [f"{task_words(attempts.task, teams)}: {words}"]
     if attempts.open_protests:
-        told.insert(0, f"PROVISIONAL, {attempts.open_protests} PROTEST open")
+        told.insert(0, f"NOT FINAL, {attempts.open_protests} PROTEST open")
     if attempts.planned:
         told.append(f"{attempts.done} of {attempts.planned} attempts done")
     elif attempts.done:

@@ -82,8 +82,7 @@ def _deadlines(snapshot: Snapshot, width: int) -> list[Line]:
     for one in open_protests(snapshot.run.protests):
         left = due_words(one.due, snapshot.time)
         by = time.strftime("%H:%M", time.localtime(one.due))
-        then = "" if _silent(snapshot) else ": P decides it"
-        text = f"protest {one.number} of {one.team}, decision due {by}, {left}{then}"
+        text = f"protest {one.number} of {one.team}, decision due {by}, {left}"
         lines += paragraph(text, width, Tone.BAD if one.due < snapshot.time else Tone.WARN)
     return lines
 

@@ -169,6 +169,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
             text += f"; {self._tables.damaged} DAMAGED left out"
+        if protests := sum(row.open_protests for row in rows):
+            text += f"; {protests} PROTEST{'S' if protests > 1 else ''} open: NOT FINAL"
         if apart := self._tables.apart.get(official):
             text += f". {apart}"
         self.say(text)
@@ -186,7 +188,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
             Column(
                 "!",
-                "runs with flags: ! weighs, !! is not decided, P! is protested: provisional",
+                "runs with flags: ! weighs, !! is not decided, P! is protested",
                 _flags,
                 _flag_rank,
                 2,
@@ -242,7 +244,7 @@ def about(standing: Standing) -> str:
         (standing.undecided, "UNDECIDED"),
         (standing.flagged, "with flags"),
     )
-    provisional = f"{standing.provisional_words}; " if standing.open_protests else ""
+    not_final = f"{standing.not_final_words}; " if standing.open_protests else ""
     told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
     apart = "".join(
@@ -251,7 +253,7 @@ def about(standing: Standing) -> str:
     )
     called = "".join(f", also '{name}'" for name in standing.other_names)
     team = standing.team or f"subject {standing.subject}"
-    return f"{provisional}{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
+    return f"{not_final}{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
 
 
 def filter_for(standing: Standing) -> str:

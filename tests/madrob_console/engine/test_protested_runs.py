@@ -50,7 +50,7 @@ from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.recorder.samples import add_evidence, strings
 
-CROSSED = FileProtest("we were through earlier", "Delft", "step 4 (cross the threshold)", 6.5)
+CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
 UPHELD = DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee")
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
 
@@ -80,7 +80,7 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     assert desk.document["protests"][0]["text"] == "we were through earlier"
     assert desk.document["issue"] == 2
     assert (desk.run_folder / "result_issue_1.json").exists()
-    assert "PROVISIONAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
     # the referee looks at the instant in question
     deck = Deck(desk.run_folder)
     deck.do(Skip(0.0), JumpTo(Replay(desk.run_folder, MessageTypes()).instant("protest")))
@@ -93,15 +93,15 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     desk.act(SIGNED)
     run = desk.listed
     assert (run.closing, run.protested, run.protest_due) == ("final", True, None)
-    assert "protest 1 (step 4 (cross the threshold)) upheld (seen on video)" in [
+    assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
         flag.words for flag in run.flags
     ]
-    assert "PROVISIONAL" not in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL" not in "\n".join(standings_lines(found(desk)))
     assert desk.document["protests"][0]["answer"]["end"] == "upheld"
     assert desk.agrees()
 
 
-def test_while_a_protest_is_open_every_table_says_that_the_row_is_provisional(desk: Desk) -> None:
+def test_while_a_protest_is_open_every_table_says_that_the_row_is_not_final(desk: Desk) -> None:
     desk.act(CROSSED)
     standings = found(desk)
     rows = csv.DictReader(io.StringIO(standings_csv(standings)))
@@ -110,18 +110,18 @@ def test_while_a_protest_is_open_every_table_says_that_the_row_is_provisional(de
     assert told["rulesets"][0]["overall"][0]["open_protests"] == 1
     assert told["open_protests"][0]["due"] == desk.engine.run.protests[0].due
     page = standings_html(standings, "1")
-    assert "PROVISIONAL: 1 PROTEST open" in page
-    assert "PROTEST open against run 1 of subject 3 in condition 1: PROVISIONAL" in page
+    assert "NOT FINAL: 1 PROTEST open" in page
+    assert "PROTEST open against run 1 of subject 3 in condition 1: NOT FINAL" in page
     (row,) = rows_of(RUNS, stored_run(RunPath(desk.run_folder)))
     assert (row["protests"], row["open_protests"]) == (1, 1)
     assert row["protest_due"] == desk.engine.run.protests[0].due
 
 
-def test_a_protest_against_a_run_that_does_not_count_makes_its_row_provisional(
+def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
     desk: Desk,
 ) -> None:
     desk.act(Void("robot unsafe"), CROSSED)
-    assert "PROVISIONAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
 
 
 def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk: Desk) -> None:
@@ -130,7 +130,7 @@ def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk
     before = desk.engine.run
     desk.wait(desk.engine.config.protest_times.decision + 90.0)
     fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
-    assert fault == "protest 1 (step 4 (cross the threshold)): OVERDUE by 1 min, decide it (P)"
+    assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min, decide it (P)"
     assert desk.engine.run == before
 
 
