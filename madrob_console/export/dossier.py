@@ -151,10 +151,8 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
     setup = run.setup
     yield f"MADROB: protests against {terminal_safe(name)}"
     if setup is not None:
-        yield (
-            f"Run {setup.run_number} of subject {setup.subject} {terminal_safe(setup.team)}, "
-            f"condition {setup.condition.number}"
-        )
+        who = f"subject {setup.subject} {terminal_safe(setup.team)}".rstrip()
+        yield f"Run {setup.run_number} of {who}, condition {setup.condition.number}"
     if not run.protests:
         yield ""
         yield "No protest was filed."

@@ -220,7 +220,6 @@ def _protest(one: Protest, run: Run) -> Markup:
         by = said(answer.referee or "the referee")
         decision = state, ": ", said(answer.reason), f" ({date_text(answer.time)}, ", by, ")"
     rows: list[tuple[str, Content]] = [
-        ("protest", f"{one.number}"),
         ("by", said(one.team)),
         ("about", about),
         ("the team says", ("“", said(one.text), "”")),
@@ -228,7 +227,7 @@ def _protest(one: Protest, run: Run) -> Markup:
         ("decision", decision),
     ]
     pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
-    return element("dl", pairs)
+    return element("div", element("p", element("b", f"Protest {one.number}")), element("dl", pairs))
 
 
 def team_word(run: Run) -> Markup:
