@@ -11,7 +11,7 @@ from madrob_console.names import terminal_safe
 from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Phase, Run, TestbedFault
+from madrob_console.referee.run import FalseStart, Phase, RemovedEvidence, Run, TestbedFault
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,
@@ -40,6 +40,7 @@ class Change(StrEnum):
     FAULT = "fault of the testbed"
     RESULT_WRITTEN = "result written"
     REISSUED = "re-issued after a rule change"
+    EVIDENCE_REMOVED = "evidence removed"
 
 
 def act_of(entry: Entry) -> Act | None:
@@ -124,6 +125,10 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
+        case Change.EVIDENCE_REMOVED:
+            names, size = list(details["files"]), max(0, int(details["bytes"]))
+            gone = RemovedEvidence(_time(entry.time), len(names), size)
+            return replace(run, removed_evidence=(*run.removed_evidence, gone))
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
             name = details.get("ruleset")
             return reissued(run, None if name is None else RulesetName(name))
