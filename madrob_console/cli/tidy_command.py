@@ -142,15 +142,16 @@ def _remove(going: Sequence[RunEvidence], root: Path) -> int:
     from madrob_console.ui.look.words import size_text
 
     removed: list[RunEvidence] = []
-    with progress("runs") as tell, Complaints() as bad:
-        for number, one in enumerate(going):
-            tell(number, len(going))
-            try:
-                remove_evidence(one, time.time())
-            except MadrobError as error:
-                bad.add(error, one.folder)
-            else:
-                removed.append(one)
+    with Complaints() as bad:
+        with progress("runs") as tell:
+            for number, one in enumerate(going):
+                tell(number, len(going))
+                try:
+                    remove_evidence(one, time.time())
+                except MadrobError as error:
+                    bad.add(error, one.folder)
+                else:
+                    removed.append(one)
         _renew_reports(removed, bad)
     free = free_space(root)
     total = size_text(sum(one.size for one in removed))
