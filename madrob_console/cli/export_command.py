@@ -62,12 +62,13 @@ def add(commands: options.Commands) -> None:
         "several paths are given",
     )
     parser.add_argument(
-        "--without-bags", action="store_true", help="leave out the recordings, the largest files"
+        "--without-bags", action="store_true", help="leave out the recordings, with their evidence"
     )
     parser.add_argument(
         "--without-evidence",
         action="store_true",
-        help="of a dossier: leave out what was recorded beside the testbed's own topics",
+        help="leave out cameras and other topics that were recorded beside what is scored, the "
+        "largest files",
     )
     options.add_settings(parser)
 
@@ -80,6 +81,7 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.config import load_settings
         from madrob_console.export.pack import export_team
+        from madrob_console.export.packed_bag import BagParts
 
     settings = load_settings(arguments.settings)
     if arguments.dossier:
@@ -94,10 +96,11 @@ def main(arguments: argparse.Namespace) -> int:
             time.time(),
             practice=arguments.practice,
             target=arguments.output,
-            bags=not arguments.without_bags,
+            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             team=teams.names.get(arguments.subject, ""),
             thresholds=settings.scoring_thresholds(),
             tell=tell,
+            tell_size=_tell_size,
         )
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
@@ -114,3 +117,10 @@ def _told(export: Export, notes: Sequence[str] = ()) -> int:
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
     return BAD_INPUT if export.problems else 0
+
+
+def _tell_size(size: int, evidence: int) -> None:
+    """Say what is packed before hours are spent on it, where it is much."""
+    if evidence:
+        words = f"{evidence / 1e6:.1f} MB of it evidence (--without-evidence leaves that out)"
+        complain(f"note: packing {size / 1e6:.1f} MB, {words}")

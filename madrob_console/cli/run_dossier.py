@@ -44,6 +44,7 @@ def make_dossier(arguments: argparse.Namespace, settings: Settings) -> Export:
     with imports_kept():
         from madrob_console.archive.folders import JOURNAL_FILE
         from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
+        from madrob_console.export.packed_bag import BagParts
 
     run = _run(arguments, settings)
     check_dossier(run)
@@ -55,8 +56,7 @@ def make_dossier(arguments: argparse.Namespace, settings: Settings) -> Export:
             page=page,
             tables=tables,
             problems=(*problems, *why),
-            bags=not arguments.without_bags,
-            evidence=not arguments.without_evidence,
+            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from madrob_console.archive.folders import (
@@ -17,7 +18,8 @@ from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from madrob_console.export.pack import EXPORTS_FOLDER, Export, folder_for
+from madrob_console.export.pack import EXPORTS_FOLDER, Export, add_run, bag_of, folder_for
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.files.bounded import stamp_of
@@ -32,7 +34,6 @@ PROTESTS_FILE = "PROTESTS.txt"
 TABLES_FOLDER = "tidy"
 """In the archive: the samples as tables."""
 
-_BAG = (".mcap", "metadata.yaml")
 _EVIDENCE = "_evidence_"
 _ABOUT: Sequence[tuple[str, str]] = (
     (PROTESTS_FILE, "the protests and what was decided"),
@@ -81,8 +82,7 @@ def export_dossier(
     page: bytes | None = None,
     tables: Path | None = None,
     problems: Sequence[str] = (),
-    bags: bool = True,
-    evidence: bool = True,
+    parts: BagParts = WHOLE_BAGS,
 ) -> Export:
     """Pack everything about one run. The same run gives the same zip, byte by byte.
 
@@ -92,31 +92,28 @@ def export_dossier(
         page: its report as it is now; None = the one in its folder counts.
         tables: a folder with its samples as tables; None = there are none.
         problems: why something of that is missing, in words.
-        bags: whether with the recording.
-        evidence: whether with the evidence that was recorded beside it.
+        parts: which parts of its bag.
 
     Raises:
         MadrobError: there is no such run, it goes on, or the zip cannot be written.
     """
     check_dossier(run)
     at = _stamp(run)
-    without = (*([] if bags else _BAG), *([] if evidence and bags else [_EVIDENCE]))
+    bag = bag_of(run, parts)
+    unwanted = bag.without
     if page is not None:
-        without = (*without, REPORT_FILE)
-    before = stamp_of(str(run / RESULT_FILE))
+        bag = replace(bag, without=lambda name: name == REPORT_FILE or unwanted(name))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
         archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
-        archive.add_folder(run, without=without)
+        add_run(archive, run, run.name, bag)
         if page is not None:
             archive.add(f"{run.name}/{REPORT_FILE}", page, at)
         if tables is not None:
             archive.add_folder(tables, TABLES_FOLDER)
         archive.add(SCHEMA_FILE, schema_text(), at)
-        if stamp_of(str(run / RESULT_FILE)) != before:
-            archive.problems.append(f"{run.name}: its result changed meanwhile: export again")
-        left_out = [] if bags else ["the recording was left out on demand"]
-        if bags and not evidence:
+        left_out = [] if parts.recording else ["the recording was left out on demand"]
+        if bag.evidence_left_out:
             left_out.append("the evidence was left out on demand")
         archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
         archive.finish(at)

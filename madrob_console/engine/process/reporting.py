@@ -122,7 +122,7 @@ class Reporting:
 
         `exported` says what became of it.
         """
-        options = [f"--subject={subject}", *["--practice"] * practice]
+        options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
         self._pack(ExportView(subject), f"team {subject}", options)
 
     def export_dossier(self, run: Path, called: str) -> None:
