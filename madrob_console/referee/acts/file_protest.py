@@ -103,7 +103,7 @@ class FileProtest(Act):
     @classmethod
     def _ask_about(cls, view: RunView) -> Ask[Asked]:
         run = view.run
-        steps = {f"step {one.step:d} ({one.step.text})": one for one in view.steps}
+        steps = {f"step {one.step:d}: {one.step.text}": one for one in view.steps}
         options = (
             Option("w", _WHOLE, _WHOLE),
             *(Option(str(one.step.value), one.step.text, words) for words, one in steps.items()),
