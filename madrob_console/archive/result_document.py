@@ -19,6 +19,7 @@ from msgspec import UNSET, UnsetType
 from madrob_console.archive.digests import FileDigest, digests_of, kept_run_id, run_id_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
@@ -116,6 +117,8 @@ class ResultDocument(Result, Heading):
         journal: of what journal it was made; a result that another journal lies beside is out of
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
+        evidence: what was recorded beside the testbed's topics, as of the end of the recording, and
+            what was lost of it; nothing is scored from it. null = no evidence was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set, or by an earlier version.
         libraries: what computed it; the last digits hang on them (section 11).
@@ -138,6 +141,7 @@ class ResultDocument(Result, Heading):
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
     flags: tuple[Flag, ...] | UnsetType = UNSET
+    evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     libraries: Libraries | UnsetType = UNSET
 
@@ -184,6 +188,7 @@ class ResultDocument(Result, Heading):
             files_left_out=left_out,
             journal=run.journal or UNSET,
             flags=scored.flags,
+            evidence=run.evidence,
             zero_samples=record.zero_samples,
             libraries=libraries_here(),
         )

@@ -23,6 +23,7 @@ from madrob_console.config.tables import (
     FreshnessSettings,
     PlanSettings,
     ProtestSettings,
+    RecordingSettings,
     Results,
     RosSettings,
     RunDefaults,
@@ -66,6 +67,7 @@ class Settings(SettingsTable, frozen=True):
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
+    recording: RecordingSettings = RecordingSettings()
     console: ConsoleSettings = ConsoleSettings()
     engine: EngineSettings = EngineSettings()
     simulated: Simulated = Simulated()

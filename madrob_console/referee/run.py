@@ -9,6 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.protests import Protest
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
@@ -49,6 +50,7 @@ class CheckName(StrEnum):
     CLOCK = "clock skew"
     DISK = "disk space"
     RECORDER = "recorder"
+    EVIDENCE = "evidence"
     REFEREE = "another referee"
     POSE = "start pose"
 
@@ -364,6 +366,7 @@ class Run:
         taken_back: what the referee decided and took back.
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
+        evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
         removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
@@ -396,6 +399,7 @@ class Run:
     taken_back: tuple[TakenBack, ...] = ()
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
+    evidence: EvidenceAccount | None = None
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0
     closure: Closure | None = None

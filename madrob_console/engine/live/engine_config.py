@@ -7,6 +7,7 @@ from pathlib import Path
 from random import Random
 
 from madrob_console.engine.live.limits import SensorLimits
+from madrob_console.engine.live.witness import EvidencePlan
 from madrob_console.messages.codec import MessageTypes, TopicMapping
 from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.run_identity import Randomness
@@ -28,6 +29,7 @@ class EngineConfig:
         testbed: the testbed's name; empty = it has none.
         protest_times: the competition's deadlines for protests.
         version: of the software.
+        evidence: how much of it may be recorded; None = none is wanted.
         lossless: wait for the disk instead of dropping messages (virtual time).
         random: tells the identity of a run from all others; asks the system for nothing, for the
             core does.
@@ -42,6 +44,7 @@ class EngineConfig:
     testbed: str = ""
     protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     version: str = field(default_factory=software_version)
+    evidence: EvidencePlan | None = None
     lossless: bool = False
     random: Randomness = field(default_factory=lambda: Random().randbytes)
 

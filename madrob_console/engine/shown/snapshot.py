@@ -119,6 +119,44 @@ class RecorderView:
     queued: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class EvidenceTopicView:
+    """One topic of the evidence, live.
+
+    Attributes:
+        topic, type: its names.
+        rate, byte_rate: messages and bytes a second of what is recorded.
+        lost: messages lost of the recording that goes on, or was last.
+        problem: what is wrong with it, in words; empty = nothing.
+    """
+
+    topic: str
+    type: str
+    rate: float
+    byte_rate: float
+    lost: int = 0
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceView:
+    """The evidence, live.
+
+    Attributes:
+        topics: what comes.
+        recording: whether it is recorded now.
+        size: of the recording that goes on, or was last, bytes.
+        room: how long it can go on at the rate of now, s; None = unknown, or nothing comes.
+        problem: what is wrong with all of it, in words; None = nothing.
+    """
+
+    topics: tuple[EvidenceTopicView, ...] = ()
+    recording: bool = False
+    size: int = 0
+    room: float | None = None
+    problem: str | None = None
+
+
 class Weight(StrEnum):
     """How much a line of the log wants to be seen."""
 
@@ -266,6 +304,7 @@ class Snapshot:
         door, handle, latch, passage, topics, recorder: the sensors and the recorder; passage is
             ten sensors, cw 0..4 then ccw 0..4.
         disk_free: bytes; None = unknown.
+        evidence: what is recorded beside the testbed's topics; None = nothing is.
         faults: what is wrong now, one line each; they stay until they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
@@ -311,6 +350,7 @@ class Snapshot:
     result: Result | None = None
     result_source: SourceKind | None = None
     simulated: str | None = None
+    evidence: EvidenceView | None = None
     rescoring: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False
