@@ -330,6 +330,8 @@ def cameras(
             yield process
         finally:
             process.terminate()
+            if process.stdout is not None and not process.stdout.closed:
+                process.communicate()  # it still says what was sent
 
 
 def main() -> None:
