@@ -15,6 +15,7 @@ import socket
 import sys
 import time
 from collections import Counter, deque
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -107,18 +108,21 @@ class EvidenceDesk:
         self._lost: dict[str, int] = {}
         self._problem = ""
 
-    def work(self) -> None:
+    def work(self, orders: Sequence[ToEvidence] = ()) -> None:
         """Until the engine has gone.
+
+        Args:
+            orders: that came already.
 
         Raises:
             EOFError, ConnectionError: it has.
         """
         told = found = 0.0
         while True:
-            changed = False
-            for order in self._line.orders():
+            changed = bool(orders := (*orders, *self._line.orders()))
+            for order in orders:
                 self._carry_out(order)
-                changed = True
+            orders = ()
             now = time.monotonic()
             if now - found >= _DISCOVERY:
                 self._intakes.discover(recording=self._current is not None)
@@ -240,7 +244,7 @@ def main() -> None:
     give_way()
     line = OrderLine(socket.socket(fileno=int(sys.argv[1])))
     with suppress(EOFError, ConnectionError):
-        wanted = _first_order(line)
+        wanted, more = first_order(line)
         try:
             intakes = EvidenceIntakes(
                 wanted.domain,
@@ -256,17 +260,22 @@ def main() -> None:
         gc.freeze()  # what was imported stays
         desk = EvidenceDesk(line, intakes)
         try:
-            desk.work()
+            desk.work(more)
         finally:
             desk.close()
             intakes.close()
 
 
-def _first_order(line: OrderLine) -> ListenFor:
+def first_order(line: OrderLine) -> tuple[ListenFor, Sequence[ToEvidence]]:
+    """What to listen to, and what came together with it: a recording that goes on.
+
+    Raises:
+        EOFError: the engine has gone.
+    """
     while True:
-        for order in line.orders():
-            if isinstance(order, ListenFor):
-                return order
+        match line.orders():
+            case [ListenFor() as wanted, *more]:
+                return wanted, more
         time.sleep(_PERIOD)
 
 
