@@ -3,7 +3,7 @@ from __future__ import annotations
 import socket
 
 from madrob_console.engine.process.evidence_messages import FinishFile, LeaveDisk, ListenFor
-from madrob_console.engine.process.evidence_program import OrderLine, first_order
+from madrob_console.engine.process.evidence_program import OrderLine
 from madrob_console.engine.shown.wire import frame
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 
@@ -14,4 +14,6 @@ def test_an_order_that_comes_together_with_the_first_one_is_carried_out_too() ->
     engine, process = socket.socketpair()
     with engine, process:
         engine.sendall(b"".join(map(frame, orders)))
-        assert first_order(OrderLine(process)) == (listen, [FinishFile(1), LeaveDisk(held=True)])
+        line = OrderLine(process)
+        assert line.first_order() == listen
+        assert line.orders() == [FinishFile(1), LeaveDisk(held=True)]
