@@ -85,7 +85,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     settings = load_settings(arguments.settings)
     if arguments.dossier:
-        return _told(make_dossier(arguments, settings))
+        return _told(make_dossier(arguments, settings, _tell_size))
     teams = options.team_list(arguments, settings)
     found = options.collection(arguments, settings)
     with progress("runs") as tell:

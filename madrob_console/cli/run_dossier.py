@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,7 +35,9 @@ def check_options(arguments: argparse.Namespace) -> None:
         raise MadrobError("--run names the run: leave out --subject, --practice and PATH")
 
 
-def make_dossier(arguments: argparse.Namespace, settings: Settings) -> Export:
+def make_dossier(
+    arguments: argparse.Namespace, settings: Settings, tell_size: Callable[[int, int], None]
+) -> Export:
     """Make the zip of the run that is named.
 
     Raises:
@@ -57,6 +59,7 @@ def make_dossier(arguments: argparse.Namespace, settings: Settings) -> Export:
             tables=tables,
             problems=(*problems, *why),
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
+            tell_size=tell_size,
         )
 
 

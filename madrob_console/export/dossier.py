@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from madrob_console.archive.folders import (
@@ -18,8 +17,8 @@ from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from madrob_console.export.pack import EXPORTS_FOLDER, Export, add_run, bag_of, folder_for
-from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts
+from madrob_console.export.pack import EXPORTS_FOLDER, Export, folder_for
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.files.bounded import stamp_of
@@ -83,6 +82,7 @@ def export_dossier(
     tables: Path | None = None,
     problems: Sequence[str] = (),
     parts: BagParts = WHOLE_BAGS,
+    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
     """Pack everything about one run. The same run gives the same zip, byte by byte.
 
@@ -92,17 +92,20 @@ def export_dossier(
         page: its report as it is now; None = the one in its folder counts.
         tables: a folder with its samples as tables; None = there are none.
         problems: why something of that is missing, in words.
-        parts: which parts of its bag.
+        parts: what is packed of the recording.
+        tell_size: is told before anything is packed how many bytes are to be, and how many of these
+            are evidence.
 
     Raises:
         MadrobError: there is no such run, it goes on, or the zip cannot be written.
     """
     check_dossier(run)
     at = _stamp(run)
-    bag = bag_of(run, parts)
-    unwanted = bag.without
+    bag = PackedBag.of(run, parts)
     if page is not None:
-        bag = replace(bag, without=lambda name: name == REPORT_FILE or unwanted(name))
+        bag = bag.but(REPORT_FILE)
+    tell_size(*size_of(run, bag))
+    before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
         archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
@@ -112,8 +115,10 @@ def export_dossier(
         if tables is not None:
             archive.add_folder(tables, TABLES_FOLDER)
         archive.add(SCHEMA_FILE, schema_text(), at)
+        if stamp_of(str(run / RESULT_FILE)) != before:
+            archive.problems.append(f"{run.name}: its result changed meanwhile: export again")
         left_out = [] if parts.recording else ["the recording was left out on demand"]
-        if bag.evidence_left_out:
+        if bag.evidence_left_out and not parts.evidence:
             left_out.append("the evidence was left out on demand")
         archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
         archive.finish(at)
@@ -148,8 +153,10 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
     setup = run.setup
     yield f"MADROB: protests against {terminal_safe(name)}"
     if setup is not None:
-        who = f"subject {setup.subject} {terminal_safe(setup.team)}".rstrip()
-        yield f"Run {setup.run_number} of {who}, condition {setup.condition.number}"
+        yield (
+            f"Run {setup.run_number} of subject {setup.subject} {terminal_safe(setup.team)}, "
+            f"condition {setup.condition.number}"
+        )
     if not run.protests:
         yield ""
         yield "No protest was filed."

@@ -23,7 +23,7 @@ from madrob_console.archive.result_reader import UnusableResultError, read_resul
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
-from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, size_of
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -33,7 +33,6 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.teams import TeamName
-from recorder.bag import METADATA_FILE
 from scoring.protocol import Thresholds
 
 EXPORTS_FOLDER = "exports"
@@ -102,7 +101,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
-    bags = {run: bag_of(run, parts) for run in runs}
+    bags = {run: PackedBag.of(run, parts) for run in runs}
     sizes = [size_of(run, bags[run]) for run in runs]
     tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with folder_for(path), whole_file(path) as file, Archive(file) as archive:
@@ -112,7 +111,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = add_run(archive, run, names_in[run], bags[run])
+            added = _add_run(archive, run, names_in[run], bags[run])
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
@@ -249,37 +248,10 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def bag_of(run: Path, parts: BagParts) -> PackedBag:
-    """What is packed of the bag of a run."""
-    try:
-        return PackedBag.of(run, parts)
-    except OSError:  # what cannot be read is named when it is packed
-        return PackedBag(lambda _name: False)
-
-
-def add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
-    """Add the folder of a run; what is not as it should be is a problem.
-
-    Args:
-        archive: the zip.
-        run: the folder.
-        called: its name in the zip.
-        bag: which of its files.
-
-    Returns:
-        The names of the files that are in the archive now.
-
-    Raises:
-        OSError: the archive cannot be written.
-    """
+def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = archive.add_folder(run, called, without=bag.without)
-    archive.problems += [f"{called}/{problem}" for problem in bag.problems]
-    if bag.metadata is not None:
-        changed = max(path.stat().st_mtime for path in (run, run / METADATA_FILE) if path.exists())
-        archive.add(f"{called}/{METADATA_FILE}", bag.metadata.encode(), changed)
-        added.append(f"{called}/{METADATA_FILE}")
+    added = add_run(archive, run, called, bag)
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:
