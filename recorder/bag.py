@@ -32,6 +32,7 @@ YAML_PROBLEMS = (
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 
+_SUFFIX = ".mcap"
 _EVIDENCE = re.compile(r"_evidence_\d+\.mcap\Z", re.ASCII)
 
 _QOS_LIMIT = 64 * 1024
@@ -111,6 +112,12 @@ def evidence_file_name(folder_name: str, number: int) -> str:
 def is_evidence(file_name: str) -> bool:
     """Whether a file of a bag holds evidence: cameras and other topics, nothing of the score."""
     return _EVIDENCE.search(file_name) is not None
+
+
+def is_left_of_evidence(file_name: str) -> bool:
+    """Whether a file is evidence, or what a repair of it has left: the torn one, a half new one."""
+    name, suffix, _ = file_name.partition(_SUFFIX)
+    return is_evidence(name + suffix)
 
 
 def qos_text(qos: Qos) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import replace
 
 from recorder.bag import MAX_NS, METADATA_FILE, YAML_PROBLEMS, BagInformation, is_evidence
@@ -22,7 +23,9 @@ _GOES = 100
 """Of listing again; each needs a file that came or went meanwhile."""
 
 
-def put_listing(folder_fd: int, recording: BagInformation | None = None) -> BagInformation | None:
+def put_listing(
+    folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
+) -> BagInformation | None:
     """List all files of a bag in its `metadata.yaml`; on the disk on return.
 
     Whoever has finished, repaired or removed a file of the bag calls it then. Several processes
@@ -31,6 +34,7 @@ def put_listing(folder_fd: int, recording: BagInformation | None = None) -> BagI
     Args:
         folder_fd: the open bag folder.
         recording: what is known of the bag's one recording; without it, its summary tells.
+        without: evidence that is not to be listed, because it is about to be removed.
 
     Returns:
         What is listed; None if the recording is unfinished: who finishes or repairs it lists all.
@@ -38,19 +42,21 @@ def put_listing(folder_fd: int, recording: BagInformation | None = None) -> BagI
     Raises:
         OSError: the disk refuses.
     """
-    listed = listing(folder_fd, recording)
+    listed = listing(folder_fd, recording, without)
     for _ in range(_GOES):
         if listed is None:
             break
         prepare_metadata(folder_fd, listed)
         put_metadata(folder_fd)
-        before, listed = listed, listing(folder_fd, recording)
+        before, listed = listed, listing(folder_fd, recording, without)
         if listed == before:
             break
     return listed
 
 
-def listing(folder_fd: int, recording: BagInformation | None = None) -> BagInformation | None:
+def listing(
+    folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
+) -> BagInformation | None:
     """What `put_listing` would write, by the summaries of the files; reads no message.
 
     Raises:
@@ -66,7 +72,7 @@ def listing(folder_fd: int, recording: BagInformation | None = None) -> BagInfor
     files = [file for file in known if file is not None]
     if not files or len(files) < len(known):
         return None
-    found = [summarised(folder_fd, name) for name in evidence]
+    found = [summarised(folder_fd, name) for name in evidence if name not in without]
     listed = replace(files[0], more=(*files[1:], *(file for file in found if file is not None)))
     while len(listed.more) >= len(files) and not _is_readable(listed):
         listed = replace(listed, more=listed.more[:-1])

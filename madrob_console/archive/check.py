@@ -22,8 +22,12 @@ from madrob_console.errors import MadrobError
 from recorder.bag import METADATA_FILE
 from scoring.libraries import Libraries, libraries_here
 
-_OF_THE_PROGRAM = {"format", "software", "libraries", "remark", "files_left_out", "flags"}
-"""Keys that tell of the program that wrote the result, or in its words what others tell."""
+_NOT_COMPARED = {
+    *("format", "software", "libraries", "remark", "files_left_out", "flags"),
+    "removed_evidence",
+}
+"""Keys that tell of the program that wrote the result, in its words what others tell, or of what
+is done beside a result that is written."""
 
 _COMPUTED = ("indicators.", "quality.")
 """Where libraries decide the last digits. Times are stamps: of the epoch 1e-9 is over a second."""
@@ -177,7 +181,7 @@ def _compare(
 ) -> Iterator[Difference]:
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
-    kept = {key: value for key, value in recomputed.items() if key not in _OF_THE_PROGRAM}
+    kept = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
     yield from _differences("", stored, kept)
     yield from _remark_differences(_remarks(stored), remarks)
     yield from _file_differences(stored_files, files, folder)

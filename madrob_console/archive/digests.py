@@ -66,16 +66,21 @@ def lists_evidence(folder: Path) -> bool:
     Evidence may be finished after the result, and is thinned away later; both make another
     `metadata.yaml`, which only repeats what the files say themselves.
     """
-    from recorder.bag import YAML_PROBLEMS, is_evidence
+    from recorder.bag import is_evidence
+
+    return any(map(is_evidence, _names(folder))) or any(map(is_evidence, listed_in(folder)))
+
+
+def listed_in(folder: Path) -> list[str]:
+    """The files of a bag, by its `metadata.yaml`; none where that is missing or damaged."""
+    from recorder.bag import YAML_PROBLEMS
     from recorder.mcap_stream import DamageError
     from recorder.reader import bag_information, listed_names
 
-    if any(map(is_evidence, _names(folder))):
-        return True
     try:
-        return any(map(is_evidence, listed_names(bag_information(folder))))
+        return listed_names(bag_information(folder))
     except (DamageError, OSError, *YAML_PROBLEMS):
-        return False
+        return []
 
 
 def run_id_of(files: Mapping[str, FileDigest]) -> str:

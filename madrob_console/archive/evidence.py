@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from madrob_console.archive.digests import listed_in
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from recorder.bag import YAML_PROBLEMS, is_evidence
+from recorder.bag import is_evidence
 from recorder.errors import RecorderError
 
 
@@ -27,7 +28,7 @@ def repair_evidence(folder: Path) -> bool:
         names = [name for name in os.listdir(folder) if is_evidence(name)]  # noqa: PTH208
     except OSError:
         return False  # the history says what is wrong with it
-    if not names or _all_listed(folder, names) or is_held(folder / JOURNAL_FILE):
+    if not names or set(names) <= set(listed_in(folder)) or is_held(folder / JOURNAL_FILE):
         return False
     from recorder.recovery import recover_evidence  # few runs need it
 
@@ -35,13 +36,3 @@ def repair_evidence(folder: Path) -> bool:
         return any(file.changed for file in recover_evidence(folder))
     except RecorderError as error:
         raise MadrobError(str(error)) from None
-
-
-def _all_listed(folder: Path, names: list[str]) -> bool:
-    from recorder.mcap_stream import DamageError
-    from recorder.reader import bag_information, listed_names
-
-    try:
-        return set(names) <= set(listed_names(bag_information(folder)))
-    except (DamageError, OSError, *YAML_PROBLEMS):
-        return False

@@ -30,6 +30,7 @@ from madrob_console.referee.run import (
     Incident,
     JournalMark,
     Note,
+    RemovedEvidence,
     RunSetup,
     TakenBack,
     Voiding,
@@ -108,6 +109,8 @@ class ResultDocument(Result, Heading):
         accepted_doubts: which doubts on the indicators the referee lets stand.
         protests: of teams against the result, open and closed ones, by their numbers.
         taken_back: what the referee decided and took back.
+        removed_evidence: what was removed of the run's evidence before this issue was made; the
+            journal has what was removed after it.
         remark: on the times.
         files: name -> digest and size, of the recording and the data files.
         files_left_out: which of them have no digest and why, in words.
@@ -133,6 +136,7 @@ class ResultDocument(Result, Heading):
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
     protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
+    removed_evidence: tuple[RemovedEvidence, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
@@ -178,6 +182,7 @@ class ResultDocument(Result, Heading):
             accepted_doubts=run.accepted_doubts,
             protests=run.protests,
             taken_back=run.taken_back,
+            removed_evidence=run.removed_evidence,
             remark=MANUAL_START,
             files=files,
             files_left_out=left_out,

@@ -23,6 +23,7 @@ from madrob_console.archive.result_reader import UnusableResultError, read_resul
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -38,7 +39,6 @@ EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""
 
 _LONGEST_TEAM = 40  # characters of it in a file name
-_BAG = (".mcap", "metadata.yaml")
 _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
 
 
@@ -70,10 +70,11 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     *,
     practice: bool = False,
     target: Path | None = None,
-    bags: bool = True,
+    parts: BagParts = WHOLE_BAGS,
     team: str = "",
     thresholds: Thresholds | None = None,
     tell: Callable[[int, int], None] = lambda _done, _total: None,
+    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
     """Pack all official runs of a team; the one that goes on is left out and named.
 
@@ -84,10 +85,12 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         now: s since the epoch.
         practice: its practice runs instead.
         target: the zip; in the folder `exports` of the results folder if not given.
-        bags: whether with the recordings.
+        parts: what is packed of the recordings.
         team: its name in the list of teams; empty = the name that its latest run carries.
         thresholds: the testbed's, for the layout; None = the protocol's.
         tell: is told how many runs are packed, and of how many.
+        tell_size: is told before anything is packed how many bytes are to be, and how many of these
+            are evidence.
 
     Raises:
         MadrobError: the team has no such runs, or the zip cannot be written.
@@ -98,15 +101,17 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
-    with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
+    bags = {run: PackedBag.of(run, parts) for run in runs}
+    sizes = [size_of(run, bags[run]) for run in runs]
+    tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
+    with folder_for(path), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
         ]
-        without = () if bags else _BAG
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = _add_run(archive, run, names_in[run], without)
+            added = _add_run(archive, run, names_in[run], bags[run])
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
@@ -118,7 +123,15 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         kind = "PRACTICE runs" if practice else "runs"
         title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
         names = [terminal_safe(name) for name in called.others]
-        text = readme(title, packed, problems, renamed, names, bags=bags)
+        text = readme(
+            title,
+            packed,
+            problems,
+            renamed,
+            names,
+            bags=parts.recording,
+            evidence_left_out=any(bag.evidence_left_out for bag in bags.values()),
+        )
         archive.add(README_FILE, text.encode(), now)
         archive.finish(now)
         size = file.tell()
@@ -235,10 +248,10 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def _add_run(archive: Archive, run: Path, called: str, without: tuple[str, ...]) -> list[str]:
+def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = archive.add_folder(run, called, without=without)
+    added = add_run(archive, run, called, bag)
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:
@@ -247,8 +260,9 @@ def _add_run(archive: Archive, run: Path, called: str, without: tuple[str, ...])
 
 
 @contextmanager
-def _folder(folder: Path) -> Iterator[None]:
-    """A folder that is there while inside; where nothing comes of it, it is as it was before."""
+def folder_for(file: Path) -> Iterator[None]:
+    """The folder of a file is there while inside; where nothing comes of it, it is as before."""
+    folder = file.parent
     missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

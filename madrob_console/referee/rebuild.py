@@ -14,7 +14,7 @@ from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Phase, Run, TestbedFault
+from madrob_console.referee.run import FalseStart, Phase, RemovedEvidence, Run, TestbedFault
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,
@@ -45,6 +45,7 @@ class Change(StrEnum):
     EVIDENCE_RECORDED = "evidence recorded"
     RESULT_WRITTEN = "result written"
     REISSUED = "re-issued after a rule change"
+    EVIDENCE_REMOVED = "evidence removed"
 
 
 def act_of(entry: Entry) -> Act | None:
@@ -129,9 +130,8 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
-        case Change.EVIDENCE_RECORDED:
-            told = {key: details[key] for key in ("topics", "problems")}
-            return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
+        case Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
+            return _with_evidence(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
             name = details.get("ruleset")
             return reissued(run, None if name is None else RulesetName(name))
@@ -139,3 +139,14 @@ def _changed(run: Run, entry: Entry) -> Run:
             return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:
             return run
+
+
+def _with_evidence(run: Run, entry: Entry) -> Run:
+    """The run after a line of what was recorded beside it, or of what was removed of that."""
+    details = entry.details
+    if entry.what == Change.EVIDENCE_RECORDED:
+        told = {key: details[key] for key in ("topics", "problems")}
+        return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
+    names, size = list(details["files"]), max(0, int(details["bytes"]))
+    gone = RemovedEvidence(_time(entry.time), len(names), size)
+    return replace(run, removed_evidence=(*run.removed_evidence, gone))

@@ -305,6 +305,26 @@ class TakenBack:
 
 
 @dataclass(frozen=True, slots=True)
+class RemovedEvidence:
+    """Evidence of the run that was removed to make room; no score hangs on it.
+
+    Attributes:
+        time: s since the epoch.
+        files: how many.
+        bytes: their size.
+    """
+
+    time: float
+    files: int
+    bytes: int
+
+    @property
+    def words(self) -> str:
+        """How much it was."""
+        return f"{self.files} file{'' if self.files == 1 else 's'}, {self.bytes / 1e6:.1f} MB"
+
+
+@dataclass(frozen=True, slots=True)
 class JournalMark:
     """The lines of a run's journal that its result depends on.
 
@@ -347,6 +367,7 @@ class Run:
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
         evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
+        removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
         signed_notes: how many of the notes were there when that was done; the others stand beside
@@ -379,6 +400,7 @@ class Run:
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
     evidence: EvidenceAccount | None = None
+    removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0
     closure: Closure | None = None
     signed_notes: int = 0

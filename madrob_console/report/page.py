@@ -40,6 +40,7 @@ def report_html(scored: Scored, software: str = "", place: PagePlace = NOWHERE) 
     run, result = scored.run, scored.result
     measured = element("div", sections.steps(result), sections.events(result), class_="pair")
     parts: tuple[tuple[str, str, Content], ...] = (
+        ("protests", "protests", sections.protests(run)),
         ("time", "time", phases(scored, place)),
         ("indicators", "indicators", sections.indicators(result)),
         ("steps", "steps and events", measured),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -135,6 +138,43 @@ def test_what_is_scored_is_read_without_the_evidence(folder: Path) -> None:
     assert list(bag.messages()) == SCORED
     assert bag.complete
     assert list(read_bag(folder, evidence=True).messages()) == CAMERA
+
+
+@settings(max_examples=25)
+@given(
+    files=st.lists(
+        st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 2**62)), max_size=20), max_size=4
+    )
+)
+def test_whatever_evidence_holds_the_listing_is_what_is_read(
+    files: list[list[tuple[str, int]]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("bags") / "run"
+    with BagWriter(folder, door_topics(), {}) as writer:
+        for message in SCORED[:6]:
+            writer.put(message)
+    expected = list(SCORED[:6])
+    for number, content in enumerate(files):
+        sent = [
+            RawMessage(f"/{name}", talk().type, CAMERA[0].data, time, time)
+            for name, time in content
+        ]
+        add_evidence(folder, sent, number)
+        expected += sent
+    assert list_again(folder)
+    times = [message.receive_ns for message in expected]
+    counts = Counter(message.topic for message in expected)
+    information = told(folder)
+    assert information["message_count"] == len(expected)
+    assert information["starting_time"]["nanoseconds_since_epoch"] == min(times)
+    assert information["duration"]["nanoseconds"] == max(times) - min(times)
+    assert counts == Counter(
+        {
+            entry["topic_metadata"]["name"]: entry["message_count"]
+            for entry in information["topics_with_message_count"]
+        }
+    )
+    assert read_by_rosbags(folder) == by_topic(expected)
 
 
 def unfinished(folder: Path) -> None:

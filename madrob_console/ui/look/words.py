@@ -60,6 +60,11 @@ def time_of_day(epoch: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(epoch))
 
 
+def date_of(epoch: float) -> str:
+    """The local date and time of a time in s since the epoch."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(epoch))
+
+
 def size_text(size: float) -> str:
     """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
     for unit in ("B", "kB", "MB", "GB"):
@@ -79,8 +84,9 @@ def export_text(export: ExportView) -> str:
     """What has become of an export; the zip's whole path, for who copies it."""
     if not export.path:
         if not export.problem:
-            return f"Packing the runs of subject {export.subject} in the background ..."
-        return f"No zip of subject {export.subject}: {export.problem}"
+            runs = "" if export.dossier else "the runs of "
+            return f"Packing {runs}{export.what} in the background ..."
+        return f"No zip of {export.what}: {export.problem}"
     missing = f"; not all: {export.problem}" if export.problem else ""
     return f"Packed: {export.path}{missing} (y copies it)"
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts.finalise import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, worst
+from madrob_console.referee.protests import due_words, open_protests
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
-from madrob_console.ui.look.words import OUTCOMES
+from madrob_console.ui.look.words import OUTCOMES, date_of
 from madrob_console.ui.panes.flag_lines import FLAG_TONES, flag_lines
 from madrob_console.ui.panes.run_status import TONES, what_text
 
@@ -41,6 +42,7 @@ class ResultHead(View):
             *_marked(paragraph(outcome, width, tone), snapshot, width),
             *flag_lines(found, width, DECIDED_BY if acts else None),
             *paragraph(what_text(snapshot.run), width),
+            *_deadlines(snapshot, width),
             *_state(snapshot, result, width),
         ]
 
@@ -72,6 +74,19 @@ def _no_result(snapshot: Snapshot) -> str:
     return "No result yet: it appears here by itself when a run has stopped."
 
 
+def _deadlines(snapshot: Snapshot, width: int) -> list[Line]:
+    """How long there is to decide what is protested."""
+    if snapshot.playback is not None:  # what was to be done then is over
+        return []
+    lines: list[Line] = []
+    for one in open_protests(snapshot.run.protests):
+        left = due_words(one.due, snapshot.time)
+        by = time.strftime("%H:%M", time.localtime(one.due))
+        text = f"protest {one.number} of {one.team}, decision due {by}, {left}"
+        lines += paragraph(text, width, Tone.BAD if one.due < snapshot.time else Tone.WARN)
+    return lines
+
+
 def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     run = snapshot.run
     issue = f"ruleset {result.ruleset}, issue {run.issue}"
@@ -90,6 +105,6 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         tone = Tone.DIM if playback.agrees else Tone.BAD
         lines += paragraph(playback.comparison, width, tone)
     if snapshot.opened:
-        day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
+        day = date_of(result.start)
         lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))
     return lines
