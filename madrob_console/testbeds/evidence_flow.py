@@ -38,7 +38,7 @@ class TopicFlow:
     problem: str = ""
 
 
-class Thinning:
+class RateLimit:
     """Lets so many messages a second pass, evenly.
 
     Args:

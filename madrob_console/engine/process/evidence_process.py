@@ -113,6 +113,9 @@ class EvidenceProcess:
         self._ring()
         if self._thread is not None:
             self._thread.join(2 * END_TIME + 1.0)
+        elif self._bell is not None:
+            os.close(self._bell)
+            self._bell = None
 
     def _order(self, order: EvidencePlace | FinishFile | LeaveDisk) -> None:
         with self._lock:

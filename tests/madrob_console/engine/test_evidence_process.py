@@ -134,7 +134,6 @@ def test_what_was_said_for_late_comers_before_the_start_is_in_every_recording(
     peer.publisher("/madrob/own", BOOL).publish(truth(True))
     with hall(tmp_path, ros_domain, "/hall/**", "/madrob/**") as here:
         here.comes(map_topic, rate=0.1)
-        time.sleep(0.1)
         for number in range(2):
             here.folder = tmp_path / f"run_{number}"
             with here.recording():
