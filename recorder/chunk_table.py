@@ -194,7 +194,6 @@ class ChunkTable:
         return sorted(chunks, key=lambda chunk: chunk.offset)
 
     def _by_walking(self) -> list[ChunkPlace]:
-        self.problem = "it was not finished"
         chunks: list[ChunkPlace] = []
         indexes: dict[int, int] = {}
         offset = len(MCAP0_MAGIC)
@@ -204,18 +203,18 @@ class ChunkTable:
                 break
             opcode, length = FRAME.unpack(frame)
             body, following = offset + FRAME.size, offset + FRAME.size + length
-            if opcode == Opcode.FOOTER and following <= self._size:
-                self.problem = None
+            cut = following > self._size
+            if opcode == Opcode.CHUNK:
+                head = os.pread(self._fd, _CHUNK_HEAD.size, body)
+                if len(head) == _CHUNK_HEAD.size:
+                    begin_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
+                    indexes = {}
+                    chunks.append(ChunkPlace(offset, begin_ns, end_ns, indexes))
+            if opcode == 0 or cut:
                 break
-            if opcode == 0 or following > self._size:
-                break
-            if opcode == Opcode.CHUNK and length >= _CHUNK_HEAD.size:
-                begin_ns, end_ns, *_ = _CHUNK_HEAD.unpack(
-                    os.pread(self._fd, _CHUNK_HEAD.size, body)
-                )
-                indexes = {}
-                chunks.append(ChunkPlace(offset, begin_ns, end_ns, indexes))
-            elif opcode == Opcode.MESSAGE_INDEX and length >= _COUNT.size:
+            if opcode == Opcode.FOOTER:
+                return chunks
+            if opcode == Opcode.MESSAGE_INDEX and length >= _COUNT.size:
                 channel, _ = _COUNT.unpack(os.pread(self._fd, _COUNT.size, body))
                 indexes[channel] = offset
             elif opcode in _KINDS and length <= RECORD_LIMIT:
@@ -223,6 +222,9 @@ class ChunkTable:
             offset = following
         else:
             self.problem = f"it was not finished; its first {MOST_RECORDS} records are looked at"
+            return chunks
+        self.problem = "it was not finished"
+        indexes.clear()  # those of the last chunk may not be all
         return chunks
 
     def _indexed(self, chunk: ChunkPlace) -> ChunkPlace:
@@ -280,8 +282,8 @@ class ChunkTable:
         if len(frame) == FRAME.size:
             opcode, length = FRAME.unpack(frame)
             if opcode == Opcode.CHUNK and length <= RECORD_LIMIT:
-                found = unpack(os.pread(self._fd, length, chunk.offset + FRAME.size))
-                content = b"" if found.problem else found.records
+                body = os.pread(self._fd, length, chunk.offset + FRAME.size)
+                content = unpack(body).records  # of one that is cut what is left, else nothing
         self._unpacked[chunk.offset] = content
         while len(self._unpacked) > 1 and sum(map(len, self._unpacked.values())) > _KEPT:
             self._unpacked.popitem(last=False)

@@ -32,6 +32,11 @@ class Found:
     place: MessagePlace
     table: ChunkTable
 
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """The same for the same message, however often it is found."""
+        return id(self.table), self.place.chunk.offset, self.place.offset
+
 
 class Seeker:
     """The files of a bag, open to look for single messages; a context manager.

@@ -39,6 +39,12 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
+PICTURES_FOLDER = "pictures"
+"""In a run folder: what its cameras saw."""
+
+PICTURES_INDEX = "index.json"
+"""In that folder: which picture is of what."""
+
 INDEX_PAGE = "index.html"
 """Where the pages of a competition begin; a run has one of its own among them."""
 
