@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from madrob_console.cameras.nearest_frames import PICTURE_TYPES
+from madrob_console.cameras.run_pictures import SIDE
 from madrob_console.errors import MadrobError
 from madrob_console.messages.message_types import Message, MessageError, standard_types
 from madrob_console.names import terminal_safe
@@ -29,11 +30,8 @@ MOST_MESSAGE = 32_000_000
 MOST_PIXELS = 24_000_000
 """Of a picture before it is made small: 6000 x 4000."""
 
-LARGEST_SIDE = 960
-"""Of a picture that is kept, pixels."""
-
 MOST_BYTES = 200_000
-"""Of a picture that is kept."""
+"""Of a picture of that size."""
 
 _PACKED, _RAW = PICTURE_TYPES
 _LONGEST = 16_384  # pixels in a row or a column
@@ -50,7 +48,7 @@ class PictureError(MadrobError):
     """A message holds no picture that can be shown; the text says why, for one line."""
 
 
-def decoded(message: RawMessage, side: int = LARGEST_SIDE) -> Image.Image:
+def decoded(message: RawMessage, side: int = SIDE) -> Image.Image:
     """The picture in a message of a camera, made small: RGB or grey, without anything beside it.
 
     Args:
@@ -84,7 +82,7 @@ def decoded(message: RawMessage, side: int = LARGEST_SIDE) -> Image.Image:
     return picture
 
 
-def opened(data: bytes, side: int = LARGEST_SIDE) -> Image.Image:
+def opened(data: bytes, side: int = SIDE) -> Image.Image:
     """A JPEG that was kept, as `decoded` makes it.
 
     Raises:

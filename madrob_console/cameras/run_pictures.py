@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 INDEX_FORMAT: Final = 1
 """Version of the layout of the index."""
 
+SIDE = 960
+"""Of a picture that is kept, the most pixels in a row and in a column."""
+
 MOST_PICTURES = 200
 """Of a run; what happens later has none."""
 
@@ -185,6 +188,7 @@ def pictures_of(
     moments: Sequence[Moment],
     mappings: Sequence[TopicMapping],
     cameras: str = "*",
+    side: int = SIDE,
     monotonic: Callable[[], float] = time.monotonic,
 ) -> RunPictures:
     """The nearest frame of each camera at each moment, decoded; none without evidence.
@@ -196,6 +200,7 @@ def pictures_of(
         moments: by time.
         mappings: which topics carry the testbed's signals.
         cameras: a pattern for the names of their topics.
+        side: the most pixels in a row and in a column.
         monotonic: real time, s.
     """
     if not has_evidence(folder):
@@ -206,7 +211,7 @@ def pictures_of(
 
     try:
         with Cameras(folder, mappings, wanted) as found:
-            return _Maker(found, monotonic).pictures(moments)
+            return _Maker(found, side, monotonic).pictures(moments)
     except MadrobError as error:
         return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
 
@@ -263,8 +268,9 @@ def _write(place: Path, pictures: RunPictures) -> None:
 class _Maker:
     """Finds and decodes, until all is made or the time is up."""
 
-    def __init__(self, cameras: Cameras, monotonic: Callable[[], float]) -> None:
+    def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
         self._cameras = cameras
+        self._side = side
         self._names = _file_names([camera.topic for camera in cameras.cameras])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
@@ -328,11 +334,18 @@ class _Maker:
         return self._made[frame.found.key]
 
     def _decode(self, frame: CameraFrame) -> Jpeg | str:
-        from madrob_console.cameras.picture import MOST_MESSAGE, PictureError, decoded, jpeg
+        from madrob_console.cameras.picture import (
+            MOST_BYTES,
+            MOST_MESSAGE,
+            PictureError,
+            decoded,
+            jpeg,
+        )
 
         try:
             message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
-            return jpeg(decoded(message))
+            most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
+            return jpeg(decoded(message, self._side), most)
         except (PictureError, RecorderError) as error:
             return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
 

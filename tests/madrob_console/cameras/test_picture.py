@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from madrob_console.cameras.picture import (
-    LARGEST_SIDE,
     MOST_BYTES,
     MOST_MESSAGE,
     PictureError,
@@ -22,6 +21,7 @@ from madrob_console.cameras.picture import (
     jpeg,
     opened,
 )
+from madrob_console.cameras.run_pictures import SIDE
 from recorder.message import RawMessage
 from tests.madrob_console.cameras.frames import COMPRESSED, RAW, compressed, packed, pattern, raw
 
@@ -119,7 +119,7 @@ def test_what_a_compressed_picture_is_its_bytes_say(kind: str, told: str) -> Non
 
 def test_a_large_picture_is_made_small() -> None:
     picture = decoded(message(packed(Image.effect_noise((3000, 2000), 90))))
-    assert picture.size == (LARGEST_SIDE, LARGEST_SIDE * 2 // 3)
+    assert picture.size == (SIDE, SIDE * 2 // 3)
     made = jpeg(picture)
     assert len(made.data) <= MOST_BYTES
     assert opened(made.data).size == (made.width, made.height)
@@ -261,6 +261,6 @@ def _small_or_told(make: Callable[[], Image.Image]) -> None:
         said = str(error)
     else:
         said = "a picture"
-        assert max(picture.size) <= LARGEST_SIDE
+        assert max(picture.size) <= SIDE
         assert len(jpeg(picture).data) <= MOST_BYTES
     assert said.isprintable()
