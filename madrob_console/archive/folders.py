@@ -117,6 +117,16 @@ def named_by_recording(names: Iterable[str]) -> str | None:
     return next((stem for stem in stems if parse_folder_name(stem) is not None), None)
 
 
+def pictures_in(folder: str) -> int:
+    """How many pictures there are of what a run's cameras saw; 0 where that cannot be told."""
+    place = f"{folder}/{PICTURES_FOLDER}"
+    try:
+        names = os.listdir(place)  # noqa: PTH208  as below
+    except OSError:
+        return 0
+    return sum(name.endswith(".jpg") for name in names) if PICTURES_INDEX in names else 0
+
+
 def run_folder_names(root: Path) -> list[str]:
     """The names of the run folders in a results folder, those of practice too, in no order.
 

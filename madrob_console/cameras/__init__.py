@@ -2,3 +2,8 @@
 
 Nothing is scored from it.
 """
+
+from __future__ import annotations
+
+SIDE = 960
+"""Of a picture that is kept, the most pixels in a row and in a column."""

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from madrob_console.cameras import SIDE
 from madrob_console.cameras.nearest_frames import PICTURE_TYPES
-from madrob_console.cameras.run_pictures import SIDE
 from madrob_console.errors import MadrobError
 from madrob_console.messages.message_types import Message, MessageError, standard_types
 from madrob_console.names import terminal_safe

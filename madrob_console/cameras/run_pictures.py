@@ -14,6 +14,7 @@ import msgspec
 
 from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.scored import Scored
+from madrob_console.cameras import SIDE
 from madrob_console.cameras.nearest_frames import (
     FARTHEST,
     Camera,
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 
 INDEX_FORMAT: Final = 1
 """Version of the layout of the index."""
-
-SIDE = 960
-"""Of a picture that is kept, the most pixels in a row and in a column."""
 
 MOST_PICTURES = 200
 """Of a run; what happens later has none."""

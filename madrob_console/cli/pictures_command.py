@@ -89,9 +89,9 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     """The pictures, where they were written, and how their names begin there."""
     from madrob_console.archive.folders import PICTURES_FOLDER
     from madrob_console.archive.scored import score_opened
+    from madrob_console.cameras import SIDE
     from madrob_console.cameras.nearest_frames import has_evidence
     from madrob_console.cameras.run_pictures import (
-        SIDE,
         moments_of,
         pictures_of,
         renewed_pictures,

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from madrob_console.cameras import SIDE
 from madrob_console.cameras.picture import (
     MOST_BYTES,
     MOST_MESSAGE,
@@ -21,7 +22,6 @@ from madrob_console.cameras.picture import (
     jpeg,
     opened,
 )
-from madrob_console.cameras.run_pictures import SIDE
 from recorder.message import RawMessage
 from tests.madrob_console.cameras.frames import COMPRESSED, RAW, compressed, packed, pattern, raw
 

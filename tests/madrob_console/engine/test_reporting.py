@@ -95,6 +95,28 @@ def test_an_engines_page_shows_what_the_cameras_saw(tmp_path: Path) -> None:
 
 
 @pytest.mark.machine
+def test_the_frames_of_an_instant_are_written_beside_the_engine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    told: list[tuple[str, str]] = []
+    reporting = Reporting(aside.COMMAND, lambda: False)
+    reporting.frames(folder, 5.0, lambda *words: told.append(words))
+    assert reporting.wait(60.0)
+    film(folder, "/camera/front", "/camera/side")
+    reporting.frames(folder, 5.0, lambda *words: told.append(words))
+    assert reporting.wait(60.0)
+    reporting.close()
+    (nowhere, why), (place, nothing) = told
+    assert nowhere == nothing == ""
+    assert "holds no evidence" in why
+    assert Path(place).name == f"{folder.name}_5.000_s"
+    assert len(list(Path(place).glob("*.jpg"))) == 2
+    assert Path(place).parent.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.machine
 def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> None:
     drive = Drive(tmp_path)
     reporting = Reporting(aside.COMMAND, lambda: False)
