@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import chain
 from typing import Any
 
 import yaml
@@ -30,6 +32,7 @@ YAML_PROBLEMS = (
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 
+_SUFFIX = ".mcap"
 _EVIDENCE = re.compile(r"_evidence_\d+\.mcap\Z", re.ASCII)
 
 _QOS_LIMIT = 64 * 1024
@@ -111,6 +114,12 @@ def is_evidence(file_name: str) -> bool:
     return _EVIDENCE.search(file_name) is not None
 
 
+def is_left_of_evidence(file_name: str) -> bool:
+    """Whether a file is evidence, or what a repair of it has left: the torn one, a half new one."""
+    name, suffix, _ = file_name.partition(_SUFFIX)
+    return is_evidence(name + suffix)
+
+
 def qos_text(qos: Qos) -> str:
     """A channel's `offered_qos_profiles`; it says the same as `metadata.yaml`."""
     return _dump(_qos_profiles(qos))
@@ -153,14 +162,15 @@ def parse_qos(text: str) -> Qos:
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """What `metadata.yaml` tells of a bag of one file.
+    """What `metadata.yaml` tells of a bag: of its first file, and of those after it.
 
     Attributes:
-        file_name: the recording's name.
-        topics: every topic of the bag.
+        file_name: the file's name.
+        topics: every topic of the file.
         counts: messages per topic name.
         start_ns: earliest log time, ns since the epoch; None while there is no message.
         end_ns: latest log time, ns since the epoch; None while there is no message.
+        more: the same of each further file of the bag, in their order; they have none themselves.
     """
 
     file_name: str
@@ -168,44 +178,48 @@ class BagInformation:
     counts: Mapping[str, int]
     start_ns: int | None
     end_ns: int | None
+    more: tuple[BagInformation, ...] = ()
 
     def metadata_yaml(self) -> str:
         """The text of `metadata.yaml`."""
-        return _dump({BAG_INFORMATION: self._document()})
+        return _dump({BAG_INFORMATION: _document((self, *self.more))})
 
     def serialized_metadata(self) -> str:
-        """The text of the metadata record `rosbag2`: the same without the root key."""
-        return _dump(self._document())
+        """The text of the first file's metadata record `rosbag2`: without the root key."""
+        return _dump(_document((self,)))
 
-    def _document(self) -> dict[str, Any]:
-        return {
-            "version": 9,
-            "storage_identifier": "mcap",
-            **self._span(),
-            "topics_with_message_count": [
-                {"topic_metadata": _topic_metadata(topic), "message_count": self._count(topic)}
-                for topic in self.topics
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self.file_name],
-            "files": [{"path": self.file_name, **self._span()}],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
 
-    def _span(self) -> dict[str, Any]:
-        start, duration = MAX_NS, 0
-        if self.start_ns is not None and self.end_ns is not None:
-            start, duration = self.start_ns, self.end_ns - self.start_ns
-        return {
-            "duration": {"nanoseconds": duration},
-            "starting_time": {"nanoseconds_since_epoch": start},
-            "message_count": sum(self.counts.values()),
-        }
+def _document(files: tuple[BagInformation, ...]) -> dict[str, Any]:
+    """A topic that is in several files has one entry, as the first of them tells it."""
+    topics: dict[str, Topic] = {}
+    for topic in chain.from_iterable(file.topics for file in files):
+        topics.setdefault(topic.name, topic)
+    counts = sum((Counter(file.counts) for file in files), Counter[str]())
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **_span(files),
+        "topics_with_message_count": [
+            {"topic_metadata": _topic_metadata(topic), "message_count": counts[topic.name]}
+            for topic in topics.values()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.file_name for file in files],
+        "files": [{"path": file.file_name, **_span((file,))} for file in files],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
 
-    def _count(self, topic: Topic) -> int:
-        return self.counts.get(topic.name, 0)
+
+def _span(files: tuple[BagInformation, ...]) -> dict[str, Any]:
+    start = min((file.start_ns for file in files if file.start_ns is not None), default=MAX_NS)
+    end = max((file.end_ns for file in files if file.end_ns is not None), default=start)
+    return {
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(number for file in files for number in file.counts.values()),
+    }
 
 
 def _topic_metadata(topic: Topic) -> dict[str, Any]:

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from recorder.bag import METADATA_FILE, BagInformation, Topic, bag_file_name
+from recorder.bag import METADATA_FILE, Topic, bag_file_name
 from recorder.errors import RecorderError, remedy
+from recorder.listing import metadata_part, prepare_metadata, put_listing, put_metadata
 from recorder.mcap_file import McapFile
-
-METADATA_PART = f"{METADATA_FILE}.part"
-"""`metadata.yaml` before it is whole; no reader looks at it."""
 
 
 class BagFolder:
@@ -50,16 +48,20 @@ class BagFolder:
                 self.file = McapFile(self._fd, name)
                 undo.callback(self.file.close)
                 self.file.start(topics, records)
-                self._write_metadata()
+                prepare_metadata(self._fd, self.file.information())
+                put_metadata(self._fd)
                 _sync_folder(folder.parent)
             except OSError as error:
                 raise _cannot_record(folder, error) from None
             undo.pop_all()
 
     def finish(self) -> None:
-        """Complete the recording and `metadata.yaml`; both are on the disk on return."""
+        """Complete the recording and `metadata.yaml`; both are on the disk on return.
+
+        Listed is what evidence is whole by then; evidence that comes later lists itself.
+        """
         self.file.finish()
-        self._write_metadata()
+        put_listing(self._fd, self.file.information())
 
     def close(self) -> None:
         """Let go of everything, as it is."""
@@ -73,34 +75,6 @@ class BagFolder:
         self.close()
         _remove(self._folder, self._name)
 
-    def _write_metadata(self) -> None:
-        prepare_metadata(self._fd, self.file.information())
-        put_metadata(self._fd)
-
-
-def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
-    """Write the next `metadata.yaml` beside the one that stands; on the disk on return.
-
-    Raises:
-        OSError: the disk refuses.
-    """
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    fd = os.open(METADATA_PART, flags, 0o666, dir_fd=folder_fd)
-    with os.fdopen(fd, "w", encoding="utf-8") as file:
-        file.write(information.metadata_yaml())
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def put_metadata(folder_fd: int) -> None:
-    """Make the prepared `metadata.yaml` the one that counts; after a crash it is either of them.
-
-    Raises:
-        OSError: the disk refuses.
-    """
-    os.rename(METADATA_PART, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-    os.fsync(folder_fd)
-
 
 def _cannot_record(folder: Path, error: OSError) -> RecorderError:
     otherwise = "choose a folder that exists and can be written, on a disk with room"
@@ -110,7 +84,7 @@ def _cannot_record(folder: Path, error: OSError) -> RecorderError:
 
 def _remove(folder: Path, name: str) -> None:
     """Take away what was just made here, and nothing else."""
-    for made in (name, METADATA_FILE, METADATA_PART):
+    for made in (name, METADATA_FILE, metadata_part()):
         with suppress(OSError):
             (folder / made).unlink()
     with suppress(OSError):

@@ -69,7 +69,7 @@ def unpack(body: bytes) -> ChunkContent:
         return ChunkContent(content, None)
     # A power cut leaves sectors of zeros where data never came to the disk.
     solid = packed.data.rstrip(b"\0")
-    if len(packed.data) - len(solid) >= _SECTOR and (cut or packed.compression):
+    if len(packed.data) - len(solid) >= _SECTOR:
         content, cut = _decompress(packed, solid), True
     return ChunkContent(content[: packed.size] if cut else b"", problem)
 

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import fcntl
-import io
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from typing import IO, TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import LIBRARY_IDENTIFIER, Writer
+from mcap.writer import LIBRARY_IDENTIFIER
 
 from recorder.bag import BagInformation, Topic, qos_text
+from recorder.mcap_writer import McapWriter
 
 if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
-
     from recorder.message import RawMessage
-
-CHUNK_BYTES = 768 * 1024
-"""Bytes of a chunk before compression: the longest single write stays at a few milliseconds."""
 
 ROSBAG2_RECORD = "rosbag2"
 """The metadata record in which rosbag2 repeats `metadata.yaml`."""
@@ -38,26 +33,33 @@ class McapFile:
         folder_fd: the open folder.
         name: the new file's name.
         listed_as: the name by which the bag lists it, if it will be renamed.
-
-    Attributes:
-        saved: messages per topic name that the file holds; those of the chunk still in memory
-            are not counted.
-        start_ns: earliest log time of the saved messages, None before the first.
-        end_ns: latest log time of the saved messages, None before the first.
     """
 
     def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         self.name = listed_as or name
-        self.saved: Counter[str] = Counter()
-        self.start_ns: int | None = None
-        self.end_ns: int | None = None
         self._disk = _Disk(os.open(name, flags, 0o666, dir_fd=folder_fd))
-        self._writer = Writer(cast(IO[bytes], self._disk), chunk_size=CHUNK_BYTES)
+        self._writer = McapWriter(self._disk.write)
         self._topics: dict[str, tuple[Topic, int]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self._count: Counter[str] = Counter()
-        self._unsaved_times: list[int] = []
+
+    @property
+    def saved(self) -> Counter[str]:
+        """Messages per topic name in the file; those of the chunk in memory are not counted."""
+        counts = self._writer.statistics.channel_message_counts
+        return Counter({n: counts[c] for n, (_, c) in self._topics.items() if c in counts})
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest log time of the saved messages, None before the first."""
+        known = self._writer.statistics
+        return known.message_start_time if known.message_count else None
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest log time of the saved messages, None before the first."""
+        known = self._writer.statistics
+        return known.message_end_time if known.message_count else None
 
     @property
     def size(self) -> int:
@@ -94,19 +96,11 @@ class McapFile:
 
     def add_message(self, message: RawMessage) -> None:
         """Append a message of a registered topic; full chunks go to the file by themselves."""
-        topic, time = message.topic, message.receive_ns
-        self._count[topic] = number = self._count[topic] + 1
-        self._unsaved_times.append(time)
-        size = self._disk.size
-        self._writer.add_message(
-            self._topics[topic][1], time, message.data, message.publish_ns, number & 0xFFFF_FFFF
-        )
-        if self._disk.size != size:
-            self._saved()
+        channel = self._topics[message.topic][1]
+        self._writer.add_message(channel, message.receive_ns, message.data, message.publish_ns)
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record behind every message so far."""
-        self._flush()
         self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
 
     def sync(self) -> None:
@@ -115,7 +109,7 @@ class McapFile:
         Raises:
             OSError: it cannot be, or the file was deleted.
         """
-        self._flush()
+        self._writer.flush()
         self._disk.sync()
 
     def information(self) -> BagInformation:
@@ -130,29 +124,15 @@ class McapFile:
 
     def finish(self) -> None:
         """Add the record `rosbag2`, the indexes and the summary; on the disk on return."""
-        self._flush()
+        self._writer.flush()
         record = {"serialized_metadata": self.information().serialized_metadata()}
         self._writer.add_metadata(ROSBAG2_RECORD, record)
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
         self._disk.sync()
 
     def close(self) -> None:
         """Let go of the file, as it is."""
         self._disk.close()
-
-    def _flush(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
-        self._saved()
-
-    def _saved(self) -> None:
-        """Take what was unsaved as saved: its chunk is in the file."""
-        if not self._unsaved_times:
-            return
-        first, last = min(self._unsaved_times), max(self._unsaved_times)
-        self.start_ns = first if self.start_ns is None else min(first, self.start_ns)
-        self.end_ns = last if self.end_ns is None else max(last, self.end_ns)
-        self.saved = self._count.copy()
-        self._unsaved_times.clear()
 
 
 def _text(value: str) -> str:
@@ -160,29 +140,22 @@ def _text(value: str) -> str:
     return value.encode("utf-8", "backslashreplace").decode()
 
 
-class _Disk(io.BufferedIOBase):
+class _Disk:
     """A file without a buffer of its own: a write is in the file when it returns, or raises."""
 
     def __init__(self, fd: int) -> None:
         self._fd = fd
+        self._closed = False
         self.size = 0
         with suppress(OSError):  # not every network disk has locks
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
-    def write(self, data: ReadableBuffer) -> int:
-        rest = memoryview(data).cast("B")
-        length = len(rest)
+    def write(self, data: bytes) -> None:
+        rest = memoryview(data)
         while rest:
             written = os.write(self._fd, rest)
             self.size += written
             rest = rest[written:]
-        return length
-
-    def tell(self) -> int:
-        return self.size
-
-    def flush(self) -> None:
-        """Nothing is held back."""
 
     def sync(self) -> None:
         os.fdatasync(self._fd)
@@ -190,6 +163,6 @@ class _Disk(io.BufferedIOBase):
             raise FileNotFoundError("the file was deleted")
 
     def close(self) -> None:
-        if not self.closed:
+        if not self._closed:
+            self._closed = True
             os.close(self._fd)
-        super().close()

@@ -31,7 +31,7 @@ RECOVERY_RECORD = "recovery"
 BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
 """What a recording holds, in storage order; a topic comes before its messages."""
 
-_METADATA_LIMIT = 1024 * 1024
+METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
 
 
@@ -230,7 +230,7 @@ def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str 
         OSError: it cannot be read.
     """
     if evidence:
-        return sorted(filter(_is_evidence, folder.iterdir()), key=_natural), None
+        return sorted(filter(_is_evidence, folder.iterdir()), key=_natural_path), None
     try:
         listed = _listed_files(folder)
         return [path for path in listed if not _is_evidence(path)], None
@@ -245,7 +245,7 @@ def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str 
     ]
     if not recordings:
         raise ForeignError("the folder holds no recording")
-    return sorted(recordings, key=_natural), problem
+    return sorted(recordings, key=_natural_path), problem
 
 
 def bag_information(folder: Path) -> dict[str, Any]:
@@ -257,9 +257,31 @@ def bag_information(folder: Path) -> dict[str, Any]:
         YAML_PROBLEMS: it is damaged.
     """
     with open_recording(folder / METADATA_FILE) as file:
-        document: Any = load_yaml(file.read(_METADATA_LIMIT).decode())
+        return information_in(file.read(METADATA_LIMIT))
+
+
+def information_in(metadata: bytes) -> dict[str, Any]:
+    """What the content of a `metadata.yaml` says, unchecked.
+
+    Raises:
+        YAML_PROBLEMS: it is damaged.
+    """
+    document: Any = load_yaml(metadata.decode())
     information: dict[str, Any] = document[BAG_INFORMATION]
     return information
+
+
+def listed_names(information: dict[str, Any]) -> list[str]:
+    """The names of a bag's files, by its `metadata.yaml`.
+
+    Raises:
+        YAML_PROBLEMS: they are none.
+    """
+    # Early versions put the folder's name before the file's.
+    names = [PurePath(name).name for name in information["relative_file_paths"]]
+    if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):
+        raise ValueError
+    return names
 
 
 def _listed_files(folder: Path) -> list[Path]:
@@ -268,11 +290,7 @@ def _listed_files(folder: Path) -> list[Path]:
         raise RecorderError(
             f"{folder} is compressed by rosbag2 as a whole; unpack it by `ros2 bag convert`"
         )
-    # Early versions put the folder's name before the file's.
-    names = [PurePath(name).name for name in information["relative_file_paths"]]
-    if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):
-        raise ValueError
-    return [folder / name for name in names]
+    return [folder / name for name in listed_names(information)]
 
 
 def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
@@ -285,6 +303,10 @@ def _is_evidence(path: Path) -> bool:
     return is_evidence(path.name)
 
 
-def _natural(path: Path) -> list[int | str]:
+def natural_order(name: str) -> list[int | str]:
     """Order by the numbers in a name: `bag_10.mcap` comes after `bag_9.mcap`."""
-    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
+def _natural_path(path: Path) -> list[int | str]:
+    return natural_order(path.name)

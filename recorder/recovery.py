@@ -9,17 +9,25 @@ from __future__ import annotations
 
 import errno
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
 from mcap.records import Metadata
 
-from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Topic
-from recorder.bag_folder import METADATA_PART, prepare_metadata, put_metadata
+from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Topic, is_evidence
 from recorder.errors import RecorderError
+from recorder.listing import (
+    listing,
+    metadata_part,
+    prepare_metadata,
+    put_listing,
+    put_metadata,
+    summarised,
+)
 from recorder.mcap_file import ROSBAG2_RECORD, McapFile
 from recorder.mcap_stream import DamageError, ForeignError
 from recorder.message import RawMessage
@@ -27,6 +35,8 @@ from recorder.reader import (
     RECOVERY_RECORD,
     bag_files,
     bag_information,
+    listed_names,
+    natural_order,
     not_a_bag,
     read_items,
     refuse_sqlite,
@@ -67,6 +77,8 @@ class Recovered:
         cut: what was wrong with the old file, in words and in its order; empty if it was whole.
         tail_bytes: bytes of the old file behind its last whole record. A cut chunk is among
             them, though its whole messages are kept.
+        evidence: the same of each file of evidence that was not whole.
+        hopeless: why others of them stay as they are, in words; they harm nothing.
     """
 
     file: Path
@@ -75,11 +87,14 @@ class Recovered:
     metadata: Path | None
     cut: tuple[str, ...]
     tail_bytes: int
+    evidence: tuple[Recovered, ...] = ()
+    hopeless: tuple[str, ...] = ()
 
     @property
     def changed(self) -> bool:
         """Whether anything was written."""
-        return self.torn is not None or self.metadata is not None
+        written = self.torn is not None or self.metadata is not None
+        return written or any(file.changed for file in self.evidence)
 
 
 def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
@@ -102,17 +117,40 @@ def recover(path: Path, new_records: NewRecords = dict) -> Recovered:
         with ExitStack() as stack:
             folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
             stack.callback(os.close, folder_fd)
-            put_back(folder_fd, name)
-            file = stack.enter_context(open_file(folder_fd, name))
-            lock(folder_fd, name, file)
-            return _repair(folder / name, folder_fd, file, new_records, in_bag=in_bag)
+            recovered = _recover_file(folder / name, folder_fd, new_records, in_bag=in_bag)
+            if path.is_dir():
+                done, hopeless = _recover_evidence(folder, folder_fd)
+                recovered = replace(recovered, evidence=tuple(done), hopeless=tuple(hopeless))
+            elif is_evidence(name) and recovered.changed:
+                put_listing(folder_fd)
+            return recovered
     except ForeignError as error:
         raise not_a_bag(path, error) from None
     except OSError as error:
-        raise RecorderError(
-            f"cannot repair {path}: {error.strerror or error}; "
-            f"nothing is lost, {_REMEDIES.get(error.errno or 0, 'check the disk')}"
-        ) from None
+        raise _refused(path, error) from None
+
+
+def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
+    """Repair what evidence of a bag was cut off, and list it; its recording is left alone.
+
+    Raises:
+        RecorderError: the folder cannot be read or written.
+    """
+    try:
+        folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            return tuple(_recover_evidence(folder, folder_fd)[0])
+        finally:
+            os.close(folder_fd)
+    except OSError as error:
+        raise _refused(folder, error) from None
+
+
+def _refused(path: Path, error: OSError) -> RecorderError:
+    return RecorderError(
+        f"cannot repair {path}: {error.strerror or error}; "
+        f"nothing is lost, {_REMEDIES.get(error.errno or 0, 'check the disk')}"
+    )
 
 
 def _find(path: Path) -> tuple[Path, str, bool]:
@@ -148,6 +186,37 @@ def _files(folder: Path) -> list[Path]:
         return [torn[0].with_suffix("")]  # an exchange was cut off, see `put_back`
 
 
+def _recover_file(
+    path: Path, folder_fd: int, new_records: NewRecords = dict, *, in_bag: bool = False
+) -> Recovered:
+    put_back(folder_fd, path.name)
+    with open_file(folder_fd, path.name) as file:
+        lock(folder_fd, path.name, file)
+        return _repair(path, folder_fd, file, new_records, in_bag=in_bag)
+
+
+def _recover_evidence(folder: Path, folder_fd: int) -> tuple[list[Recovered], list[str]]:
+    """Repair what evidence of a bag was cut off; a summary is taken for whole and not read."""
+    names = {name.partition(TORN)[0] for name in os.listdir(folder_fd)}
+    done: list[Recovered] = []
+    hopeless: list[str] = []
+    for name in sorted(filter(is_evidence, names), key=natural_order):
+        file = folder / name
+        if summarised(folder_fd, name) is not None:
+            continue
+        try:
+            done.append(_recover_file(file, folder_fd))
+        except ForeignError as error:
+            hopeless.append(f"{file} is no evidence: {error}; remove it")
+        except RecorderError as error:
+            hopeless.append(str(error))
+        except OSError as error:
+            hopeless.append(str(_refused(file, error)))
+    if any(file.changed for file in done):
+        put_listing(folder_fd)
+    return done, hopeless
+
+
 def _repair(
     path: Path, folder_fd: int, file: BinaryIO, new_records: NewRecords, *, in_bag: bool
 ) -> Recovered:
@@ -164,10 +233,11 @@ def _repair(
             undo.callback(new.close)  # it is locked up to the end
             _write(new, file, survey, new_records())
             _compare(folder_fd, part, path, information)
-        if in_bag and (survey.cut or not _described(path.parent, information)):
-            remove(folder_fd, METADATA_PART)
-            undo.callback(_give_up, folder_fd, METADATA_PART)
-            prepare_metadata(folder_fd, information)
+        listed = listing(folder_fd, information) if in_bag else None
+        if listed is not None and (survey.cut or not _described(path.parent, listed)):
+            remove(folder_fd, metadata_part())
+            undo.callback(_give_up, folder_fd, metadata_part())
+            prepare_metadata(folder_fd, listed)
             metadata = path.parent / METADATA_FILE
         after = os.fstat(file.fileno())
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
@@ -226,10 +296,12 @@ def _described(folder: Path, information: BagInformation) -> bool:
         document = bag_information(folder)
         topics = document["topics_with_message_count"]
         told = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
-        counts = dict(information.counts)
+        files = (information, *information.more)
+        counts = sum((Counter(file.counts) for file in files), Counter[str]())
         return (
-            document["message_count"] == sum(counts.values())
+            document["message_count"] == counts.total()
             and {name: number for name, number in told.items() if number} == counts
+            and listed_names(document) == [file.file_name for file in files]
         )
     except (FileNotFoundError, *YAML_PROBLEMS):
         return False

@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +18,16 @@ from typing import Self
 from recorder.bag import MAX_NS, Topic, topic_problem
 from recorder.bag_folder import BagFolder
 from recorder.errors import RecorderError, remedy
-from recorder.mcap_file import CHUNK_BYTES, McapFile
+from recorder.mcap_file import McapFile
+from recorder.mcap_writer import CHUNK_BYTES
 from recorder.message import RawMessage
 from recorder.stats import Account, BagSummary, DropReason, RecorderState, RecorderStats
 
 _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""
+
+_RECORDING, _FULL = RecorderState.RECORDING, DropReason.QUEUE_FULL
+"""What is asked for each message; Python 3.11 takes 0.2 us to look up a member."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,18 +131,25 @@ class BagWriter:
 
         With `block_when_full` it waits for room.
         """
-        cost = len(message.data) + _OVERHEAD_BYTES
+        return self.put_all((message,)) == 1
+
+    def put_all(self, messages: Iterable[RawMessage]) -> int:
+        """Queue messages, oldest first, as `put` does one; how many were not dropped."""
+        accepted, received = 0, self._account.received
         with self._lock:
-            self._account.received[message.topic] += 1
-            reason = self._refusal(message, cost)
-            while reason is DropReason.QUEUE_FULL and self._block:
-                self._wait_for_room()
+            for message in messages:
+                cost = len(message.data) + _OVERHEAD_BYTES
+                received[message.topic] += 1
                 reason = self._refusal(message, cost)
-            if reason is not None:
-                self._account.drop(message.topic, reason)
-                return False
-            self._enqueue(message, cost)
-            return True
+                while reason is _FULL and self._block:
+                    self._wait_for_room()
+                    reason = self._refusal(message, cost)
+                if reason is None:
+                    self._enqueue(message, cost)
+                    accepted += 1
+                else:
+                    self._account.drop(message.topic, reason)
+        return accepted
 
     def add_topic(self, topic: Topic) -> bool:
         """Register a topic that appeared while recording.
@@ -210,7 +221,7 @@ class BagWriter:
         return self._state is RecorderState.RECORDING and not self._closing
 
     def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
-        if self._state is not RecorderState.RECORDING or self._closing:
+        if self._state is not _RECORDING or self._closing:
             failed = self._state is RecorderState.FAILED
             return DropReason.FAILED if failed else DropReason.NOT_RECORDING
         topic = self._topics.get(message.topic)
@@ -222,7 +233,7 @@ class BagWriter:
             return DropReason.BAD_TIME
         if cost > self._queue_bytes:
             return DropReason.TOO_LARGE
-        return DropReason.QUEUE_FULL if self._queued + cost > self._queue_bytes else None
+        return _FULL if self._queued + cost > self._queue_bytes else None
 
     def _enqueue(self, item: _Item, cost: int) -> None:
         self._queue.append(item)
@@ -296,7 +307,7 @@ class BagWriter:
         with self._changed:
             if self._state is RecorderState.FAILED:  # given up on; the account is closed
                 return
-            self._account.saved = file.saved.copy()
+            self._account.saved = file.saved
             self._span = (file.start_ns, file.end_ns)
             self._file_bytes = file.size
             self._queued -= done_bytes

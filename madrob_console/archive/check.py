@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from madrob_console.archive.digests import lists_evidence
 from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.grades import CLOSEST, Grade, libraries_told
 from madrob_console.archive.result_document import ResultDocument
@@ -18,10 +19,15 @@ from madrob_console.archive.result_reader import UnusableResultError, read_whole
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import Scored, score_recording
 from madrob_console.errors import MadrobError
+from recorder.bag import METADATA_FILE
 from scoring.libraries import Libraries, libraries_here
 
-_OF_THE_PROGRAM = {"format", "software", "libraries", "remark", "files_left_out", "flags"}
-"""Keys that tell of the program that wrote the result, or in its words what others tell."""
+_NOT_COMPARED = {
+    *("format", "software", "libraries", "remark", "files_left_out", "flags"),
+    "removed_evidence",
+}
+"""Keys that tell of the program that wrote the result, in its words what others tell, or of what
+is done beside a result that is written."""
 
 _COMPUTED = ("indicators.", "quality.")
 """Where libraries decide the last digits. Times are stamps: of the epoch 1e-9 is over a second."""
@@ -175,7 +181,7 @@ def _compare(
 ) -> Iterator[Difference]:
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
-    kept = {key: value for key, value in recomputed.items() if key not in _OF_THE_PROGRAM}
+    kept = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
     yield from _differences("", stored, kept)
     yield from _remark_differences(_remarks(stored), remarks)
     yield from _file_differences(stored_files, files, folder)
@@ -226,6 +232,8 @@ def _file_differences(
         yield Difference("files", stored, "files with their digests")
         return
     for name, digest in stored.items():
+        if name == METADATA_FILE and lists_evidence(folder):
+            continue
         if name in found:
             yield from _differences(f"files.{name}", digest, found[name])
         else:

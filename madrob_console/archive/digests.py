@@ -13,7 +13,6 @@ from uuid import UUID
 from madrob_console.files.plain import open_plain, refusal
 from madrob_console.referee.run import Sha256
 from madrob_console.referee.run_identity import derived_run_id
-from recorder.bag import is_evidence
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
@@ -23,6 +22,7 @@ IDENTITY_RECORD = "madrob_identity"
 
 _RUN_ID = "run_id"
 _RECORDING = ".mcap"
+_METADATA = "metadata.yaml"
 _DATA = (_RECORDING, ".yaml", ".csv")
 
 
@@ -49,13 +49,38 @@ def digests_of(
         new: files that are about to be written there, in the place of those that there are.
     """
     digests, left_out, new = {}, [], new or {}
-    names = {f"{folder.name}_0.mcap", "metadata.yaml", *_data_files(folder), *new}
+    names = {f"{folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
+    if lists_evidence(folder):
+        names.discard(_METADATA)
     for name in sorted(names):
         try:
             digests[name] = _digest_of(new[name]) if name in new else _digest(folder / name)
         except OSError as error:
             left_out.append(f"{name}: cannot be read ({refusal(error)})")
     return digests, tuple(left_out)
+
+
+def lists_evidence(folder: Path) -> bool:
+    """Whether a bag has evidence, or had some: then its `metadata.yaml` has no digest.
+
+    Evidence may be finished after the result, and is thinned away later; both make another
+    `metadata.yaml`, which only repeats what the files say themselves.
+    """
+    from recorder.bag import is_evidence
+
+    return any(map(is_evidence, _names(folder))) or any(map(is_evidence, listed_in(folder)))
+
+
+def listed_in(folder: Path) -> list[str]:
+    """The files of a bag, by its `metadata.yaml`; none where that is missing or damaged."""
+    from recorder.bag import YAML_PROBLEMS
+    from recorder.mcap_stream import DamageError
+    from recorder.reader import bag_information, listed_names
+
+    try:
+        return listed_names(bag_information(folder))
+    except (DamageError, OSError, *YAML_PROBLEMS):
+        return []
 
 
 def run_id_of(files: Mapping[str, FileDigest]) -> str:
@@ -98,15 +123,20 @@ def kept_run_id(path: Path) -> str:
 
 
 def _data_files(folder: Path) -> list[str]:
+    return [name for name in _names(folder) if _is_data(name)]
+
+
+def _names(folder: Path) -> list[str]:
     try:
-        names = os.listdir(folder)  # noqa: PTH208  of the names only
+        return os.listdir(folder)  # noqa: PTH208  of the names only
     except OSError:
         return []  # the files that must be there tell why
-    return [name for name in names if _is_data(name)]
 
 
 def _is_data(name: str) -> bool:
     """Evidence is none: nothing of the result comes from it, and a digest of it takes long."""
+    from recorder.bag import is_evidence  # lists of runs do without the recorder
+
     return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)
 
 

@@ -33,14 +33,18 @@ from madrob_console.archive.result_reader import (
     read_result,
     read_setup,
 )
-from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
+from madrob_console.archive.run_journal import (
+    UnusableJournalError,
+    ever_protested,
+    read_run_journal,
+)
 from madrob_console.archive.stamped_index import StampedIndex
 from madrob_console.archive.twins import RunPlace, places_that_count, why_twin
 from madrob_console.archive.unfinished import is_held
 from madrob_console.files.bounded import Stamp, stamp_of
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.run import VALID_OUTCOMES
+from madrob_console.referee.run import VALID_OUTCOMES, TeamWord
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds
@@ -49,7 +53,7 @@ from scoring.result import DOUBTED, Uncertainty
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (6, RESULT_FORMAT)
+_INDEX_VERSION = (7, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -59,6 +63,9 @@ OUTCOME_WORDS = {
     Outcome.INTERRUPTED: "INTERRUPTED",
 }
 """In capitals where a run does not count."""
+
+PROTEST_OPEN = "PROTEST"
+"""In place of how far a result is signed, while a protest waits for a decision."""
 
 VOID = "VOID"
 """In place of these, of a run that the referee voided."""
@@ -102,6 +109,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         issue: of the result; 0 = none yet.
         final: whether the result is finalised.
         team_word: what the team said to the final result.
+        protest_due: when the open protest that is due first is to be decided, s since the epoch;
+            None = none is open.
+        protest_at: the instant in question of that protest, else of the last one, s from the start;
+            None = there is none.
+        protested: whether a team ever protested against it, whatever became of it.
         source: `ros`, `simulated` or `replay`; None = unknown.
         practice: it counts for nothing and stands apart (protocol section 2); a run without a
             result that an older version left may be one and not say so.
@@ -133,6 +145,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     issue: int = 0
     final: bool = False
     team_word: str | None = None
+    protest_due: float | None = None
+    protest_at: float | None = None
+    protested: bool = False
     source: str | None = None
     practice: bool = False
     competition: str = ""
@@ -181,7 +196,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @property
     def closing(self) -> str:
-        """`not final`, `final`, or `protested`."""
+        """`PROTEST` while one is open, else `not final`, `final`, or `protested`."""
+        if self.protest_due is not None:
+            return PROTEST_OPEN
         if not self.final:
             return "not final"
         return "protested" if self.team_word == "protested" else "final"
@@ -270,16 +287,23 @@ class History:
                 return replace(unread, problem=why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
-                    return _of_result(unread, result)  # it is about to be written
+                    return self._told(unread, result)  # it is about to be written
                 return replace(unread, problem=out_of_date(why), repairable=True)
         except FileNotFoundError:
             return self._without_result(unread)
         except (UnusableResultError, UnusableJournalError) as problem:
             damaged = isinstance(problem, DamagedResultError)
             return replace(unread, problem=str(problem), repairable=damaged)
-        run = _of_result(unread, result)
+        run = self._told(unread, result)
         index.put(name, (stamp, stamps[1]), run)
         return run
+
+    def _told(self, unread: RunSummary, result: ListedResult) -> RunSummary:
+        """A run with its result; that of an earlier issue may have been protested."""
+        run = _of_result(unread, result)
+        if run.protested or run.issue <= 1:
+            return run
+        return replace(run, protested=ever_protested(self._root / unread.folder))
 
     def _without_result(self, unread: RunSummary) -> RunSummary:
         """A run that goes on or was cut off; a journal that did not change is not read again."""
@@ -375,7 +399,8 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
     indicators = result.indicators.items()
     values = {name: found.value for name, found in indicators}
     known = {name: found.uncertainty for name, found in indicators if found.uncertainty}
-    closure = result.closure
+    closure, waiting = result.closure, result.open_protest
+    signed_so = closure is not None and closure.team_word == TeamWord.PROTESTED
     return replace(
         unread,
         subject=result.subject,
@@ -392,6 +417,9 @@ def _of_result(unread: RunSummary, result: ListedResult) -> RunSummary:
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word,
+        protest_due=None if waiting is None else waiting.due,
+        protest_at=result.instant_in_question,
+        protested=bool(result.protests) or signed_so,
         source=result.source,
         practice=unread.practice or result.practice,
         competition=result.competition,

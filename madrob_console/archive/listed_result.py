@@ -13,6 +13,7 @@ from msgspec import Meta
 from madrob_console.archive.folders import LARGEST_NUMBER
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
+from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     VALID_OUTCOMES,
     AcceptedDoubts,
@@ -68,6 +69,20 @@ class VoidingPart(msgspec.Struct, frozen=True):
     """Why a run counts nowhere."""
 
     reason: str
+
+
+class AnswerPart(msgspec.Struct, frozen=True):
+    """What closed a protest."""
+
+    end: Name
+
+
+class ProtestPart(msgspec.Struct, frozen=True):
+    """A protest against the result; without an answer it is open. Times as `StartTime`."""
+
+    due: StartTime
+    at: StartTime | None = None
+    answer: AnswerPart | None = None
 
 
 class FormerSetup(msgspec.Struct, frozen=True):
@@ -129,6 +144,7 @@ class ListedResult(msgspec.Struct, frozen=True):
     flags: Annotated[tuple[Flag, ...], Meta(max_length=50)] | None = None
     voided: VoidingPart | None = None
     corrections: tuple[CorrectionPart, ...] = ()
+    protests: Annotated[tuple[ProtestPart, ...], Meta(max_length=50)] = ()
     setup: RunKind = RunKind()
     libraries: Libraries | None = None
     zero_samples: ZeroPart | None = None
@@ -142,6 +158,18 @@ class ListedResult(msgspec.Struct, frozen=True):
         """How often the door's angle was sampled, Hz; None where it does not say."""
         door = Signal.DOOR.value
         return next((one.rate for one in self.quality.signals if one.signal == door), None)
+
+    @property
+    def open_protest(self) -> ProtestPart | None:
+        """The open protest that is due first; None = none is open."""
+        waiting = (one for one in self.protests if one.answer is None)
+        return min(waiting, key=lambda one: one.due, default=None)
+
+    @property
+    def instant_in_question(self) -> float | None:
+        """Of the protest that is open, else of the last one, s from the start; None = none."""
+        of = self.open_protest or (self.protests[-1] if self.protests else None)
+        return None if of is None or of.at is None else of.at - self.start
 
     @property
     def valid(self) -> bool:
@@ -242,6 +270,11 @@ class MarksPart(msgspec.Struct, frozen=True):
     @property
     def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
         """Nor any doubts."""
+        return ()
+
+    @property
+    def protests(self) -> tuple[Protest, ...]:
+        """Nor any protests but the team's word."""
         return ()
 
     @property

@@ -6,7 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from uuid import UUID
 
-from madrob_console.archive.digests import identity_record, kept_run_id, run_id_at
+from madrob_console.archive.digests import (
+    identity_record,
+    kept_run_id,
+    lists_evidence,
+    run_id_at,
+)
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import (
     UnusableResultError,
@@ -21,6 +26,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
 from madrob_console.files.held import Hold
 from madrob_console.referee.journal import HOLD_FILE
+from recorder.bag import METADATA_FILE
 from recorder.reader import read_bag
 from recorder.recovery import Recovered, recover
 
@@ -99,6 +105,8 @@ def _has_all_files(folder: Path) -> bool:
     for name, size in sizes.items():
         if name.endswith(".mcap") or "/" in name:
             continue  # the recording itself: `recover` sees to it
+        if name == METADATA_FILE and lists_evidence(folder):
+            continue
         stamp = stamp_of(str(folder / name))
         if stamp is None or stamp[1] != size:
             return False

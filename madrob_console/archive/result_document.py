@@ -19,7 +19,9 @@ from msgspec import UNSET, UnsetType
 from madrob_console.archive.digests import FileDigest, digests_of, kept_run_id, run_id_of
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
+from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
     Closure,
@@ -28,6 +30,7 @@ from madrob_console.referee.run import (
     Incident,
     JournalMark,
     Note,
+    RemovedEvidence,
     RunSetup,
     TakenBack,
     Voiding,
@@ -104,13 +107,18 @@ class ResultDocument(Result, Heading):
         corrections: of the set-up, which is as it is after them; the folder and the files in it are
             named after the first one's `before`.
         accepted_doubts: which doubts on the indicators the referee lets stand.
+        protests: of teams against the result, open and closed ones, by their numbers.
         taken_back: what the referee decided and took back.
+        removed_evidence: what was removed of the run's evidence before this issue was made; the
+            journal has what was removed after it.
         remark: on the times.
         files: name -> digest and size, of the recording and the data files.
         files_left_out: which of them have no digest and why, in words.
         journal: of what journal it was made; a result that another journal lies beside is out of
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
+        evidence: what was recorded beside the testbed's topics, as of the end of the recording, and
+            what was lost of it; nothing is scored from it. null = no evidence was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set, or by an earlier version.
         libraries: what computed it; the last digits hang on them (section 11).
@@ -126,11 +134,14 @@ class ResultDocument(Result, Heading):
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
+    protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
+    removed_evidence: tuple[RemovedEvidence, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark | UnsetType = UNSET
     flags: tuple[Flag, ...] | UnsetType = UNSET
+    evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     libraries: Libraries | UnsetType = UNSET
 
@@ -169,12 +180,15 @@ class ResultDocument(Result, Heading):
             voided=run.voided,
             corrections=run.corrections,
             accepted_doubts=run.accepted_doubts,
+            protests=run.protests,
             taken_back=run.taken_back,
+            removed_evidence=run.removed_evidence,
             remark=MANUAL_START,
             files=files,
             files_left_out=left_out,
             journal=run.journal or UNSET,
             flags=scored.flags,
+            evidence=run.evidence,
             zero_samples=record.zero_samples,
             libraries=libraries_here(),
         )

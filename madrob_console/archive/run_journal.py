@@ -9,10 +9,11 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.errors import MadrobError
 from madrob_console.files.plain import refusal
 from madrob_console.names import terminal_safe
+from madrob_console.referee.acts import FileProtest, Finalise
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.journal_mark import mark_of
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.run import Run
+from madrob_console.referee.run import Run, TeamWord
 
 
 class UnusableJournalError(MadrobError):
@@ -65,6 +66,24 @@ def read_run_journal(folder: Path) -> RunJournal:
         raise _unusable(f"is damaged ({error})") from None
     except Exception as error:  # noqa: BLE001  whatever it is, it is this run's and no other's
         raise _unusable(f"is damaged ({type(error).__name__})") from None
+
+
+def ever_protested(folder: Path) -> bool:
+    """Whether a team ever protested against a run, whatever became of it.
+
+    A journal that cannot be used does not say: then somebody may have.
+    """
+    try:
+        entries, _ = read_journal(folder / JOURNAL_FILE)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return any(
+        entry.what == FileProtest.name
+        or (entry.what == Finalise.name and entry.details.get("team_word") == TeamWord.PROTESTED)
+        for entry in entries
+    )
 
 
 def _run_of(entries: tuple[Entry, ...]) -> Run:

@@ -42,7 +42,13 @@ def add(commands: options.Commands) -> None:
         "several paths are given",
     )
     parser.add_argument(
-        "--without-bags", action="store_true", help="leave out the recordings, the largest files"
+        "--without-bags", action="store_true", help="leave out the recordings, with their evidence"
+    )
+    parser.add_argument(
+        "--without-evidence",
+        action="store_true",
+        help="leave out cameras and other topics that were recorded beside what is scored, the "
+        "largest files",
     )
     options.add_settings(parser)
 
@@ -52,6 +58,7 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.config import load_settings
         from madrob_console.export.pack import export_team
+        from madrob_console.export.packed_bag import BagParts
 
     settings = load_settings(arguments.settings)
     teams = options.team_list(arguments, settings)
@@ -64,10 +71,11 @@ def main(arguments: argparse.Namespace) -> int:
             time.time(),
             practice=arguments.practice,
             target=arguments.output,
-            bags=not arguments.without_bags,
+            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             team=teams.names.get(arguments.subject, ""),
             thresholds=settings.scoring_thresholds(),
             tell=tell,
+            tell_size=_tell_size,
         )
     for problem in export.problems:
         complain(problem)
@@ -79,3 +87,10 @@ def main(arguments: argparse.Namespace) -> int:
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
     return BAD_INPUT if export.problems or complaints.count else 0
+
+
+def _tell_size(size: int, evidence: int) -> None:
+    """Say what is packed before hours are spent on it, where it is much."""
+    if evidence:
+        words = f"{evidence / 1e6:.1f} MB of it evidence (--without-evidence leaves that out)"
+        complain(f"note: packing {size / 1e6:.1f} MB, {words}")

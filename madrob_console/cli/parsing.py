@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NoReturn, TypeVar
@@ -133,6 +133,28 @@ def whole_number(text: str) -> int:
         return int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no whole number") from None
+
+
+_UNITS = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
+_MEASURE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([A-Za-z]+)", re.ASCII)
+_PERIODS = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
+
+
+def size(text: str) -> float:
+    """Bytes, as in `50GB`; for the type of an argument."""
+    return _measured(text, _UNITS, "size, as 50GB or 500MB are")
+
+
+def period(text: str) -> float:
+    """Seconds, as in `7d`; for the type of an argument."""
+    return _measured(text, _PERIODS, "time, as 12h, 7d or 2w are")
+
+
+def _measured(text: str, units: Mapping[str, float], what: str) -> float:
+    found = _MEASURE.fullmatch(text.strip())
+    if found is None or (unit := units.get(found[2])) is None:
+        raise argparse.ArgumentTypeError(f"'{text}' is no {what}")
+    return float(found[1]) * unit
 
 
 def number(text: str) -> float:

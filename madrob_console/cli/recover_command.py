@@ -47,7 +47,8 @@ def main(arguments: argparse.Namespace) -> int:
         for number, path in enumerate(arguments.paths, start=1):
             try:
                 with _journal_held(path):
-                    line = _line(path, recover_recording(path))
+                    recovered = recover_recording(path)
+                line = _line(path, recovered)  # a run that is held would be taken for one going on
                 if repair_run(path):
                     line += "; its result was made again from journal and recording"
                 print(terminal_safe(line))
@@ -89,15 +90,33 @@ def _journal_held(path: Path) -> Iterator[None]:
 
 def _line(path: Path, recovered: Recovered) -> str:
     count = f"{recovered.messages} messages"
-    if not recovered.changed:
-        return f"{path}: whole, {count}; nothing was written"
-    if recovered.torn is None:
-        return f"{path}: whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
-    return (
-        f"{path}: {count} kept; cut: {', '.join(recovered.cut)} "
-        f"({recovered.tail_bytes} bytes at the end); the new file is {recovered.file}, the old one "
-        f"is kept as {recovered.torn.name}; {_scoring(path)}"
-    )
+    if recovered.torn is not None:
+        told = (
+            f"{count} kept; {_cut(recovered)}; the new file is {recovered.file}, "
+            f"the old one is kept as {recovered.torn.name}; {_scoring(path)}"
+        )
+    elif recovered.metadata is not None:
+        told = f"whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
+    elif recovered.changed:
+        told = f"whole, {count}"
+    else:
+        told = f"whole, {count}; nothing was written"
+    return "; ".join([f"{path}: {told}", *_of_evidence(recovered)])
+
+
+def _of_evidence(recovered: Recovered) -> Iterator[str]:
+    for file in recovered.evidence:
+        if file.torn is not None:
+            yield (
+                f"evidence {file.file.name}: {file.messages} messages kept, {_cut(file)}, "
+                f"the old one is kept as {file.torn.name}"
+            )
+    for words in recovered.hopeless:
+        yield f"evidence stays as it is: {words}"
+
+
+def _cut(recovered: Recovered) -> str:
+    return f"cut: {', '.join(recovered.cut)} ({recovered.tail_bytes} bytes at the end)"
 
 
 def _scoring(path: Path) -> str:

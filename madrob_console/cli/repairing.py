@@ -1,4 +1,4 @@
-"""What a power cut left half done in a results folder is done again: results and reports."""
+"""What a power cut left half done in a results folder: results, reports and evidence."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from madrob_console.archive.evidence import repair_evidence
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.errors import MadrobError
@@ -72,6 +73,10 @@ def repair_all(root: Path) -> Iterator[str]:
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
+        try:
+            repair_evidence(folder)
+        except MadrobError as error:
+            yield str(error)
         if folder in repairable or report_is_old(folder):
             try:
                 repair_run(folder)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from madrob_console.cli import options
+from madrob_console.cli.asking import says_yes
 from madrob_console.cli.attaching import owned_testbed
 from madrob_console.cli.problems import complain
 from madrob_console.config import load_settings
@@ -203,7 +203,7 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
     presence = found.presence
     against = _UNSEEN if presence is None else presence.against_stopping
     if against and not force:
-        if not _yes(f"{found.who}: {against}. End it all the same? [y/N] "):
+        if not says_yes(f"{found.who}: {against}. End it all the same? [y/N] "):
             return _say(found, f"goes on, {against}; {_all_the_same(found)}", 1)
         force = True
     told, hangs = False, found.silent
@@ -231,14 +231,3 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
 def _say(found: FoundEngine, words: str, code: int = 0) -> int:
     print(f"{found.label}: {words}", flush=True)
     return code
-
-
-def _yes(question: str) -> bool:
-    """Whether somebody at a terminal says yes."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        return False
-    try:
-        return input(question).strip().lower() in ("y", "yes")
-    except EOFError:
-        print()
-        return False

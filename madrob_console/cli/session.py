@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -18,9 +19,12 @@ from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.live.scorer import InlineScorer, Scorer
+from madrob_console.engine.live.witness import EvidencePlan, Witness
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import MessageTypes
+from madrob_console.messages.codec import MessageTypes, referee_topics
+from madrob_console.testbeds.announcement import INFO_TOPIC
+from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source
@@ -52,7 +56,9 @@ def open_engine(
         limits=settings.sensor_limits(),
         competition=settings.competition.name,
         testbed=settings.testbed_name(gethostname()),
+        protest_times=settings.protest_times(),
         disk_needed=settings.checks.disk_space,
+        evidence=_evidence_plan(settings),
         lossless=arguments.speed == 0,
     )
     match kind:
@@ -73,9 +79,44 @@ def open_engine(
         case SourceKind.ROS:
             clock = SystemClock()
             source = _ros_source(arguments, settings, types, clock)
-            return Engine(source, clock, config, types, keepers=Keepers.threads(), scorer=scorer())
+            return Engine(
+                source,
+                clock,
+                config,
+                types,
+                keepers=Keepers.threads(),
+                scorer=scorer(),
+                witness=_witness(arguments, settings, types),
+            )
         case _:
             assert_never(kind)
+
+
+def _evidence_plan(settings: Settings) -> EvidencePlan | None:
+    recording = settings.recording
+    if not recording.topics:
+        return None
+    return EvidencePlan(recording.budget_bytes, 60 * recording.least_room)
+
+
+def _witness(
+    arguments: argparse.Namespace, settings: Settings, types: MessageTypes
+) -> Witness | None:
+    """What records the evidence of a ROS domain; None where none is wanted."""
+    if not settings.recording.topics:
+        return None
+    from madrob_console.engine.process.evidence_messages import ListenFor
+    from madrob_console.engine.process.evidence_process import EvidenceProcess
+
+    own = {mapping.topic for mapping in settings.mappings()}
+    own.update(topic.name for topic in referee_topics(types))
+    observe = ListenFor(
+        domain_id(options.ros_domain(arguments, settings), os.environ),
+        settings.recording.choice,
+        (*sorted(own), INFO_TOPIC),
+        tuple(arguments.ros_args),
+    )
+    return EvidenceProcess(observe)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

@@ -22,6 +22,8 @@ from madrob_console.config.tables import (
     EngineSettings,
     FreshnessSettings,
     PlanSettings,
+    ProtestSettings,
+    RecordingSettings,
     Results,
     RosSettings,
     RunDefaults,
@@ -36,6 +38,7 @@ from madrob_console.config.tables import (
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
 from madrob_console.names import LONGEST_NAME, clean_name
+from madrob_console.referee.protests import ProtestTimes
 from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
@@ -57,12 +60,14 @@ class Settings(SettingsTable, frozen=True):
     start_poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     testbed: SourceSetting = SourceSetting()
     ros: RosSettings = RosSettings()
+    protests: ProtestSettings = ProtestSettings()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
     doubt: DoubtSettings = DoubtSettings()
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
+    recording: RecordingSettings = RecordingSettings()
     console: ConsoleSettings = ConsoleSettings()
     engine: EngineSettings = EngineSettings()
     simulated: Simulated = Simulated()
@@ -96,6 +101,10 @@ class Settings(SettingsTable, frozen=True):
             rate=self.checks.rate,
             doubt=DoubtLimits(**asdict(self.doubt)),
         )
+
+    def protest_times(self) -> ProtestTimes:
+        """The deadlines for protests as the engine takes them."""
+        return ProtestTimes(**asdict(self.protests))
 
     def door_geometry(self) -> DoorGeometry:
         """The simulated doorway, with the masks that belong to it."""

@@ -20,6 +20,8 @@ from madrob_console.referee.competition_plan import (
     PlanSource,
     Task,
 )
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES
+from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
@@ -27,6 +29,9 @@ from scoring.rulesets import RulesetName
 _T = Thresholds()
 _D = _T.doubt
 _L = SensorLimits()
+_E = EvidenceChoice()
+_Topics = Annotated[str, Meta(pattern=TOPIC_PATTERN)]
+_P = USUAL_PROTEST_TIMES
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
 _Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
@@ -117,6 +122,15 @@ class RunDefaults(SettingsTable, frozen=True):
         RulesetName,
         Meta(description=f"which rules make the results: {' or '.join(RulesetName)}"),
     ] = RulesetName.PROTOCOL
+
+
+class ProtestSettings(SettingsTable, frozen=True):
+    """[protests]: a competition's deadlines; past one it is told, and nothing happens by itself."""
+
+    filing: Annotated[
+        float, within(0, 1e6, "s after a result is final; later ones need a reason")
+    ] = _P.filing
+    decision: Annotated[float, within(0, 1e6, "s after it was filed it is due")] = _P.decision
 
 
 class TeamSetting(SettingsTable, frozen=True):
@@ -326,6 +340,57 @@ class Results(SettingsTable, frozen=True):
     def root(self) -> Path:
         """The results folder."""
         return Path(self.folder).expanduser()
+
+
+class EvidenceLimitSetting(SettingsTable, frozen=True):
+    """One [[recording.limits]]: what is recorded of some topics of the evidence."""
+
+    topics: _Topics
+    most_rate: (
+        Annotated[float, within(0.01, 10000, "messages a second of each topic; more are left out")]
+        | None
+    ) = None
+    priority: Annotated[
+        int, Meta(ge=-9, le=9, description="where not all can be recorded, the higher ones are")
+    ] = 0
+
+
+class RecordingSettings(SettingsTable, frozen=True):
+    """[recording]: the evidence, which is recorded beside the testbed's own topics."""
+
+    topics: Annotated[
+        tuple[_Topics, ...],
+        Meta(
+            max_length=100,
+            description='topics to record as evidence: ["/camera/*/image/compressed", "/robot/**"]',
+        ),
+    ] = ()
+    excluded: Annotated[
+        tuple[_Topics, ...],
+        Meta(max_length=100, description="those of them that are left out"),
+    ] = ()
+    budget: Annotated[
+        float, within(0.001, 1e6, "GB of evidence that the results folder may hold, of all runs")
+    ] = 100.0
+    least_room: Annotated[
+        float, within(0, 1e5, "minutes of evidence that must fit before a start, at today's rate")
+    ] = 30.0
+    largest: Annotated[
+        float, within(0.001, 1000, "MB of a message; larger ones are left out and counted")
+    ] = _E.largest / 1e6
+    limits: Annotated[tuple[EvidenceLimitSetting, ...], Meta(max_length=100)] = ()
+
+    @property
+    def choice(self) -> EvidenceChoice:
+        """What is recorded."""
+        limits = (TopicLimit(each.topics, each.most_rate, each.priority) for each in self.limits)
+        largest = round(self.largest * 1e6)
+        return EvidenceChoice(self.topics, self.excluded, tuple(limits), largest)
+
+    @property
+    def budget_bytes(self) -> int:
+        """The budget, bytes."""
+        return round(self.budget * 1e9)
 
 
 class EngineSettings(SettingsTable, frozen=True):

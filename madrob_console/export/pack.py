@@ -23,6 +23,7 @@ from madrob_console.archive.result_reader import UnusableResultError, read_resul
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, size_of
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -32,13 +33,13 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.teams import TeamName
+from recorder.bag import METADATA_FILE
 from scoring.protocol import Thresholds
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""
 
 _LONGEST_TEAM = 40  # characters of it in a file name
-_BAG = (".mcap", "metadata.yaml")
 _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
 
 
@@ -70,10 +71,11 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     *,
     practice: bool = False,
     target: Path | None = None,
-    bags: bool = True,
+    parts: BagParts = WHOLE_BAGS,
     team: str = "",
     thresholds: Thresholds | None = None,
     tell: Callable[[int, int], None] = lambda _done, _total: None,
+    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
     """Pack all official runs of a team; the one that goes on is left out and named.
 
@@ -84,10 +86,12 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         now: s since the epoch.
         practice: its practice runs instead.
         target: the zip; in the folder `exports` of the results folder if not given.
-        bags: whether with the recordings.
+        parts: what is packed of the recordings.
         team: its name in the list of teams; empty = the name that its latest run carries.
         thresholds: the testbed's, for the layout; None = the protocol's.
         tell: is told how many runs are packed, and of how many.
+        tell_size: is told before anything is packed how many bytes are to be, and how many of these
+            are evidence.
 
     Raises:
         MadrobError: the team has no such runs, or the zip cannot be written.
@@ -98,15 +102,17 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
+    bags = {run: _bag_of(run, parts) for run in runs}
+    sizes = [size_of(run, bags[run]) for run in runs]
+    tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
         ]
-        without = () if bags else _BAG
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = _add_run(archive, run, names_in[run], without)
+            added = _add_run(archive, run, names_in[run], bags[run])
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
@@ -118,7 +124,15 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         kind = "PRACTICE runs" if practice else "runs"
         title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
         names = [terminal_safe(name) for name in called.others]
-        text = readme(title, packed, problems, renamed, names, bags=bags)
+        text = readme(
+            title,
+            packed,
+            problems,
+            renamed,
+            names,
+            bags=parts.recording,
+            evidence_left_out=any(bag.evidence_left_out for bag in bags.values()),
+        )
         archive.add(README_FILE, text.encode(), now)
         archive.finish(now)
         size = file.tell()
@@ -235,10 +249,22 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def _add_run(archive: Archive, run: Path, called: str, without: tuple[str, ...]) -> list[str]:
+def _bag_of(run: Path, parts: BagParts) -> PackedBag:
+    try:
+        return PackedBag.of(run, parts)
+    except OSError:  # what cannot be read is named when it is packed
+        return PackedBag(lambda _name: False)
+
+
+def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = archive.add_folder(run, called, without=without)
+    added = archive.add_folder(run, called, without=bag.without)
+    archive.problems += [f"{called}/{problem}" for problem in bag.problems]
+    if bag.metadata is not None:
+        changed = max(path.stat().st_mtime for path in (run, run / METADATA_FILE) if path.exists())
+        archive.add(f"{called}/{METADATA_FILE}", bag.metadata.encode(), changed)
+        added.append(f"{called}/{METADATA_FILE}")
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:

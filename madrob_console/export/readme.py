@@ -9,6 +9,7 @@ from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.result_document import SCHEMA_FILE
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE
+from recorder.bag import is_evidence
 
 README_FILE = "README.txt"
 """How the text is called in the export."""
@@ -46,6 +47,7 @@ def readme(
     other_names: Sequence[str] = (),
     *,
     bags: bool,
+    evidence_left_out: bool = False,
 ) -> str:
     """The text.
 
@@ -56,26 +58,31 @@ def readme(
         renamed: what is called otherwise here than in the run's folder, in words.
         other_names: of the team, in some of the runs.
         bags: whether the recordings are there.
+        evidence_left_out: whether there is evidence of the runs that is not.
     """
-    parts = [title, _runs(runs)]
+    texts = [title, _runs(runs)]
     if other_names:
-        parts.append("OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n" + _lines(other_names))
+        texts.append("OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n" + _lines(other_names))
     if problems:
-        parts.append("NOT IN THIS ARCHIVE\n" + _lines(problems))
+        texts.append("NOT IN THIS ARCHIVE\n" + _lines(problems))
     if renamed:
-        parts.append("UNDER ANOTHER NAME\n" + _lines(renamed))
-    parts.append(_WHOLE.format(sums=SUMS_FILE))
+        texts.append("UNDER ANOTHER NAME\n" + _lines(renamed))
+    texts.append(_WHOLE.format(sums=SUMS_FILE))
     if any(run.has("report.html") for run in runs):
         pictured = any(run.has(f"{PICTURES_FOLDER}/{PICTURES_INDEX}") for run in runs)
-        parts.append(_REPORT + (_PICTURES if pictured else ""))
+        texts.append(_REPORT + (_PICTURES if pictured else ""))
     if computed := [run for run in runs if run.has(run.table)]:
-        parts.append(_PANDAS.format(table=f"{computed[0].folder}/{computed[0].table}"))
-    parts.append(_RESULT.format(schema=SCHEMA_FILE))
+        texts.append(_PANDAS.format(table=f"{computed[0].folder}/{computed[0].table}"))
+    texts.append(_RESULT.format(schema=SCHEMA_FILE))
     if recorded := [run.folder for run in runs if run.has(f"{run.folder}_0.mcap")]:
-        parts.append(_BAG.format(bag=recorded[0], layout=LAYOUT_FILE))
+        texts.append(_BAG.format(bag=recorded[0], layout=LAYOUT_FILE))
     elif not bags:
-        parts.append("RECORDINGS\nThey were left out of this archive; ask the referee for them.")
-    return "\n\n".join(parts) + "\n"
+        texts.append("RECORDINGS\nThey were left out of this archive; ask the referee for them.")
+    if evidence_left_out:
+        texts.append(_NO_EVIDENCE)
+    elif evidence := [name for run in runs for name in run.files if is_evidence(name)]:
+        texts.append(_EVIDENCE.format(file=evidence[0]))
+    return "\n\n".join(texts) + "\n"
 
 
 def _runs(runs: Sequence[PackedRun]) -> str:
@@ -124,3 +131,13 @@ Each run folder is a rosbag2 bag (MCAP). With ROS 2 and ros-jazzy-rosbag2-storag
   ros2 bag play {bag}
 With Foxglove (foxglove.dev): open the .mcap file of the run, then import the layout
 {layout}."""
+
+_EVIDENCE = """\
+THE EVIDENCE
+Files called ..._evidence_N.mcap hold cameras and other topics, as {file}.
+Nothing is scored from them. They belong to the bag: ros2 bag and Foxglove open them like the
+recording, and metadata.yaml lists them."""
+
+_NO_EVIDENCE = """\
+EVIDENCE
+Cameras and other topics of some runs were left out of this archive; ask the referee for them."""

@@ -13,6 +13,7 @@ from typing import BinaryIO, NamedTuple, Self
 
 from madrob_console.export.portable_names import LONGEST_PATH, portable_names
 from madrob_console.files.plain import open_plain, refusal
+from recorder.bag import is_evidence
 
 SUMS_FILE = "SHA256SUMS"
 """In the archive: what `sha256sum -c` reads."""
@@ -42,7 +43,11 @@ class Archive:
         self._sums: list[str] = []
 
     def add_folder(
-        self, folder: Path, called: str = "", *, without: tuple[str, ...] = ()
+        self,
+        folder: Path,
+        called: str = "",
+        *,
+        without: Callable[[str], bool] = lambda _name: False,
     ) -> list[str]:
         """Add the files of a folder; what cannot be read is a problem.
 
@@ -52,7 +57,7 @@ class Archive:
         Args:
             folder: the folder.
             called: its name in the archive, where that is another than its own.
-            without: files whose names have one of these parts are left out.
+            without: whether a file of this name is left out.
 
         Returns:
             The names of the files that are in the archive now.
@@ -62,7 +67,7 @@ class Archive:
         """
         added = []
         for found in self._files_in(folder, called or folder.name):
-            if not any(part in found.path for part in without):
+            if not without(found.path):
                 added += [found.name] if self._add(found) else []
         return added
 
@@ -104,7 +109,8 @@ class Archive:
         """Copy what the file holds now; of one that grows no more than that."""
         state = os.fstat(file.fileno())
         info = _info(name, state.st_mtime)
-        info.compress_type = zipfile.ZIP_DEFLATED
+        stored = is_evidence(name)  # pictures are compressed already, and many
+        info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
         info.file_size = left = state.st_size  # a large one gets the fields of zip64
         digest = hashlib.sha256()
         why = "it became shorter"

@@ -16,6 +16,7 @@ from msgspec import Meta
 
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
+from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.run import (
     AcceptedDoubts,
     Closure,
@@ -170,6 +171,11 @@ class Flagged(Protocol):
         """Which doubts on the indicators the referee lets stand."""
         ...
 
+    @property
+    def protests(self) -> tuple[Protest, ...]:
+        """Of teams against the result."""
+        ...
+
 
 def flags(
     run: Flagged,
@@ -193,10 +199,11 @@ def flags(
         *(_false_starts(run.false_starts) if counts else ()),
         *(_undecided_steps(steps) if counts else ()),
         *(_doubts(run, indicators) if counts else ()),
+        *_protests(run.protests),
         *_void(run.voided),
         *practice_flags(source, practice=run.practice),
         *_out_of_plan(beyond=run.out_of_plan),
-        *_protest(run.closure),
+        *_team_word(run.closure),
         *_corrections(run.corrections),
         *_rulings(run.rulings),
         *_faults(run.faults),
@@ -294,7 +301,20 @@ def _out_of_plan(*, beyond: bool) -> Iterator[Flag]:
         yield Flag(FlagKind.OUT_OF_PLAN, words, FlagWeight.CAUTION)
 
 
-def _protest(closure: Closure | None) -> Iterator[Flag]:
+def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
+    """Also of a run that does not count: that is what a protest may be about."""
+    for one in protests:
+        if one.answer is None:
+            words = f"{one.title} OPEN, UNDECIDED"
+            yield Flag(FlagKind.PROTEST, words, FlagWeight.ALARM, undecided=True)
+        else:
+            withdrawn = one.answer.end is ProtestEnd.WITHDRAWN
+            weight = FlagWeight.REMARK if withdrawn else FlagWeight.CAUTION
+            words = f"{one.title} {one.answer.end} ({one.answer.reason})"
+            yield Flag(FlagKind.PROTEST, words, weight)
+
+
+def _team_word(closure: Closure | None) -> Iterator[Flag]:
     if closure is not None and closure.team_word is TeamWord.PROTESTED:
         yield Flag(FlagKind.PROTEST, "PROTESTED by the team", FlagWeight.CAUTION)
 

@@ -5,15 +5,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 
-from madrob_console.referee.acts import Correct, Finalise, Reissue, TakeBack, Void
+from madrob_console.referee.acts import (
+    Correct,
+    DecideProtest,
+    FileProtest,
+    Finalise,
+    Reissue,
+    TakeBack,
+    Void,
+    WithdrawProtest,
+)
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import JournalMark
 
-_BESIDE = {Change.EVENT, Change.RESULT_WRITTEN, Change.WITHDRAWN}
+_BESIDE = {Change.EVENT, Change.EVIDENCE, Change.RESULT_WRITTEN, Change.WITHDRAWN}
 """From these no result changes; where they stand among the others may differ."""
 
-_OPENS = {*(act.name for act in (Reissue, Void, Correct, TakeBack)), Change.REISSUED}
+_OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)
+_OPENS = {*(act.name for act in _OPENING), Change.REISSUED}
 """They open a final result again."""
 
 

@@ -45,6 +45,33 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class EvidenceReading:
+    """What is known of the evidence before a run.
+
+    Attributes:
+        ready: whether somebody listens to it.
+        problem: what is wrong with all of it, in words; None = nothing.
+        topics: how many there are.
+        left: bytes that fit; None = unknown.
+        lasts: how long that lasts at the rate of now, s; None = unknown, or nothing comes.
+        least: so long it must last, s.
+        ros: whether there is ROS, where it comes from.
+    """
+
+    ready: bool
+    problem: str | None
+    topics: int
+    left: int | None
+    lasts: float | None
+    least: float
+    ros: bool = True
+
+
+NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
+"""Of a testbed that is simulated in the engine's own process."""
+
+
+@dataclass(frozen=True, slots=True)
 class Readings:
     """What the checks look at; None = no data now.
 
@@ -64,6 +91,7 @@ class Readings:
         disk_needed: bytes.
         recorder_problems: why no run can be recorded, in words; None = the disk has not said.
         other_referee: who else publishes the state of the run, in words; None = nobody.
+        evidence: what is recorded beside the testbed's topics; None = nothing is wanted.
     """
 
     topic_problems: tuple[str, ...]
@@ -80,12 +108,14 @@ class Readings:
     disk_needed: int
     recorder_problems: tuple[str, ...] | None
     other_referee: str | None
+    evidence: EvidenceReading | None = None
 
 
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     """All checks in order, with the waivers of `run` applied; after a run those of the next.
 
-    That of the handle zero is among them only where it fails: screens are small.
+    That of the handle zero is among them only where it fails, that of the evidence only where it is
+    wanted: screens are small.
     """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
@@ -98,6 +128,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
+        *_evidence(readings),
         _referee(readings),
         _pose(run),
     )
@@ -201,6 +232,45 @@ def _recorder(r: Readings) -> Check:
     if r.recorder_problems:
         return Check(CheckName.RECORDER, CheckState.FAILED, "; ".join(r.recorder_problems))
     return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
+
+
+def _evidence(r: Readings) -> Iterator[Check]:
+    """Whether evidence comes, and fits."""
+    evidence = r.evidence
+    if evidence is None:
+        return
+    state, text = _evidence_state(evidence)
+    yield Check(CheckName.EVIDENCE, state, text)
+
+
+def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
+    if not e.ros:
+        return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
+    if e.problem is not None:
+        return CheckState.FAILED, e.problem
+    if not e.ready:
+        return CheckState.NO_DATA, "nobody listens yet: wait for it"
+    if not e.topics:
+        return CheckState.NO_DATA, "none of its topics is there: start what publishes them"
+    if e.left is None:
+        return CheckState.NO_DATA, "room for it is unknown: check the results folder"
+    if e.lasts is None:
+        text = f"{e.topics} topics, nothing comes now; room for {e.left / 1e9:.1f} GB"
+        return (CheckState.OK if e.left or not e.least else CheckState.FAILED), text
+    text = f"room for {duration_words(e.lasts)} at the rate of now"
+    if e.lasts < e.least:
+        needed = duration_words(e.least)
+        return CheckState.FAILED, f"{text}, {needed} needed: make room, see `recording.budget`"
+    return CheckState.OK, f"{e.topics} topics, {text}"
+
+
+def duration_words(duration: float) -> str:
+    """A long time, s, as people say it: `11 h`, `40 min`."""
+    if duration >= 100 * 3600:
+        return f"{min(duration / 86400, 9999):.0f} days"
+    if duration >= 2 * 3600:
+        return f"{duration / 3600:.0f} h"
+    return f"{duration / 60:.0f} min"
 
 
 def _referee(r: Readings) -> Check:

@@ -6,12 +6,15 @@ from collections.abc import Iterable
 from dataclasses import replace
 from enum import StrEnum
 
+import msgspec
+
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Phase, Run, TestbedFault
+from madrob_console.referee.run import FalseStart, Phase, RemovedEvidence, Run, TestbedFault
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,
@@ -38,8 +41,11 @@ class Change(StrEnum):
     FALSE_START = "false start"
     EVENT = "event"
     FAULT = "fault of the testbed"
+    EVIDENCE = "evidence"
+    EVIDENCE_RECORDED = "evidence recorded"
     RESULT_WRITTEN = "result written"
     REISSUED = "re-issued after a rule change"
+    EVIDENCE_REMOVED = "evidence removed"
 
 
 def act_of(entry: Entry) -> Act | None:
@@ -118,16 +124,31 @@ def _changed(run: Run, entry: Entry) -> Run:
             return time_out(run, _time(details["time"]), entry.reason)
         case Change.RUN_STOPS:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
+        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
+            name = details.get("ruleset")
+            return reissued(run, None if name is None else RulesetName(name))
+        case Change.RESULT_WRITTEN:
+            return replace(run, issue=max(run.issue, int(details["issue"])))
+        case _:
+            return _found(run, entry)
+
+
+def _found(run: Run, entry: Entry) -> Run:
+    """The run after a line about what was seen, recorded or removed."""
+    details = entry.details
+    match entry.what:
         case Change.FALSE_START:
             mark = FalseStart(_time(details["time"]), EventName(details["event"]))
             return replace(run, false_starts=(*run.false_starts, mark))
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
-        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
-            name = details.get("ruleset")
-            return reissued(run, None if name is None else RulesetName(name))
-        case Change.RESULT_WRITTEN:
-            return replace(run, issue=max(run.issue, int(details["issue"])))
+        case Change.EVIDENCE_RECORDED:
+            told = {key: details[key] for key in ("topics", "problems")}
+            return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
+        case Change.EVIDENCE_REMOVED:
+            names, size = list(details["files"]), max(0, int(details["bytes"]))
+            gone = RemovedEvidence(_time(entry.time), len(names), size)
+            return replace(run, removed_evidence=(*run.removed_evidence, gone))
         case _:
             return run

@@ -9,6 +9,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.protests import Protest
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, StartPose
@@ -48,6 +50,7 @@ class CheckName(StrEnum):
     CLOCK = "clock skew"
     DISK = "disk space"
     RECORDER = "recorder"
+    EVIDENCE = "evidence"
     REFEREE = "another referee"
     POSE = "start pose"
 
@@ -70,6 +73,7 @@ class DecisionKind(StrEnum):
     VOID = "void"
     CORRECTION = "correction"
     DOUBTS = "accepted doubts"
+    PROTEST = "decision on a protest"
 
 
 class TeamWord(StrEnum):
@@ -301,6 +305,26 @@ class TakenBack:
 
 
 @dataclass(frozen=True, slots=True)
+class RemovedEvidence:
+    """Evidence of the run that was removed to make room; no score hangs on it.
+
+    Attributes:
+        time: s since the epoch.
+        files: how many.
+        bytes: their size.
+    """
+
+    time: float
+    files: int
+    bytes: int
+
+    @property
+    def words(self) -> str:
+        """How much it was."""
+        return f"{self.files} file{'' if self.files == 1 else 's'}, {self.bytes / 1e6:.1f} MB"
+
+
+@dataclass(frozen=True, slots=True)
 class JournalMark:
     """The lines of a run's journal that its result depends on.
 
@@ -338,9 +362,12 @@ class Run:
         voided: by the referee; None = it counts as its outcome says.
         corrections: of the set-up, which is as it is after them.
         accepted_doubts: which doubts on the indicators the referee lets stand.
+        protests: of teams against the result, open and closed ones, in the order of their numbers.
         taken_back: what the referee decided and took back.
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
+        evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
+        removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
         signed_notes: how many of the notes were there when that was done; the others stand beside
@@ -368,9 +395,12 @@ class Run:
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
+    protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
+    evidence: EvidenceAccount | None = None
+    removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0
     closure: Closure | None = None
     signed_notes: int = 0

@@ -203,6 +203,9 @@ def decisions(run: Run) -> Markup:
         _marks("Incidents", ((_at(i.time, run), _incident(i)) for i in run.incidents)),
         _marks("Notes", ((_at(n.time, run), said(n.text)) for n in run.notes)),
     ]
+    if run.removed_evidence:
+        gone = [f"on {date_text(one.time)}: {one.words}" for one in run.removed_evidence]
+        lists.append(_marks("Evidence removed", gone))
     return element("div", lists, class_="lists")
 
 

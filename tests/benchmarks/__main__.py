@@ -34,6 +34,7 @@ from tests.benchmarks.report import (
 NAMES = (
     "archive",
     "commands",
+    "evidence",
     "live",
     "recording",
     "replay",

@@ -22,7 +22,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup, signed
 
 _kept: list[TemporaryDirectory[str]] = []
 
@@ -51,6 +51,19 @@ def completed(run_number: int = 1) -> Path:
     _kept.append(TemporaryDirectory())
     drive = Drive(Path(_kept[-1].name))
     drive.whole_run(make_setup(run_number=run_number))
+    drive.engine.close()
+    assert drive.engine.folder is not None
+    return drive.engine.folder
+
+
+@cache
+def final() -> Path:
+    """The folder of a nominal run that its team acknowledged; never to be changed."""
+    _kept.append(TemporaryDirectory())
+    drive = Drive(Path(_kept[-1].name))
+    drive.whole_run(make_setup())
+    drive.act(signed(drive.engine.snapshot()))
+    drive.wait(3.0)
     drive.engine.close()
     assert drive.engine.folder is not None
     return drive.engine.folder

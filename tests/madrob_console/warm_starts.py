@@ -23,7 +23,7 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from madrob_console.engine.process import scoring_child, scoring_program
+from madrob_console.engine.process import child, scoring_program
 
 ROOT = Path(__file__).parents[2]
 
@@ -93,7 +93,7 @@ def _score_warm() -> None:
         socket.send_fds(ours, [b"!"], [link.fileno()])
         return WarmScoring(int.from_bytes(ours.recv(4)))
 
-    scoring_child.start_process = start
+    child.start_process = start
 
 
 def _fork_scorers(link: socket.socket) -> NoReturn:

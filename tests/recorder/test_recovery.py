@@ -283,12 +283,22 @@ def test_the_cut_chunk_is_kept_up_to_its_last_whole_block_with_lz4(tmp_path: Pat
             assert recover(torn).messages == messages_in(size, preamble)
 
 
-def test_a_cut_chunk_that_cannot_be_compressed_is_kept_up_to_the_cut(tmp_path: Path) -> None:
+@pytest.mark.parametrize("zeros", [0, 100_000])
+def test_a_cut_chunk_that_cannot_be_compressed_is_kept_up_to_the_cut(
+    tmp_path: Path, zeros: int
+) -> None:
     with BagWriter(tmp_path / "bag", [TOPIC], RECORDS, flush_period=1e6) as writer:
         for number in range(50):
             writer.put(blob(number, 10_000))
     recording = tmp_path / "bag" / "bag_0.mcap"
-    recording.write_bytes(recording.read_bytes()[:300_000])
+    with recording.open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+    assert summary is not None
+    (index,) = summary.chunk_indexes
+    assert not index.compression
+    end = index.chunk_start_offset + index.chunk_length if zeros else 300_000
+    cut = min(300_000, end - zeros)
+    recording.write_bytes(recording.read_bytes()[:cut] + bytes(end - cut))
     assert recover(tmp_path / "bag").messages == 29  # of 10,035 bytes each
 
 

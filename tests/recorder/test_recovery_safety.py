@@ -59,8 +59,12 @@ class Killed(BaseException):
 
 
 @contextmanager
-def killed_after(steps: int) -> Iterator[None]:
+def killed_after(steps: int, how: BaseException | None = None) -> Iterator[None]:
     """Let a number of calls that change the disk happen, and none after them.
+
+    Args:
+        steps: so many.
+        how: what is raised in place of the next; None = the process ends.
 
     Only those of this thread count: the writer that a test before gave up on may still be at work.
     """
@@ -70,7 +74,7 @@ def killed_after(steps: int) -> Iterator[None]:
         def call(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - it stands for any call
             if threading.get_ident() == here:
                 if left[0] == 0:
-                    raise Killed
+                    raise how or Killed
                 left[0] -= 1
             return real(*arguments, **named)
 

@@ -115,7 +115,7 @@ class Acting:
     def _completed(self, act: Act) -> tuple[Act, Callable[[], Act] | None]:
         """An act with what only the engine knows, and what completes it on the disk, if any."""
         if not isinstance(act, Correct):
-            return act, None
+            return act.settled(self._situation()), None
         at_hand, act = self._at_hand, act.named(self._situation())
         number = at_hand.run.number_in(act.subject, act.condition)
         if number is not None:

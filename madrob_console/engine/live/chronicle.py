@@ -165,5 +165,4 @@ class Chronicle:
         if self._recording is None:
             self._early.extend(messages)  # said before the bag is open: recorded when it is
             return
-        for message in messages:
-            self._recording.put(message)
+        self._recording.put(messages)

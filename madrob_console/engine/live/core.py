@@ -20,6 +20,7 @@ from madrob_console.engine.live.earlier_runs import EarlierRuns
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.event_log import EventLog
+from madrob_console.engine.live.evidence_room import EvidenceRoom
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.observation import Observation
 from madrob_console.engine.live.pre_start import PreStart
@@ -29,6 +30,7 @@ from madrob_console.engine.live.run_at_hand import RunAtHand
 from madrob_console.engine.live.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
 from madrob_console.engine.live.topic_watch import Trouble
 from madrob_console.engine.live.view import StateView, testbed_problem
+from madrob_console.engine.live.witness import NoWitness, Witness
 from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.shown.snapshot import ExportView, Snapshot
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes
@@ -53,6 +55,9 @@ STEP = 0.02
 HURRIED_STEP = 0.002
 """After the end of a run it waits only so long for messages: a result is coming, s."""
 
+DISK_WAITS = 0.6
+"""Evidence leaves the disk to the score when the score has waited for it for so long, s."""
+
 WATCH_PERIOD = 0.1
 """Between two looks at the topics in a run, s."""
 
@@ -68,13 +73,14 @@ class Engine:
         replay: the recorded run that `source` and `clock` belong to; None = a live testbed.
         keepers: do what touches a file; closed with the engine. Not given: at once, in its thread.
         scorer: makes the results; closed with the engine. Not given: at once, in its thread.
+        witness: records evidence; closed with the engine. Not given: nobody does.
 
     Attributes:
         on_result: called with the run's folder and the scored run, pickled, when its result is on
             disk; must not wait.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913, PLR0917  what it works with
         self,
         source: Source,
         clock: Clock,
@@ -83,6 +89,7 @@ class Engine:
         replay: Replay | None = None,
         keepers: Keepers | None = None,
         scorer: Scorer | None = None,
+        witness: Witness | None = None,
     ) -> None:
         self.source = source
         # a recording says itself what was read of it
@@ -91,10 +98,19 @@ class Engine:
         self._replay = replay
         self._keepers = keepers or Keepers.inline()
         self._scorer = scorer or InlineScorer()
+        self._witness = witness or NoWitness()
         self._teams = NO_TEAMS
         self._plan = NO_PLAN
         self._equipment = Equipment(
-            source, clock, self.config, types, replay, self._keepers, self._scorer
+            source,
+            clock,
+            self.config,
+            types,
+            replay,
+            self._keepers,
+            self._scorer,
+            self._witness,
+            EvidenceRoom(self.config, self._keepers.reading),
         )
         self._begin()
 
@@ -116,7 +132,7 @@ class Engine:
         )
         self._sensors = observation.sensors
         self._backlog = backlog = Backlog(observation.receive)
-        self._pre_start = pre_start = PreStart(config, self._sensors, self._keepers.reading)
+        self._pre_start = pre_start = PreStart(equipment, self._sensors)
         self._earlier = EarlierRuns(config.results, self._keepers)
         self._at_hand = at_hand = RunAtHand(equipment, observation, self._earlier, self._tell)
         self._recorder = at_hand.recorder
@@ -234,6 +250,7 @@ class Engine:
         if answers and self._scorer.settle(CLOSING_TIME):
             answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
         self._scorer.close()
+        self._witness.close()
         if answers:
             self._result.end(self.now(), busy=self.run.active)
         self._at_hand.chronicle.close()
@@ -299,8 +316,9 @@ class Engine:
         self._plan = plan
 
     def warm(self) -> None:
-        """Get ready to score, beside the caller: the first result shall not wait."""
+        """Get ready to score and to record evidence, beside the caller: nothing shall wait."""
         self._scorer.warm()
+        self._witness.warm()
 
     def read_run(self, folder: Path) -> Future[EarlierRun]:
         """Read an earlier run, to open it; a `MadrobError` says why not. From any thread."""
@@ -355,6 +373,8 @@ class Engine:
             steps=self._observation.steps,
             testbed=self.config.testbed,
             new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
+            time=self.now(),
+            protest_times=self.config.protest_times,
         )
 
     @property
@@ -401,8 +421,7 @@ class Engine:
     def _receive(self, messages: Sequence[RawMessage]) -> None:
         recording = self._recorder.recording and not self._at_hand.over
         if recording:
-            for message in messages:
-                self._recorder.put(message)
+            self._recorder.put(messages)
         self._backlog.add(messages, recorded=recording or self._replay is not None)
 
     def _advance(self) -> None:
@@ -435,6 +454,9 @@ class Engine:
         if (behind := self._backlog.problem) is not None:
             troubles["engine", Trouble.BEHIND] = behind
         self._at_hand.note_troubles(troubles, now)
+        self._witness.hold(held=self._recorder.silent > DISK_WAITS)
+        if (status := self._witness.status) is not None:
+            self._at_hand.note_evidence(status.troubles, now)
 
     def _finish(self) -> None:
         """The post-roll is over."""

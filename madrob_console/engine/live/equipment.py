@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 from madrob_console.clock import Clock, seconds
 from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.live.evidence_room import EvidenceRoom
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.live.scorer import Scorer
+from madrob_console.engine.live.witness import Witness
 from madrob_console.messages.codec import MessageTypes
 from madrob_console.testbeds.source import Source
 
@@ -25,6 +27,8 @@ class Equipment:
         replay: the recorded run that source and clock belong to; None = a live testbed.
         keepers: do what touches a file.
         scorer: makes the results.
+        witness: records evidence.
+        room: for evidence.
     """
 
     source: Source
@@ -34,6 +38,8 @@ class Equipment:
     replay: Replay | None
     keepers: Keepers
     scorer: Scorer
+    witness: Witness
+    room: EvidenceRoom
 
     def now(self) -> float:
         """Steady time, s since the epoch."""

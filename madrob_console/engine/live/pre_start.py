@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from madrob_console.archive.recordable import recording_problem
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.reading import Reader
+from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.sensors import Sensors
 from madrob_console.files.whole import free_space
-from madrob_console.referee.preflight import Check, Readings, preflight
+from madrob_console.referee.preflight import NO_ROS, Check, EvidenceReading, Readings, preflight
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.source import Source
 
@@ -23,15 +22,16 @@ class PreStart:
     """Reads what the checks need.
 
     Args:
-        config: limits and the results folder.
+        equipment: what the engine works with.
         sensors: the testbed as it is now.
-        reading: asks the disk.
     """
 
-    def __init__(self, config: EngineConfig, sensors: Sensors, reading: Reader) -> None:
-        self._config = config
+    def __init__(self, equipment: Equipment, sensors: Sensors) -> None:
+        self._config = equipment.config
         self._sensors = sensors
-        self._reading = reading
+        self._reading = equipment.keepers.reading
+        self._witness = equipment.witness
+        self._room = equipment.room
         self._disk = _UNKNOWN
         self._disk_asked: float | None = None
         self._disk_answered = True
@@ -67,8 +67,33 @@ class PreStart:
             disk_needed=config.disk_needed,
             recorder_problems=disk.problems,
             other_referee=source.other_referee,
+            evidence=self._evidence(disk.free, now),
         )
         return preflight(readings, run)
+
+    def _evidence(self, free: int | None, now: float) -> EvidenceReading | None:
+        """What there is to say of the evidence; None where none is wanted."""
+        plan, status = self._config.evidence, self._witness.status
+        if plan is None:
+            return None
+        self._room.look(now)
+        if status is None:
+            return NO_ROS
+        return EvidenceReading(
+            ready=status.ready,
+            problem=status.problem,
+            topics=len(status.topics),
+            left=self._room.left(free),
+            lasts=self.evidence_lasts(now),
+            least=plan.least_room,
+        )
+
+    def evidence_lasts(self, now: float) -> float | None:
+        """How long evidence can be recorded at the rate of now, s; None = nobody knows."""
+        left, status = self._room.left(self.free_disk(now)), self._witness.status
+        if left is None or status is None or not status.byte_rate:
+            return None
+        return left / status.byte_rate
 
     def free_disk(self, now: float) -> int | None:
         """Bytes free for results; None = unknown, or no answer comes."""

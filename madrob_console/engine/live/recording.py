@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
@@ -34,13 +34,14 @@ class Recording:
         topics: those known by now; more can be added.
         lossless: wait for the disk instead of dropping (virtual time).
         reading: looks at the folder now and then.
+        evidence: whether others record into the folder, too.
         monotonic: a clock of the machine's, s.
 
     Raises:
         MadrobError: the folder or the bag cannot be made; the message names the remedy.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  what it records, and with what
         self,
         root: Path,
         record: RunRecord,
@@ -49,6 +50,7 @@ class Recording:
         *,
         lossless: bool,
         reading: Reader,
+        evidence: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         setup = record.setup
@@ -67,6 +69,7 @@ class Recording:
             self._writer.open()
         except RecorderError as error:
             raise MadrobError(str(error)) from None
+        self._evidence_folder = _handle_of(self.folder) if evidence else None
 
     def add_topics(self, topics: Sequence[Topic]) -> None:
         """Record topics that appeared late, too."""
@@ -75,9 +78,17 @@ class Recording:
                 self._topics.add(topic.name)
                 self._writer.add_topic(topic)
 
-    def put(self, message: RawMessage) -> None:
-        """Hand a message to the writer; what it must drop is counted."""
-        self._writer.put(message)
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Hand messages to the writer; what it must drop is counted."""
+        self._writer.put_all(messages)
+
+    def take_evidence_folder(self) -> int | None:
+        """The handle of the folder for who records evidence, and closes it; None = there is none.
+
+        It is given once, and stays good when the folder is renamed.
+        """
+        handle, self._evidence_folder = self._evidence_folder, None
+        return handle
 
     def dropped(self) -> dict[str, int]:
         """Messages dropped, by topic."""
@@ -129,6 +140,8 @@ class Recording:
 
     def close(self) -> BagSummary:
         """Write what is queued and finish the bag; waits for the disk as long as it takes."""
+        if (handle := self.take_evidence_folder()) is not None:
+            os.close(handle)
         return self._writer.close(None)
 
 
@@ -137,3 +150,10 @@ def _problem_of(folder: Path) -> str | None:
         return None
     why = "cannot be written" if os.path.lexists(folder) else "is gone"
     return f"{folder} {why}: the result would not be on disk"
+
+
+def _handle_of(folder: Path) -> int | None:
+    try:
+        return os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None  # the run goes on; no evidence is recorded, which is told

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.live.chronicle import Chronicle
 from madrob_console.engine.live.course import Course, Happening
@@ -19,6 +21,7 @@ from madrob_console.engine.live.replay import DECIDED_ANEW
 from madrob_console.engine.live.run_recorder import OpenRecording, RunRecorder
 from madrob_console.engine.live.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.engine.live.topic_watch import Trouble
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run, TestbedFault
@@ -82,6 +85,7 @@ class RunAtHand:
         self._missing: tuple[str, ...] = ()
         self._drift: tuple[RunRecord, float] | None = None
         self._fault_notes = FaultNotes()
+        self._evidence_notes = FaultNotes()
         if replay is not None:
             self.record, self.folder = replay.recorded.recorded_as, replay.source.path
             zero, samples = self.record.handle_zero, self.record.zero_samples
@@ -159,6 +163,7 @@ class RunAtHand:
         self._missing = ()
         self._observation.look_back()
         self._fault_notes.clear()
+        self._evidence_notes.clear()
         self.recorder.clear()
 
     def adopt(self, made: OpenRecording) -> None:
@@ -235,6 +240,11 @@ class RunAtHand:
         for words in self._fault_notes.due(troubles, now):
             self.note(Happening(Origin.SYSTEM, Change.FAULT, words, {"time": now}))
 
+    def note_evidence(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
+        """Write down what is lost of the evidence; arguments as for `note_troubles`."""
+        for words in self._evidence_notes.due(troubles, now):
+            self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now}))
+
     def write(self, entry: Entry) -> None:
         """Write a line of it."""
         self.chronicle.write(entry, self.run.start)
@@ -250,8 +260,16 @@ class RunAtHand:
         """The bag is closed."""
         self._missing = missing
         self._equipment.clock.release()
+        if (status := self._equipment.witness.status) is not None:
+            self._note_account(status.account)
         self.run = replace(self.run, issue=1)
         self.score()
+
+    def _note_account(self, account: EvidenceAccount) -> None:
+        """Write down what was recorded of the evidence: its file gets complete by itself."""
+        self.run = replace(self.run, evidence=account)
+        details = msgspec.to_builtins(account)
+        self.note(Happening(Origin.SYSTEM, Change.EVIDENCE_RECORDED, account.words, details))
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,7 @@ from madrob_console.engine.live.chronicle import Chronicle
 from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.journal_keeper import OpenJournal, Promise
 from madrob_console.engine.live.recording import Recording
+from madrob_console.engine.live.witness import EvidencePlace
 from madrob_console.engine.shown.snapshot import RecorderView
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
@@ -61,6 +63,9 @@ class RunRecorder:
         self._config = equipment.config
         self._chronicle = chronicle
         self._keepers = equipment.keepers
+        self._clock = equipment.clock
+        self._witness = equipment.witness
+        self._room = equipment.room
         self._recording: Recording | None = None
         self._closing: Recording | None = None
         self._closed_view = RecorderView("closed")
@@ -116,6 +121,7 @@ class RunRecorder:
             self._source.topics(),
             lossless=config.lossless,
             reading=self._keepers.reading,
+            evidence=self._witness.status is not None,
         )
         entries = (*self._chronicle.entries, entry)
         return self._keepers.own.ask(partial(_open, record, make, entries, promise), done)
@@ -126,13 +132,23 @@ class RunRecorder:
         self._recording = opened.recording
         for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
-            self.put(replace(told, receive_ns=now_ns))  # said before the bag was open
+            self.put([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
+        if (folder := opened.recording.take_evidence_folder()) is not None:
+            place = EvidencePlace(
+                folder,
+                opened.recording.folder.name,
+                self._clock.now_ns(),
+                time.monotonic_ns(),
+                most_bytes=self._room.budget_left,
+                least_free=self._config.disk_needed,
+            )
+            self._witness.begin(place)
 
-    def put(self, message: RawMessage) -> None:
-        """Record a message if a bag is open."""
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Record messages if a bag is open."""
         if self._recording is not None:
-            self._recording.put(message)
+            self._recording.put(messages)
 
     def look(self) -> None:
         """Record topics that appeared late, too."""
@@ -148,6 +164,7 @@ class RunRecorder:
         recording = self._closing = self._recording
         assert recording is not None
         self._recording = None
+        self._witness.end()
         self._chronicle.detach()
         losses = tuple(self._losses())
 

@@ -38,6 +38,7 @@ class Trouble(StrEnum):
     STAMPS = "stamps that are missing, repeat or go back"
     SKEW = "stamps off the time of reception"
     BEHIND = "the engine is behind"
+    EVIDENCE = "evidence that is lost"
 
 
 class TopicWatch:

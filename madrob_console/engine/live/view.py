@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from madrob_console.archive.unfinished import Unfinished
@@ -13,8 +13,10 @@ from madrob_console.engine.live.observation import Observation
 from madrob_console.engine.live.pre_start import PreStart
 from madrob_console.engine.live.replay import NO_ACTS
 from madrob_console.engine.live.run_at_hand import RunAtHand
+from madrob_console.engine.live.witness import WitnessStatus
 from madrob_console.engine.shown.snapshot import (
     DoorView,
+    EvidenceView,
     ExportView,
     LatchView,
     RecorderView,
@@ -24,6 +26,7 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.protests import due_words, open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
@@ -92,8 +95,10 @@ class StateView:
             f"another referee: {other}" if other else None,
             f"{INFO_TOPIC}: {told}" if told else None,
             self.backlog.problem,
+            *overdue_protests(run, now),
             at_hand.chronicle.problem,
             *at_hand.result.problems,
+            evidence_problem(self.equipment.witness.status),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -119,6 +124,7 @@ class StateView:
             topics=topics,
             recorder=recorder,
             disk_free=None if replay else self.pre_start.free_disk(seen),
+            evidence=self._evidence(seen),
             faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
             provisional=dict(observation.provisional),
             provisional_doubts=dict(observation.provisional_doubts),
@@ -132,8 +138,35 @@ class StateView:
             playback=replay.view(result) if replay else None,
             export=export,
             teams=situation.teams,
+            protest_times=situation.protest_times,
             plan=plan,
         )
+
+    def _evidence(self, now: float) -> EvidenceView | None:
+        status = self.equipment.witness.status
+        if status is None:
+            return None
+        return EvidenceView(
+            status.topics,
+            status.recording,
+            status.size,
+            self.pre_start.evidence_lasts(now),
+            status.problem,
+        )
+
+
+def overdue_protests(run: Run, now: float) -> Iterator[str]:
+    """Which protests against the run should have been decided, in words."""
+    for one in open_protests(run.protests):
+        if one.due < now:
+            yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
+
+
+def evidence_problem(status: WitnessStatus | None) -> str | None:
+    """What is wrong with all of the evidence, in words; None = nothing."""
+    if status is None or status.problem is None:
+        return None
+    return f"evidence: {status.problem}"
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:

@@ -137,7 +137,11 @@ class Reporting:
         self.exported = ExportView(subject)
         self._background.ask(
             f"team {subject}",
-            ["export", f"--subject={subject}", *["--practice"] * practice, *self._options],
+            [
+                *("export", f"--subject={subject}", "--without-evidence"),
+                *["--practice"] * practice,
+                *self._options,
+            ],
             done,
         )
 

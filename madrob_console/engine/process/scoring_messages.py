@@ -9,22 +9,19 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import PurePath
 
 import msgspec
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.live.scorer import PastRun, RenderedResult
-from madrob_console.engine.shown.wire import LENGTH, decoded
+from madrob_console.engine.shown.wire import decoded
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
 from scoring.result import Result
 from scoring.samples import Sample
-
-LARGEST_FRAME = 256_000_000
-"""More is no message, bytes."""
 
 _SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
 
@@ -145,24 +142,6 @@ def answer_of_process(data: bytes) -> ToEngine:
         MadrobError: it is something else.
     """
     return decoded(_answers, data, "a message of the process that scores")
-
-
-def frames(received: bytearray) -> Iterator[bytes]:
-    """Whole frames, which are taken away from what was received.
-
-    Raises:
-        MadrobError: what was received is something else.
-    """
-    while len(received) >= LENGTH.size:
-        (length,) = LENGTH.unpack_from(received)
-        if length > LARGEST_FRAME:
-            raise MadrobError(f"not a message: {length} bytes")
-        end = LENGTH.size + length
-        if len(received) < end:
-            return
-        data = bytes(memoryview(received)[LENGTH.size : end])
-        del received[:end]
-        yield data
 
 
 def put_into_memory(rendered: RenderedResult) -> int:

@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.live.scorer import EarlierRun, RenderedResult, ToScore
-from madrob_console.engine.process.scoring_child import END_TIME, LOOK_PERIOD, ScoringChild
+from madrob_console.engine.process.child import END_TIME, LOOK_PERIOD, Child
 from madrob_console.engine.process.scoring_messages import (
     Failed,
     Made,
@@ -27,6 +27,7 @@ from madrob_console.engine.process.scoring_messages import (
     Remark,
     Score,
     ToEngine,
+    answer_of_process,
     parts_in_memory,
 )
 from madrob_console.engine.process.scoring_questions import FEW, Asked, Questions, delay_after
@@ -92,7 +93,7 @@ class ScoringProcess:
         self._lock = threading.Lock()  # of the bell
         self._bell: int | None = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         # Of the scorer's thread.
-        self._process: ScoringChild | None = None
+        self._process: Child[ToEngine] | None = None
         self._starts_failed = 0
         self._thread: threading.Thread | None = None
 
@@ -232,7 +233,7 @@ class ScoringProcess:
         """From the start of a process to its end; why it ended, in words."""
         self._starts_failed += 1
         try:
-            self._process = process = ScoringChild(self._command)
+            self._process = process = Child(self._command, answer_of_process)
         except (OSError, MemoryError, subprocess.SubprocessError) as error:
             return f"no process can be started ({getattr(error, 'strerror', None) or error!r})"
         why = ""
@@ -250,7 +251,7 @@ class ScoringProcess:
         ended = process.end()
         return why or ended
 
-    def _serve(self, process: ScoringChild) -> None:
+    def _serve(self, process: Child[ToEngine]) -> None:
         """Hand on what is asked, and take the answers, until the engine has no more to ask.
 
         Raises:
@@ -278,7 +279,7 @@ class ScoringProcess:
                     with suppress(BlockingIOError):
                         out = out[process.link.send(out) :]
 
-    def _rest(self, process: ScoringChild, now: float) -> float:
+    def _rest(self, process: Child[ToEngine], now: float) -> float:
         """How long there is nothing to do, s."""
         ends = [now + (FEED_PERIOD if self._questions.following else PATIENCE)]
         for asked in self._questions.left():
@@ -290,7 +291,7 @@ class ScoringProcess:
             ends.append(now + LOOK_PERIOD)
         return max(0.0, min(ends) - now)
 
-    def _take(self, process: ScoringChild, answer: ToEngine) -> None:
+    def _take(self, process: Child[ToEngine], answer: ToEngine) -> None:
         match answer:
             case Ready():
                 self._starts_failed = 0

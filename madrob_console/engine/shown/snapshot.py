@@ -15,6 +15,7 @@ from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.preflight import Check
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.run import Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.indicator_table import IndicatorName
@@ -116,6 +117,44 @@ class RecorderView:
     dropped: int = 0
     problem: str | None = None
     queued: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceTopicView:
+    """One topic of the evidence, live.
+
+    Attributes:
+        topic, type: its names.
+        rate, byte_rate: messages and bytes a second of what is recorded.
+        lost: messages lost of the recording that goes on, or was last.
+        problem: what is wrong with it, in words; empty = nothing.
+    """
+
+    topic: str
+    type: str
+    rate: float
+    byte_rate: float
+    lost: int = 0
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceView:
+    """The evidence, live.
+
+    Attributes:
+        topics: what comes.
+        recording: whether it is recorded now.
+        size: of the recording that goes on, or was last, bytes.
+        room: how long it can go on at the rate of now, s; None = unknown, or nothing comes.
+        problem: what is wrong with all of it, in words; None = nothing.
+    """
+
+    topics: tuple[EvidenceTopicView, ...] = ()
+    recording: bool = False
+    size: int = 0
+    room: float | None = None
+    problem: str | None = None
 
 
 class Weight(StrEnum):
@@ -258,6 +297,7 @@ class Snapshot:
         door, handle, latch, passage, topics, recorder: the sensors and the recorder; passage is
             ten sensors, cw 0..4 then ccw 0..4.
         disk_free: bytes; None = unknown.
+        evidence: what is recorded beside the testbed's topics; None = nothing is.
         faults: what is wrong now, one line each; they stay until they are gone.
         provisional: indicator file name -> value (s) of the time indicators known so far.
         provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
@@ -271,6 +311,7 @@ class Snapshot:
         playback: where a replay stands; None for anything else.
         export: the last export of a team's runs; None before the first.
         teams: the list of teams.
+        protest_times: the competition's deadlines for protests.
         plan: of the competition; how much of it is done is asked for (`GivePlan`).
         right: of the screen that is shown this; all else is the same for all screens.
         pulse: how fresh this is.
@@ -302,6 +343,7 @@ class Snapshot:
     result: Result | None = None
     result_source: SourceKind | None = None
     simulated: str | None = None
+    evidence: EvidenceView | None = None
     rescoring: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False
@@ -309,6 +351,7 @@ class Snapshot:
     playback: PlaybackView | None = None
     export: ExportView | None = None
     teams: TeamList = NO_TEAMS
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     plan: Plan = NO_PLAN
     right: RightToAct = RightToAct()
     pulse: Pulse = Pulse()

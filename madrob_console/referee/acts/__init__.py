@@ -21,7 +21,9 @@ from madrob_console.referee.acts.act import Situation as Situation
 from madrob_console.referee.acts.add_note import AddNote as AddNote
 from madrob_console.referee.acts.confirm_pose import ConfirmPose as ConfirmPose
 from madrob_console.referee.acts.correct import Correct as Correct
+from madrob_console.referee.acts.decide_protest import DecideProtest as DecideProtest
 from madrob_console.referee.acts.declare_timeout import DeclareTimeout as DeclareTimeout
+from madrob_console.referee.acts.file_protest import FileProtest as FileProtest
 from madrob_console.referee.acts.finalise import Finalise as Finalise
 from madrob_console.referee.acts.mark_incident import MarkIncident as MarkIncident
 from madrob_console.referee.acts.reissue import Reissue as Reissue
@@ -33,6 +35,7 @@ from madrob_console.referee.acts.take_back import TakeBack as TakeBack
 from madrob_console.referee.acts.void import Void as Void
 from madrob_console.referee.acts.waive import Waive as Waive
 from madrob_console.referee.acts.withdraw_incident import WithdrawIncident as WithdrawIncident
+from madrob_console.referee.acts.withdraw_protest import WithdrawProtest as WithdrawProtest
 from madrob_console.referee.acts.zero_handle import ZeroHandle as ZeroHandle
 
 ACTS: tuple[type[Act], ...] = (
@@ -54,6 +57,9 @@ ACTS: tuple[type[Act], ...] = (
     Reissue,
     Void,
     Correct,
+    FileProtest,
+    DecideProtest,
+    WithdrawProtest,
     TakeBack,
 )
 """All acts."""

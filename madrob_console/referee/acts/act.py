@@ -13,6 +13,7 @@ from typing import ClassVar, Protocol, TypeAlias
 
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.preflight import Check
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
@@ -39,6 +40,8 @@ class Situation:
         indicators: of the result that is written; empty without one.
         testbed: its name; empty where it has none.
         new_id: makes the identity of a run; empty where none is set up.
+        time: now, s since the epoch.
+        protest_times: the competition's deadlines for protests.
     """
 
     run: Run
@@ -53,6 +56,8 @@ class Situation:
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
     testbed: str = ""
     new_id: Callable[[], str] = str
+    time: float = 0.0
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
@@ -106,6 +111,16 @@ class RunView(Protocol):
     @property
     def elapsed(self) -> float | None:
         """Of the run, s since its start; None outside a run."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Now, s since the epoch."""
+        ...
+
+    @property
+    def protest_times(self) -> ProtestTimes:
+        """The competition's deadlines for protests."""
         ...
 
 

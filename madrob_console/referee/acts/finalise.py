@@ -28,6 +28,7 @@ DECIDED_BY: Mapping[str, str] = {
     FlagKind.FALSE_START: "a accepts it with a reason",
     FlagKind.UNDECIDED_STEP: "its number confirms or denies it",
     FlagKind.DOUBT: "d accepts it with a reason",
+    FlagKind.PROTEST: "P decides it, or withdraws it",
 }
 """Kind of what is undecided -> the key that decides it."""
 _NOTE = Write("Note (Enter for none):")

@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.acts.withdraw_protest import closed
 from madrob_console.referee.doubt_answers import doubted_words
+from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
 from madrob_console.referee.transitions import opened_again
 
 _NOTHING = "there is nothing to take back"
 _FINAL = "the result is final: re-issue it first"
-_OF_A_FINAL_RESULT = (DecisionKind.VOID, DecisionKind.CORRECTION)
+_OF_A_FINAL_RESULT = (DecisionKind.VOID, DecisionKind.CORRECTION, DecisionKind.PROTEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +41,11 @@ def last_decision(run: Run) -> Decision | None:
 
 @dataclass(frozen=True, slots=True)
 class TakeBack(Act):
-    """Take back the last ruling, mark, waiver, accepted doubt, void or correction (section 2).
+    """Take back the last decision of the referee (section 2).
 
     It says which it means: one that came after it is never taken back instead. A final result is
-    opened again by that, where its void or its correction is taken back.
+    opened again by that, where its void, its correction or the decision on a protest is taken
+    back; that protest is open again.
     """
 
     name = "take back"
@@ -141,6 +144,19 @@ def _last_of(kind: DecisionKind, run: Run) -> Decision:
             accepted = run.accepted_doubts[-1]
             words = f"doubt accepted: {doubted_words(accepted.doubts)} ({accepted.reason})"
             return Decision(kind, accepted.time, words)
+        case DecisionKind.PROTEST:
+            protest, answer = _last_decided(run)
+            return Decision(kind, answer.time, f"{protest.title} {answer.end} ({answer.reason})")
+
+
+def _last_decided(run: Run) -> tuple[Protest, ProtestAnswer]:
+    """The protest that was decided last, where one was; withdrawals are the team's."""
+    decided = [
+        (one, one.answer)
+        for one in run.protests
+        if one.answer is not None and one.answer.end is not ProtestEnd.WITHDRAWN
+    ]
+    return max(decided, key=lambda found: (found[1].time, found[0].number))
 
 
 def _without(run: Run, kind: DecisionKind) -> Run:
@@ -163,6 +179,9 @@ def _without(run: Run, kind: DecisionKind) -> Run:
             return replace(run, decided=left, setup=before, corrections=earlier)
         case DecisionKind.DOUBTS:
             return replace(run, decided=left, accepted_doubts=run.accepted_doubts[:-1])
+        case DecisionKind.PROTEST:
+            protest, _ = _last_decided(run)
+            return closed(replace(run, decided=left), protest.number, None)
 
 
 def _within_reach(kind: DecisionKind, run: Run) -> bool:

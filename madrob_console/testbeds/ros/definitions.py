@@ -39,7 +39,8 @@ def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | No
     text = _msg_text(type_name, prefixes)
     if text is None:
         return None
-    parts, known, pending = [text], {type_name}, _nested(type_name, text)
+    found: dict[str, str] = {}
+    known, pending = {type_name}, _nested(type_name, text)
     while pending:
         nested = pending.pop(0)
         if nested in known:
@@ -47,10 +48,23 @@ def find_definition(type_name: str, prefixes: Sequence[Path]) -> Definition | No
         known.add(nested)
         inner = _msg_text(nested, prefixes)
         if inner is not None:
-            package, name = nested.split("/")[0], nested.split("/")[-1]
-            parts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{inner}")
+            found[nested] = inner
             pending += _nested(nested, inner)
-    return Definition("\n".join(parts), _type_hash(type_name, prefixes))
+    return Definition(joined(text, found), _type_hash(type_name, prefixes))
+
+
+def joined(text: str, nested: Mapping[str, str]) -> str:
+    """A definition with those of nested types appended.
+
+    Args:
+        text: of the type itself.
+        nested: of the others, by their full names.
+    """
+    parts = [text]
+    for name, inner in nested.items():
+        package, last = name.split("/")[0], name.split("/")[-1]
+        parts.append(f"{_SEPARATOR}\nMSG: {package}/{last}\n{inner}")
+    return "\n".join(parts)
 
 
 def _file(type_name: str, suffix: str, prefixes: Sequence[Path]) -> Path | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import islice
 
 import msgspec
 
+from madrob_console.clock import NS
 from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from recorder.bag import Durability, Qos, Reliability
@@ -66,6 +68,7 @@ class Inbox:
         qos: what to ask of the publishers.
         direct: take from DDS (8-17 us a message) instead of by callbacks (91-231 us).
         depth: messages that DDS keeps for it.
+        absolute: the topic's name is one that was found, not one of the settings.
     """
 
     def __init__(
@@ -77,8 +80,10 @@ class Inbox:
         *,
         direct: bool,
         depth: int = QUEUE_DEPTH,
+        absolute: bool = False,
     ) -> None:
         self.qos = qos
+        self._reported = 0
         self._node = node
         self._class = message_class
         self._direct = direct
@@ -89,30 +94,49 @@ class Inbox:
         )
         self._subscription = node.create_subscription(
             message_class,
-            in_namespace(topic),
+            topic if absolute else in_namespace(topic),
             self._on_message,
             qos_profile(qos, depth),
             raw=True,
             event_callbacks=quiet,
         )
+        self._losses: RosObject = None
+        self._tells_losses = True
 
     @property
     def publishers(self) -> int:
         """How many publishers are matched now."""
         return int(self._subscription.get_publisher_count())
 
-    def take(self) -> list[Received]:
-        """Everything that has arrived since the last call."""
+    @property
+    def reported_lost(self) -> int:
+        """Messages that DDS says were lost; 0 where it does not tell."""
+        if self._losses is None and self._tells_losses:
+            self._losses = _loss_event(self._subscription)
+            self._tells_losses = self._losses is not None
+        if self._losses is not None:
+            with self._losses:
+                self._reported = int(self._losses.take_event().total_count)
+        return self._reported
+
+    def take(self, most: int | None = None) -> list[Received]:
+        """What has arrived since the last call.
+
+        Args:
+            most: more are left in DDS, which keeps the newest; None = all.
+        """
         if not self._direct:
             taken, self._arrived = self._arrived, []
             return [_received(*message) for message in taken]
         handle = self._subscription.handle
         with handle:
             waiting = iter(partial(handle.take_message, self._class, True), None)
-            return [_received(*message) for message in waiting]
+            return [_received(*message) for message in islice(waiting, most)]
 
     def close(self) -> None:
         """End the subscription."""
+        if self._losses is not None:
+            self._losses.destroy_when_not_in_use()
         self._node.destroy_subscription(self._subscription)
 
     def _on_message(self, data: bytes, info: dict[str, int]) -> None:
@@ -126,3 +150,28 @@ def _received(data: bytes, info: dict[str, int]) -> Received:
         info["received_timestamp"],
         info["publication_sequence_number"],
     )
+
+
+def _loss_event(subscription: RosObject) -> RosObject:
+    """Counts what DDS has lost of a subscription; None where the middleware does not."""
+    rclpy = load_module("rclpy.impl.implementation_singleton").rclpy_implementation
+    kind = rclpy.rcl_subscription_event_type_t.RCL_SUBSCRIPTION_MESSAGE_LOST
+    try:
+        with subscription.handle:
+            return rclpy.EventHandle(subscription.handle, kind)
+    except (AttributeError, RuntimeError):
+        return None
+
+
+def arrival(received_ns: int, now: int, wall: int) -> int:
+    """When a message arrived, in steady time, ns.
+
+    Args:
+        received_ns: as the system's clock had it.
+        now: steady time.
+        wall: the same, as the system's clock has it.
+    """
+    age = wall - received_ns
+    if not 0 <= age <= NS:
+        age = 0  # the system's clock was stepped
+    return now - age

@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from operator import attrgetter
 from pathlib import Path
 
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes, describe_topic
 from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.definitions import find_definition
-from madrob_console.testbeds.ros.inbox import QUEUE_DEPTH, Inbox, Received, offered_by_all
+from madrob_console.testbeds.ros.handover import Handover
+from madrob_console.testbeds.ros.inbox import Received, offered_by_all
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
 from madrob_console.testbeds.ros.losses import LossCounter
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import Qos, Topic
 
-_LONGEST_HANDOVER = 5.0
-"""A new subscription replaces the old one after this many seconds at the latest."""
-
-_OVERLAP = 0.5
-"""For this many seconds both are read once the new one is matched."""
-
-_key: Callable[[Received], tuple[int, int | None]] = attrgetter("source_ns", "sequence")
-"""What tells a message from all others of its topic."""
-
 
 class Intake:
     """A testbed topic, from its discovery on. All calls but the properties: one thread.
-
-    A subscription that must ask for something else, because publishers came or went, runs
-    beside the old one until it is matched, so that nothing is lost in between.
 
     Args:
         node: the node that subscribes.
@@ -57,7 +43,6 @@ class Intake:
         self.name = name
         self.type = type_name
         self._node = node
-        self._direct = direct
         self._losses = LossCounter()
         self._class: RosObject = None
         self._type_hash = ""
@@ -66,12 +51,8 @@ class Intake:
         self._problem: str | None = None
         self._publishers = 0
         self._publisher_ids: frozenset[bytes] = frozenset()
-        self._inbox: Inbox | None = None
-        self._former: Inbox | None = None
-        self._handover_ends = 0.0
-        self._recent: deque[tuple[int, int | None]] = deque(maxlen=QUEUE_DEPTH)
-        self._seen: set[tuple[int, int | None]] | None = None
         self._unusable = self._prepare(types, prefixes)
+        self._handover = Handover(node, name, self._class, direct=direct)
 
     @property
     def topic(self) -> Topic | None:
@@ -101,30 +82,23 @@ class Intake:
             self._losses.restart()
         if ids:
             self._publisher_ids = ids
-        if self._former is None:
-            self._seen = None
+        self._handover.settle()
         if usable and not self._unusable:
-            self._subscribe(offered_by_all([i.qos_profile for i in usable]), len(usable))
+            self._listen(offered_by_all([i.qos_profile for i in usable]), len(usable))
 
     def take(self) -> list[Received]:
         """Everything that has arrived since the last call."""
-        if self._inbox is None:
+        if self._handover.qos is None:
             return []
         before = self._publishers
-        received = self._take_former() + self._inbox.take()
-        if self._seen is not None:
-            received = [r for r in received if self._is_new(r)]
-        self._recent.extend(map(_key, received))
-        self._publishers = self._inbox.publishers
+        received = self._handover.take()
+        self._publishers = self._handover.publishers
         self._losses.see((r.sequence for r in received), max(before, self._publishers))
         return received
 
     def close(self) -> None:
         """End the subscription."""
-        for inbox in (self._former, self._inbox):
-            if inbox is not None:
-                inbox.close()
-        self._former = self._inbox = None
+        self._handover.close()
 
     def _prepare(self, types: MessageTypes, prefixes: Sequence[Path]) -> str | None:
         """Find class and definition of the type; returns why it cannot be used."""
@@ -155,34 +129,7 @@ class Intake:
             )
         return f"its type is {info.topic_type}, not {self.type}: correct the settings"
 
-    def _subscribe(self, qos: Qos, publishers: int) -> None:
-        if self._inbox is None:
-            self._inbox = self._open(qos)
-        elif self._former is not None:
-            if self._inbox.publishers >= publishers:
-                self._handover_ends = min(self._handover_ends, time.monotonic() + _OVERLAP)
-        elif self._inbox.qos != qos:
-            self._former, self._inbox = self._inbox, self._open(qos)
-            self._handover_ends = time.monotonic() + _LONGEST_HANDOVER
-            self._seen = set(self._recent)
-
-    def _take_former(self) -> list[Received]:
-        if self._former is None:
-            return []
-        received = self._former.take()
-        if time.monotonic() > self._handover_ends:
-            self._former.close()
-            self._former = None
-        return received
-
-    def _open(self, qos: Qos) -> Inbox:
-        if self._topic is not None:
+    def _listen(self, qos: Qos, publishers: int) -> None:
+        self._handover.listen(qos, publishers)
+        if self._topic is not None and self._handover.qos == qos != self._topic.qos:
             self._topic = replace(self._topic, qos=qos)
-        return Inbox(self._node, self._class, self.name, qos, direct=self._direct)
-
-    def _is_new(self, received: Received) -> bool:
-        """Whether neither the old nor the new subscription has delivered it yet."""
-        if self._seen is None or _key(received) in self._seen:
-            return False
-        self._seen.add(_key(received))
-        return True

@@ -36,14 +36,13 @@ class LossCounter:
         """
         self._several = publishers > 1
         if not self._several:
+            last = self._last
             for number in numbers:
-                self._count(number)
+                if number is None:
+                    self._numbered = False
+                elif last is None or number > last:
+                    self._lost += 0 if last is None else number - last - 1
+                    last = number
+            self._last = last
         if publishers != 1:
             self.restart()
-
-    def _count(self, number: int | None) -> None:
-        if number is None:
-            self._numbered = False
-        elif self._last is None or number > self._last:
-            self._lost += 0 if self._last is None else number - self._last - 1
-            self._last = number

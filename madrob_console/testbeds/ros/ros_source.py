@@ -13,7 +13,7 @@ from functools import partial
 from operator import attrgetter
 from typing import TypeVar
 
-from madrob_console.clock import NS, Clock
+from madrob_console.clock import Clock
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import (
@@ -26,7 +26,7 @@ from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.definitions import prefixes
-from madrob_console.testbeds.ros.inbox import Received, can_take, qos_profile
+from madrob_console.testbeds.ros.inbox import Received, arrival, can_take, qos_profile
 from madrob_console.testbeds.ros.info_watch import InfoWatch
 from madrob_console.testbeds.ros.intake import Intake
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
@@ -314,7 +314,5 @@ def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
 
 def _message(intake: Intake, received: Received, now: int, wall: int) -> RawMessage:
     """A message with its arrival, in the system's time, carried over to steady time."""
-    age = wall - received.received_ns
-    if not 0 <= age <= NS:
-        age = 0  # the system's clock was stepped
-    return RawMessage(intake.name, intake.type, received.data, received.source_ns, now - age)
+    at = arrival(received.received_ns, now, wall)
+    return RawMessage(intake.name, intake.type, received.data, received.source_ns, at)

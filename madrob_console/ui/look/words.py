@@ -60,6 +60,11 @@ def time_of_day(epoch: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(epoch))
 
 
+def date_of(epoch: float) -> str:
+    """The local date and time of a time in s since the epoch."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(epoch))
+
+
 def size_text(size: float) -> str:
     """Bytes in a unit that people read: `512 B`, `3.4 MB`, `41 GB`."""
     for unit in ("B", "kB", "MB", "GB"):

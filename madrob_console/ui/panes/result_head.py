@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from madrob_console.referee.acts.finalise import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, worst
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
-from madrob_console.ui.look.words import OUTCOMES
+from madrob_console.ui.look.words import OUTCOMES, date_of
 from madrob_console.ui.panes.flag_lines import FLAG_TONES, flag_lines
 from madrob_console.ui.panes.run_status import TONES, what_text
 
@@ -90,6 +89,6 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         tone = Tone.DIM if playback.agrees else Tone.BAD
         lines += paragraph(playback.comparison, width, tone)
     if snapshot.opened:
-        day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(result.start))
+        day = date_of(result.start)
         lines.append(line(Span(f"an earlier run, started {day}", Tone.DIM)))
     return lines

@@ -12,7 +12,7 @@ from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
-from madrob_console.ui.look.words import cut_inside
+from madrob_console.ui.look.words import cut_inside, date_of
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -62,6 +62,8 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
         yield "waiver", f"{waiver.check}: {waiver.reason}"
     for note in reversed(run.notes):
         yield "note", f"{_at(note.time, run)}{note.text}"
+    for removed in reversed(run.removed_evidence):
+        yield "evidence removed", f"{date_of(removed.time)}: {removed.words}"
 
 
 def _decisions(run: Run) -> Iterator[tuple[str, str]]:

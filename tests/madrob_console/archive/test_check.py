@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,18 @@ import pytest
 
 from madrob_console.archive.check import check_run
 from madrob_console.archive.grades import Grade
+from madrob_console.archive.repair import repair
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Start
 from madrob_console.testbeds.simulated import Scenario
+from recorder.listing import put_listing
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import copy_run, publish
+from tests.recorder.samples import add_evidence, strings
 
 Document = dict[str, Any]
 
@@ -246,6 +250,44 @@ def test_a_file_that_was_changed_or_is_gone_is_found(run: Path) -> None:
     (run / "condition_1.yaml").unlink()
     (run / "added.csv").write_text("time\n")
     assert found(run) == ["files.condition_1.yaml", f"files.{table.name}.sha256"]
+
+
+def list_files(run: Path) -> None:
+    fd = os.open(run, os.O_DIRECTORY)
+    assert put_listing(fd) is not None
+    os.close(fd)
+
+
+def test_evidence_that_comes_after_the_result_and_goes_again_is_no_difference(run: Path) -> None:
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    evidence = add_evidence(run, strings(["a picture"]))
+    list_files(run)
+    assert (run / "metadata.yaml").read_bytes() != before["metadata.yaml"]
+    assert found(run) == []
+    assert repair(run) is None
+    evidence.unlink()
+    assert found(run) == []
+    list_files(run)
+    assert found(run) == []
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+
+
+def test_a_result_that_is_made_beside_evidence_stands_when_that_is_gone(run: Path) -> None:
+    evidence = add_evidence(run, strings(["a picture"]))
+    list_files(run)
+    (run / "result.json").write_text("{")
+    assert repair(run) is not None
+    assert found(run) == []
+    evidence.unlink()
+    list_files(run)
+    assert found(run) == []
+    assert repair(run) is None
+
+
+def test_the_metadata_of_a_bag_without_evidence_is_compared(run: Path) -> None:
+    with (run / "metadata.yaml").open("a") as file:
+        file.write("# changed\n")
+    assert found(run) == ["files.metadata.yaml.sha256", "files.metadata.yaml.bytes"]
 
 
 def test_a_result_of_a_version_that_kept_no_digests_can_be_checked(run: Path) -> None:

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.cli.main import main as madrob
 from madrob_console.cli.recover_command import main
 from madrob_console.referee.journal import Journal
 from recorder.bag import BAG_INFORMATION
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
-from tests.recorder.samples import strings, talk
+from tests.recorder.samples import add_evidence, strings, talk
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +81,34 @@ def test_a_torn_bag_is_repaired_in_one_line_that_says_what_became_of_it(
     assert line.startswith(f"{folder}: {count} messages kept; cut: it is torn at byte ")
     assert f"the new file is {recording(folder)}, the old one is kept as" in line
     assert f"{folder.name}_0.mcap.torn; `madrob score {folder}` works" in line
+
+
+def test_a_run_that_was_cut_off_in_its_middle_is_said_to_be_scorable(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / RESULT_FILE).unlink()
+    tear(folder, 0.6)
+    assert recover(folder) == 0
+    assert one_line(capsys.readouterr().out).endswith(f"; `madrob score {folder}` works\n")
+    assert len(list(score(folder))) == 1
+
+
+def test_evidence_that_was_cut_off_is_repaired_and_what_is_hopeless_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in (0, 1):
+        file = add_evidence(folder, strings(["a", "b"]), number)
+        file.write_bytes(file.read_bytes()[: -100 if number == 0 else 5])
+    (before,) = score(folder)
+    assert recover(folder) == 0
+    line = one_line(capsys.readouterr().out)
+    assert line.startswith(f"{folder}: whole, ")
+    assert f"; evidence {folder.name}_evidence_0.mcap: 2 messages kept, cut: " in line
+    assert "; evidence stays as it is: " in line
+    assert f"{folder.name}_evidence_1.mcap is no evidence: " in line
+    (after,) = score(folder)
+    assert after.result == before.result
+    assert madrob(["score", "--check", str(folder)]) == 0
 
 
 def test_a_whole_bag_is_left_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,6 +22,7 @@ from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.scenarios import RobotSettings
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
@@ -181,6 +182,31 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
         settings.mappings()
 
 
+def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_path: Path) -> None:
+    assert Settings().recording.choice.topics == ()
+    recording = load(
+        tmp_path,
+        """
+        [recording]
+        topics = ["/camera/*/image/compressed", "/tf"]
+        excluded = ["/camera/spare/**"]
+        budget = 0.5
+        largest = 2
+        [[recording.limits]]
+        topics = "/camera/**"
+        most_rate = 10
+        priority = 3
+        """,
+    ).recording
+    choice = recording.choice
+    assert recording.budget_bytes == 500_000_000
+    assert choice.largest == 2_000_000
+    assert choice.wants("/camera/left/image/compressed")
+    assert not choice.wants("/camera/spare/image/compressed")
+    assert choice.limit("/camera/left/image/compressed") == TopicLimit("/camera/**", 10.0, 3)
+    assert choice.limit("/tf") == NO_LIMIT
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -247,6 +273,12 @@ def test_a_malformed_field_names_its_topic_entry(tmp_path: Path) -> None:
         (
             "[console]\ntheme = 'solarized'",
             "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
+        ),
+        ("[recording]\ntopics = ['camera']", "recording.topics[0]: expected text matching"),
+        ("[recording]\nbudget = 0", "recording.budget: expected a number >= 0.001"),
+        (
+            "[[recording.limits]]\ntopics = '/tf'\npriority = 10",
+            "recording.limits[0].priority: expected a whole number <= 9",
         ),
         ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
         ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
@@ -320,6 +352,8 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
     ]
     assert defaults["simulated"]["robot"].pop("start_distance") is None
     assert defaults["console"].pop("ascii") is None
+    assert defaults["recording"].pop("limits") == []
+    assert shown["recording"].pop("limits")
     assert defaults.pop("testbed") == {"name": None, "kind": None, "domain": None}
     assert shown.pop("testbed") == {}
     assert shown == defaults

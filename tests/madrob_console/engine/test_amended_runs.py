@@ -28,6 +28,7 @@ from madrob_console.archive.scored import score_run
 from madrob_console.engine.shown.playback import JumpTo
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import export_team
+from madrob_console.export.packed_bag import BagParts
 from madrob_console.export.readme import README_FILE
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
@@ -301,7 +302,12 @@ def test_a_corrected_run_is_packed_for_its_team(desk: Desk) -> None:
     desk.act(Correct(4, PULL, "typed wrongly"), Void("protest accepted"))
     desk.engine.close()
     made = export_team(
-        collected_in(desk.results), 4, DEFAULT_MAPPINGS, 0.0, bags=False, practice=True
+        collected_in(desk.results),
+        4,
+        DEFAULT_MAPPINGS,
+        0.0,
+        parts=BagParts(recording=False),
+        practice=True,
     )
     with zipfile.ZipFile(made.path) as packed:
         text = " ".join(packed.read(README_FILE).decode().split())

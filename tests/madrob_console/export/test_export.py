@@ -11,15 +11,17 @@ import subprocess
 import time
 import unicodedata
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import jsonschema
 import msgspec
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.rosbag2 import Reader
 
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
@@ -28,6 +30,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.export import pack, zip_file
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
 from madrob_console.export.pack import export_team, file_name
+from madrob_console.export.packed_bag import BagParts
 from madrob_console.export.portable_names import (
     LONGEST_FILE_NAME,
     LONGEST_PATH,
@@ -41,10 +44,14 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.testbeds.simulated import Scenario
+from recorder.bag import evidence_file_name
+from recorder.listing import put_listing
 from recorder.reader import read_bag
+from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
+from tests.recorder.samples import add_evidence, strings, talk
 
 NOW = 1_790_000_000.0
 
@@ -86,7 +93,9 @@ def folders(root: Path, subject: int = 3) -> list[Path]:
 
 
 def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Export:
-    return export_team(collected_in(root), 3, DEFAULT_MAPPINGS, NOW, bags=bags, practice=practice)
+    return export_team(
+        collected_in(root), 3, DEFAULT_MAPPINGS, NOW, parts=BagParts(bags), practice=practice
+    )
 
 
 def unpacked(path: Path, target: Path) -> Path:
@@ -208,6 +217,92 @@ def test_what_the_cameras_saw_goes_along(root: Path, tmp_path: Path) -> None:
         path.name: path.read_bytes() for path in (run / "pictures").iterdir()
     }
     assert "what the cameras saw at each event" in text_in(made)
+
+
+FRAMES = strings(["a picture", "another"])
+
+
+def bag_of(folder: Path, *numbers: int) -> int:
+    """A real bag with evidence in place of that of a run; how many messages its recording has."""
+    for name in (f"{folder.name}_0.mcap", "metadata.yaml"):
+        (folder / name).unlink()
+    aside = folder.parent / "aside" / folder.name
+    aside.parent.mkdir()
+    with BagWriter(aside, [talk()], {}) as writer:
+        for message in FRAMES:
+            writer.put(message)
+    for path in aside.iterdir():
+        path.rename(folder / path.name)
+    for number in numbers:
+        add_evidence(folder, FRAMES, number)
+    fd = os.open(folder, os.O_DIRECTORY)
+    assert put_listing(fd) is not None
+    os.close(fd)
+    return len(FRAMES)
+
+
+def opened_by_others(folder: Path) -> tuple[list[str], int]:
+    """The files that metadata.yaml lists, and how many messages rosbags finds in them."""
+    listed = yaml.safe_load((folder / "metadata.yaml").read_text())
+    with Reader(folder) as reader:
+        count = sum(1 for _ in reader.messages())
+    return listed["rosbag2_bagfile_information"]["relative_file_paths"], count
+
+
+def test_evidence_is_packed_and_the_readme_tells_of_it(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = folders(root)[0]
+    bag_of(run, 0, 1)
+    assert main(["export", "--team=3", f"--results={root}"]) == 0
+    said = capsys.readouterr()
+    assert re.fullmatch(
+        r"madrob: note: packing 0\.\d MB, 0\.\d MB of it evidence "
+        r"\(--without-evidence leaves that out\)\n",
+        said.err,
+    )
+    there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
+    names = [f"{run.name}_0.mcap", f"{run.name}_evidence_0.mcap", f"{run.name}_evidence_1.mcap"]
+    assert opened_by_others(there / run.name) == (names, 6)
+    text = (there / "README.txt").read_text()
+    assert "THE EVIDENCE\nFiles called ..._evidence_N.mcap hold" in text
+    assert f"{run.name}/{run.name}_evidence_0.mcap" in text
+
+
+def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = folders(root)[0]
+    count = bag_of(run, 0)
+    assert main(["export", "--team=3", "--without-evidence", f"--results={root}"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
+    assert opened_by_others(there / run.name) == ([f"{run.name}_0.mcap"], count)
+    assert not list(there.rglob("*evidence*"))
+    text = (there / "README.txt").read_text()
+    assert "other topics of some runs were left out of this archive" in text
+    assert "THE EVIDENCE" not in text
+    plain = export(root, bags=False)
+    with zipfile.ZipFile(plain.path) as packed:
+        assert not any("evidence" in name for name in packed.namelist())
+        assert "other topics of some runs were left out" in packed.read("README.txt").decode()
+
+
+def test_evidence_that_nobody_can_open_is_named_and_not_packed(root: Path, tmp_path: Path) -> None:
+    run = folders(root)[0]
+    bag_of(run, 0)
+    (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage")
+    (run / f"{evidence_file_name(run.name, 0)}.torn").write_bytes(b"torn")
+    made = export(root)
+    (problem,) = made.problems
+    assert problem == (
+        f"{run.name}/{evidence_file_name(run.name, 1)}: is evidence that is not whole: "
+        "`madrob recover` repairs it, then export again"
+    )
+    there = unpacked(made.path, tmp_path / "there")
+    assert len(list(there.rglob("*evidence*"))) == 1
+    assert opened_by_others(there / run.name)[1] == 4
 
 
 def test_the_run_that_goes_on_is_left_out_and_named(
@@ -429,7 +524,7 @@ def test_a_result_that_changes_meanwhile_is_named(
     add_folder = zip_file.Archive.add_folder
 
     def ruled(
-        self: zip_file.Archive, folder: Path, called: str = "", *, without: tuple[str, ...] = ()
+        self: zip_file.Archive, folder: Path, called: str = "", *, without: Callable[[str], bool]
     ) -> list[str]:
         added = add_folder(self, folder, called, without=without)
         if folder == first:

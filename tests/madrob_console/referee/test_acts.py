@@ -21,7 +21,9 @@ from madrob_console.referee.acts import (
     AddNote,
     ConfirmPose,
     Correct,
+    DecideProtest,
     DeclareTimeout,
+    FileProtest,
     Finalise,
     MarkIncident,
     Reissue,
@@ -34,6 +36,7 @@ from madrob_console.referee.acts import (
     Void,
     Waive,
     WithdrawIncident,
+    WithdrawProtest,
     ZeroHandle,
     act_details,
     act_named,
@@ -42,6 +45,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.doubt_answers import Doubts
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.preflight import Check, CheckState
+from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.questions import Ask, Option, Pick
 from madrob_console.referee.run import (
     CheckName,
@@ -106,6 +110,8 @@ DOUBTED = {
 ONE_SAMPLE: Doubts = {IndicatorName.TIME_TO_HANDLE: ("the touch rests on 1 sample",)}
 FAILED = Check(CheckName.DOOR, CheckState.FAILED, "angle +0.500 rad")
 
+PROTEST = Protest(1, 130.0, "Graz", "it was slower", "step 4", None, 3730.0, "", "R. Eferee")
+
 POSSIBLE: list[tuple[Act, set[Phase]]] = [
     (SetUp(SETUP), {Phase.IDLE, Phase.READY, Phase.STOPPED, Phase.FINAL}),
     (ConfirmPose(), {Phase.READY}),
@@ -128,6 +134,12 @@ POSSIBLE: list[tuple[Act, set[Phase]]] = [
     (Reissue("appeal"), {Phase.FINAL}),
     (Void("unsafe"), {Phase.STOPPED, Phase.FINAL}),
     (Correct(4, SETUP.condition, "typed wrongly"), {Phase.STOPPED, Phase.FINAL}),
+    (FileProtest("it was slower", "Graz"), {Phase.STOPPED, Phase.FINAL}),
+    (
+        DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee"),
+        {Phase.STOPPED, Phase.FINAL},  # it has one that is open
+    ),
+    (WithdrawProtest(1, "satisfied"), {Phase.STOPPED, Phase.FINAL}),
     (TakeBack(DecisionKind.INCIDENT, 110.0, "my mistake"), {Phase.STOPPED}),  # it has one
 ]
 
@@ -173,6 +185,8 @@ def test_an_act_is_possible_in_its_phases_and_refused_with_words_elsewhere(
 ) -> None:
     checks = (FAILED,) if isinstance(act, Waive) else ()
     here = situation(RUNS[phase], *checks)
+    if isinstance(act, DecideProtest | WithdrawProtest):
+        here = replace(here, run=replace(here.run, protests=(PROTEST,)))
     if isinstance(act, AcceptDoubts):
         here = replace(here, indicators=DOUBTED)
     refusal = act.refusal(here)
@@ -212,6 +226,15 @@ WORDS = {
         "corrected to subject 4, condition 1 (typed wrongly)",
         "corrected to subject 4, condition 1: typed wrongly",
     ),
+    FileProtest: (
+        "protest of Graz about the whole run waits for a decision (it was slower)",
+        "Graz protests about the whole run: it was slower",
+    ),
+    DecideProtest: ("protest 1 upheld (seen on video)", "protest 1 upheld: seen on video"),
+    WithdrawProtest: (
+        "protest 1 is withdrawn (satisfied)",
+        "protest 1 withdrawn by the team: satisfied",
+    ),
     TakeBack: (
         "incident taken back (my mistake)",
         "referee takes back the last incident: my mistake",
@@ -228,7 +251,7 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     entry = Entry(1.0, Origin.REFEREE, act.name, "", act.reason_given, act_details(act))
     for line in (entry, Entry.from_json(entry.to_json())):
         log.add(line, None)
-    loud = isinstance(act, MarkIncident | Void | Correct)
+    loud = isinstance(act, MarkIncident | Void | Correct | FileProtest | DecideProtest)
     weight = Weight.NOTICE if loud else Weight.PLAIN
     assert [(line.text, line.weight) for line in log.lines] == [(logged, weight)] * 2
 

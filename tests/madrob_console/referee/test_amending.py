@@ -14,6 +14,8 @@ from madrob_console.referee.acts import (
     AcceptDoubts,
     Act,
     Correct,
+    DecideProtest,
+    FileProtest,
     Finalise,
     MarkIncident,
     Reissue,
@@ -23,6 +25,7 @@ from madrob_console.referee.acts import (
     TakeBack,
     Void,
     Waive,
+    WithdrawProtest,
     act_details,
 )
 from madrob_console.referee.acts.take_back import last_decision
@@ -30,6 +33,7 @@ from madrob_console.referee.flags import Flag, undecided
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.journal_mark import mark_of
 from madrob_console.referee.preflight import Check, CheckState
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestEnd, ProtestTimes
 from madrob_console.referee.questions import Ask
 from madrob_console.referee.rebuild import Change, after, rebuild
 from madrob_console.referee.run import (
@@ -126,13 +130,26 @@ decisions = st.one_of(
     st.builds(Waive, st.just(CheckName.DOOR), reason),
     st.builds(Void, reason),
     st.builds(AcceptDoubts, st.just(ONE_SAMPLE), reason),
+    st.builds(
+        DecideProtest,
+        st.integers(1, 3),
+        st.sampled_from(list(ProtestEnd)),
+        reason,
+        st.just("R. Eferee"),
+    ),
     st.builds(Correct, st.integers(1, 5), conditions, reason, st.just("Graz"), st.integers(1, 99)),
 )
+protests = st.one_of(
+    st.builds(FileProtest, st.just("it was slower"), st.just("Graz"), after_start=st.just(2.0)),
+    st.builds(WithdrawProtest, st.integers(1, 3), reason),
+)
+acts = st.one_of(decisions, protests)
+"""What a team does is not taken back: it may protest again."""
 closings = st.sampled_from([Finalise(TeamWord.ABSENT, "R. Eferee"), Reissue("protest")])
 phases = st.sampled_from([Phase.READY, Phase.RUNNING, Phase.STOPPED])
 
 
-@given(phases, st.lists(st.one_of(decisions, closings, st.none()), max_size=15))
+@given(phases, st.lists(st.one_of(acts, closings, st.none()), max_size=15))
 @settings(max_examples=300, deadline=None)
 def test_whatever_is_decided_and_taken_back_the_journal_tells_it(
     phase: Phase, acts: Sequence[Act | None]
@@ -146,7 +163,7 @@ def test_whatever_is_decided_and_taken_back_the_journal_tells_it(
         assert telling.told == telling.run
 
 
-@given(phases, st.lists(decisions, max_size=6), st.lists(decisions, min_size=1, max_size=6))
+@given(phases, st.lists(acts, max_size=6), st.lists(decisions, min_size=1, max_size=6))
 @settings(max_examples=300, deadline=None)
 def test_taking_back_is_the_inverse_of_deciding(
     phase: Phase, before: Sequence[Act], then: Sequence[Act]
@@ -163,7 +180,7 @@ def test_taking_back_is_the_inverse_of_deciding(
     assert telling.told == telling.run
 
 
-@given(st.lists(st.one_of(decisions, closings, st.none()), max_size=12))
+@given(st.lists(st.one_of(acts, closings, st.none()), max_size=12))
 @settings(max_examples=200, deadline=None)
 def test_of_a_final_result_only_what_opens_it_is_decided(acts: Sequence[Act | None]) -> None:
     telling = in_phase(Phase.STOPPED)
@@ -303,6 +320,8 @@ class View:
     flags: tuple[Flag, ...] = ()
     teams: TeamList = NO_TEAMS
     elapsed: float | None = None
+    time: float = 0.0
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
 
 

@@ -1,4 +1,7 @@
-"""One process that scores, and the engine's end of the line to it."""
+"""A process of the engine's own, and the engine's end of the line to it.
+
+What crosses are frames as those of screens (`engine/shown/wire.py`), and handles.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,18 @@ import socket
 import subprocess
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from madrob_console.engine.process.scoring_messages import ToEngine, answer_of_process, frames
+from madrob_console.engine.shown.wire import LENGTH
+from madrob_console.errors import MadrobError
+
+LARGEST_FRAME = 256_000_000
+"""More is no message, bytes."""
+
+_T = TypeVar("_T")
 
 LOOK_PERIOD = 1.0
 """Whether it moves is looked at this often, s."""
@@ -61,11 +70,12 @@ def start_process(command: Sequence[str], link: socket.socket) -> Started:
     )
 
 
-class ScoringChild:
-    """One process that scores; what crosses the line is in `scoring_messages`.
+class Child(Generic[_T]):
+    """One process that works for the engine.
 
     Args:
         command: what is started.
+        read: makes a message of a frame; raises `MadrobError` where it is none.
 
     Attributes:
         link: the engine's end of the line.
@@ -75,7 +85,8 @@ class ScoringChild:
         OSError: it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str]) -> None:
+    def __init__(self, command: Sequence[str], read: Callable[[bytes], _T]) -> None:
+        self._read = read
         self.link, theirs = socket.socketpair()
         with theirs:
             try:
@@ -94,7 +105,7 @@ class ScoringChild:
         """Its number."""
         return self._process.pid
 
-    def receive(self) -> list[ToEngine]:
+    def receive(self) -> list[_T]:
         """What has come.
 
         Raises:
@@ -109,7 +120,7 @@ class ScoringChild:
         if not data:
             raise EOFError
         self._received += data
-        return [answer_of_process(each) for each in frames(self._received)]
+        return [self._read(each) for each in frames(self._received)]
 
     def end(self) -> str:
         """End it, if it has not ended; how it did, in words."""
@@ -127,6 +138,15 @@ class ScoringChild:
             return f"it was ended by {signal.Signals(-code).name}"
         return f"it ended with code {code}"
 
+    def leave(self) -> str:
+        """Let it end by itself: it is waited for a little, and never ended; nothing to say."""
+        self.link.close()
+        while self.memories:
+            os.close(self.memories.popleft())
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIME)
+        return ""
+
     def moved(self, now: float) -> float:
         """When it last used the processor, wanted to or waited for a disk, s."""
         if now - self._looked < LOOK_PERIOD:
@@ -142,3 +162,21 @@ class ScoringChild:
     def kill(self) -> None:
         """End it at once."""
         self._process.kill()
+
+
+def frames(received: bytearray) -> Iterator[bytes]:
+    """Whole frames, which are taken away from what was received.
+
+    Raises:
+        MadrobError: what was received is something else.
+    """
+    while len(received) >= LENGTH.size:
+        (length,) = LENGTH.unpack_from(received)
+        if length > LARGEST_FRAME:
+            raise MadrobError(f"not a message: {length} bytes")
+        end = LENGTH.size + length
+        if len(received) < end:
+            return
+        data = bytes(memoryview(received)[LENGTH.size : end])
+        del received[:end]
+        yield data

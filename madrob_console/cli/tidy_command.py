@@ -1,0 +1,177 @@
+"""`madrob tidy`: room on the disk, by the evidence of old runs."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.cli import options
+from madrob_console.cli.asking import says_yes, somebody_there
+from madrob_console.cli.parsing import period, size, whole_number
+from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.cli.progress import progress
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.archive.thinning import RunEvidence, Thinning
+
+NOT_REMOVED = 1
+"""Exit code where somebody said no."""
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "tidy",
+        main,
+        "make room: remove the evidence (cameras, other topics) of old runs",
+        "Recordings of what is scored, results, reports and pictures stay. So does the evidence of "
+        "a run that was ever protested, is not final, goes on or is open in a console, and of the "
+        "last run and the last practice run. It says what goes and what stays and why, and asks. "
+        "Each run's journal and report say what was removed.",
+        examples=(
+            "madrob tidy --older-than 7d --dry-run",
+            "madrob tidy --keep-runs 20 --until-free 50GB    # only as much as it takes",
+        ),
+    )
+    limits = parser.add_argument_group("what stays besides; at least one of these")
+    limits.add_argument(
+        "--keep-runs",
+        type=whole_number,
+        default=None,
+        metavar="N",
+        help="that of the last N runs, and of the last N practice runs",
+    )
+    limits.add_argument(
+        "--older-than",
+        type=period,
+        default=None,
+        metavar="TIME",
+        help="that of younger runs: 12h, 7d, 2w",
+    )
+    limits.add_argument(
+        "--until-free",
+        type=size,
+        default=None,
+        metavar="SIZE",
+        help="what is left once so much of the disk is free: 50GB",
+    )
+    parser.add_argument("--dry-run", action="store_true", help="only say what would go")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    options.add_results(parser)
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Say what goes and what stays, ask, and remove it."""
+    with imports_kept():
+        from madrob_console.archive.thinning import evidence_at, run_going_on
+        from madrob_console.config import load_settings
+        from madrob_console.files.whole import free_space
+        from madrob_console.ui.look.words import size_text
+
+    limits = _limits(arguments)
+    root = options.results_folder(arguments, load_settings(arguments.settings))
+    if not root.is_dir():
+        raise MadrobError(f"{root}: no such results folder; name one with --results")
+    free = free_space(root)
+    if free is None:
+        raise MadrobError(f"{root}: its disk does not say how much is free; try again")
+    now = time.time()
+    found = evidence_at(root, limits, now, free)
+    for line in _lines(found, now):
+        print(terminal_safe(line))
+    going = [one for one in found if not one.kept]
+    room = sum(one.size for one in going)
+    stays = size_text(sum(one.size for one in found) - room)
+    then = f"{size_text(free)} free now, {size_text(free + room)} then"
+    runs = f"{len(going)} run{'' if len(going) == 1 else 's'}"
+    print(f"evidence of {runs}, {size_text(room)}, can go; {stays} stay; {then}")
+    if not going or arguments.dry_run:
+        return 0
+    if (name := run_going_on(root)) is not None:  # large files that go hold up a disk for seconds
+        raise MadrobError(f"{name}: this run goes on: tidy after it")
+    if not arguments.yes:
+        if not somebody_there():
+            raise MadrobError("nobody is there to be asked: --yes removes without asking")
+        if not says_yes(f"Remove the evidence of {runs} for good? [y/N] "):
+            print("nothing was removed")
+            return NOT_REMOVED
+    return _remove(going, root)
+
+
+def _limits(arguments: argparse.Namespace) -> Thinning:
+    from madrob_console.archive.thinning import Thinning
+
+    keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
+    if keep is None and age is None and free is None:
+        raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
+    if keep is not None and keep < 0:
+        raise MadrobError(f"--keep-runs {keep}: use 0 or more")
+    return Thinning(keep or 0, age or 0.0, free)
+
+
+def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
+    """One a run: which, how old, how much, and why it stays."""
+    from madrob_console.ui.look.words import size_text
+
+    rows = [
+        (one.run.folder, _age(now - one.run.started), size_text(one.size), one.kept)
+        for one in found
+    ]
+    longest = max((len(row[0]) for row in rows), default=0)
+    return [
+        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {kept}' if kept else 'goes'}"
+        for folder, age, amount, kept in rows
+    ]
+
+
+def _age(seconds: float) -> str:
+    return f"{seconds / 86400:.0f} d" if seconds >= 2 * 86400 else f"{seconds / 3600:.1f} h"
+
+
+def _remove(going: Sequence[RunEvidence], root: Path) -> int:
+    from madrob_console.archive.thinning import remove_evidence
+    from madrob_console.files.whole import free_space
+    from madrob_console.ui.look.words import size_text
+
+    removed: list[RunEvidence] = []
+    with Complaints() as bad:
+        with progress("runs") as tell:
+            for number, one in enumerate(going):
+                tell(number, len(going))
+                try:
+                    remove_evidence(one, time.time())
+                except MadrobError as error:
+                    bad.add(error, one.folder)
+                else:
+                    removed.append(one)
+        _renew_reports(removed, bad)
+    free = free_space(root)
+    total = size_text(sum(one.size for one in removed))
+    left = "" if free is None else f"; {size_text(free)} free"
+    print(f"removed {total} of evidence of {len(removed)} of {len(going)} runs{left}")
+    return BAD_INPUT if bad.count else 0
+
+
+def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
+    """Have the reports say that the evidence is gone."""
+    from madrob_console.archive.folders import REPORT_FILE
+    from madrob_console.cli.repairing import renew_report
+    from madrob_console.report.surroundings import Surroundings
+
+    around = Surroundings()
+    reported = [one.folder for one in removed if (one.folder / REPORT_FILE).is_file()]
+    with progress("pages") as tell:
+        for number, folder in enumerate(reported):
+            tell(number, len(reported))
+            try:
+                renew_report(folder, around)
+            except MadrobError as error:
+                bad.add(error, folder)

@@ -1,0 +1,135 @@
+"""Evidence as the core sees it: told when a recording begins and ends, never waited for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from madrob_console.engine.live.topic_watch import Trouble
+from madrob_console.engine.shown.snapshot import EvidenceTopicView
+from madrob_console.referee.evidence_account import NO_EVIDENCE, EvidenceAccount
+
+
+@dataclass(frozen=True, slots=True)
+class EvidencePlan:
+    """How much evidence may be recorded.
+
+    Attributes:
+        budget: bytes that the results folder may hold of it.
+        least_room: what must fit before a start, s at the rate of now.
+    """
+
+    budget: int
+    least_room: float
+
+
+@dataclass(frozen=True, slots=True)
+class EvidencePlace:
+    """Where the evidence of a run goes.
+
+    Attributes:
+        folder_fd: handle of the bag's folder; whoever gets it closes it.
+        name: of the folder, as it was made.
+        steady_ns: steady time now (protocol section 8).
+        monotonic_ns: the machine's monotonic time at the same moment.
+        most_bytes: what is left of the budget.
+        least_free: bytes that stay free on the disk, for the score.
+    """
+
+    folder_fd: int
+    name: str
+    steady_ns: int
+    monotonic_ns: int
+    most_bytes: int
+    least_free: int
+
+
+@dataclass(frozen=True, slots=True)
+class WitnessStatus:
+    """How the evidence stands.
+
+    Attributes:
+        ready: whether somebody listens.
+        topics: what comes.
+        account: of the recording that goes on, or was last.
+        recording: whether one goes on.
+        finishing: whether one is over and not complete on disk.
+        size: its bytes on disk.
+        problem: what is wrong, in words; None = nothing.
+    """
+
+    ready: bool = False
+    topics: tuple[EvidenceTopicView, ...] = ()
+    account: EvidenceAccount = NO_EVIDENCE
+    recording: bool = False
+    finishing: bool = False
+    size: int = 0
+    problem: str | None = None
+
+    @property
+    def byte_rate(self) -> float:
+        """Bytes a second of all that is recorded."""
+        return sum(topic.byte_rate for topic in self.topics)
+
+    @property
+    def troubles(self) -> dict[tuple[str, Trouble], str]:
+        """What is wrong, in words, by topic."""
+        troubles = {
+            (topic.topic, Trouble.EVIDENCE): words
+            for topic in self.account.topics
+            if (words := topic.troubles)
+        }
+        if self.problem is not None:
+            troubles["recording", Trouble.EVIDENCE] = self.problem
+        return troubles
+
+
+class Witness(Protocol):
+    """Records evidence beside the engine. Nothing here waits; calls are the core's."""
+
+    @property
+    def status(self) -> WitnessStatus | None:
+        """How things stand; None = no evidence is wanted, or there can be none."""
+        ...
+
+    def warm(self) -> None:
+        """Get ready: whoever sends shall be found before the first start."""
+        ...
+
+    def begin(self, place: EvidencePlace) -> None:
+        """Record from now on."""
+        ...
+
+    def end(self) -> None:
+        """Record no more, and complete what is there."""
+        ...
+
+    def hold(self, *, held: bool) -> None:
+        """Leave the disk to the score, or not any more."""
+        ...
+
+    def close(self) -> None:
+        """End it; what is recorded gets complete by itself."""
+        ...
+
+
+class NoWitness:
+    """Nothing is recorded beside the testbed's own topics; a `Witness`."""
+
+    status = None
+
+    def warm(self) -> None:
+        """Nothing is needed."""
+
+    def begin(self, place: EvidencePlace) -> None:
+        """Nobody asks for a place."""
+        raise AssertionError(f"no evidence is wanted for {place.name}")
+
+    def end(self) -> None:
+        """Nothing was begun."""
+
+    def hold(self, *, held: bool) -> None:
+        """Nothing is written."""
+
+    def close(self) -> None:
+        """Nothing was begun."""

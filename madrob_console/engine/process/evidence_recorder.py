@@ -1,0 +1,263 @@
+"""Writes the evidence of one run, in a thread of its own, into a file of the run's bag."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from madrob_console.engine.process.evidence_queue import EvidenceQueue
+from recorder.bag import Topic
+from recorder.errors import remedy
+from recorder.listing import put_listing
+from recorder.mcap_file import McapFile
+from recorder.message import RawMessage
+
+QUEUE_BYTES = 96_000_000
+"""Memory of what waits for the disk: some seconds of four cameras."""
+
+BATCH_BYTES = 1_000_000
+"""EvidenceWritten between two looks at whether the score needs the disk."""
+
+SYNC_BYTES, SYNC_PERIOD = 4_000_000, 0.5
+"""Brought to the disk after so much or so long, bytes and s: what the score syncs then waits for no
+large heap of ours."""
+
+_ROOM_PERIOD = 1.0
+"""Free space is looked at this often, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceWritten:
+    """How the recording of evidence stands.
+
+    Attributes:
+        messages, bytes: by topic, in the file or on their way to it.
+        gave_way: by topic: there was no room for them in memory.
+        refused: by topic: the disk did not take them, or had no room left for evidence.
+        size: of the file, bytes.
+        queued: bytes of memory that wait.
+        silent: how long the disk has not answered, s.
+        problem: why nothing more is written, in words; empty = it is.
+        finished: whether the file is complete, or given up.
+    """
+
+    messages: dict[str, int]
+    bytes: dict[str, int]
+    gave_way: dict[str, int]
+    refused: dict[str, int]
+    size: int
+    queued: int
+    silent: float
+    problem: str
+    finished: bool
+
+
+class EvidenceRecorder:
+    """Records into a new file of a bag that others write, too.
+
+    Args:
+        folder_fd: the open bag folder; closed when the file is finished.
+        name: of the file.
+        most_bytes: of the file: what is left of the budget.
+        least_free: bytes that stay free on the disk, for the score.
+        capacity: bytes of memory of what waits.
+        monotonic: a clock of the machine's, s.
+    """
+
+    def __init__(
+        self,
+        folder_fd: int,
+        name: str,
+        *,
+        most_bytes: int,
+        least_free: int,
+        capacity: int = QUEUE_BYTES,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._fd = folder_fd
+        self._name = name
+        self._most_bytes = most_bytes
+        self._least_free = least_free
+        self._monotonic = monotonic
+        self._queue = EvidenceQueue(capacity)
+        self._topics: dict[str, Topic] = {}
+        self._new_topics: list[Topic] = []
+        self._messages: Counter[str] = Counter()
+        self._bytes: Counter[str] = Counter()
+        self._gave_way: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
+        self._size = 0
+        self._problem = ""
+        self._ending = False
+        self._held = False
+        self._finished = False
+        self._busy_since: float | None = None
+        self._changed = threading.Condition()  # guards everything above
+        self._thread = threading.Thread(target=self._work, name="evidence writer", daemon=True)
+        self._thread.start()
+
+    def put(self, message: RawMessage, topic: Topic, priority: int) -> None:
+        """Have a message recorded; never waits, what finds no room is counted."""
+        with self._changed:
+            if self._ending:
+                return
+            if self._problem:
+                self._refused[message.topic] += 1
+                return
+            if topic.name not in self._topics:
+                self._topics[topic.name] = topic
+                self._new_topics.append(topic)
+            self._add(message, 1)
+            for gone in self._queue.put(message, priority):
+                self._add(gone, -1)
+                self._gave_way[gone.topic] += 1
+            if self._queue.size >= BATCH_BYTES:
+                self._changed.notify_all()
+
+    def hold(self, *, held: bool) -> None:
+        """Write nothing while the score waits for the disk."""
+        with self._changed:
+            self._held = held
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Nothing more comes: write what waits, and finish the file."""
+        with self._changed:
+            self._ending = True
+            self._changed.notify_all()
+
+    def wait(self, limit: float) -> None:
+        """Until the file is finished, `limit` s at most."""
+        self._thread.join(limit)
+
+    @property
+    def written(self) -> EvidenceWritten:
+        """How it stands."""
+        with self._changed:
+            since = self._busy_since
+            return EvidenceWritten(
+                dict(self._messages),
+                dict(self._bytes),
+                dict(self._gave_way),
+                dict(self._refused),
+                self._size,
+                self._queue.size,
+                0.0 if since is None else self._monotonic() - since,
+                self._problem,
+                self._finished,
+            )
+
+    def _add(self, message: RawMessage, number: int) -> None:
+        self._messages[message.topic] += number
+        self._bytes[message.topic] += number * len(message.data)
+
+    # The writer's thread.
+
+    def _work(self) -> None:
+        file: McapFile | None = None
+        try:
+            self._busy()
+            file = McapFile(self._fd, self._name)
+            file.start((), {})
+            self._rest(file)
+            while self._write(file):
+                pass
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is told, and the run goes on
+            cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
+            hint = remedy(error) or "check the disk"
+            saved = Counter[str]() if file is None else file.saved
+            self._fail(f"no more evidence is recorded: {cause}; {hint}", saved)
+        if file is not None:
+            self._finish(file)
+        with suppress(OSError):
+            os.close(self._fd)
+        with self._changed:
+            self._finished = True
+            self._busy_since = None
+
+    def _write(self, file: McapFile) -> bool:
+        """Write the next batch; False when it was the last, or no more may be written."""
+        synced, looked = self._monotonic(), 0.0
+        unsynced = 0
+        while True:
+            with self._changed:
+                self._busy_since = None
+                self._changed.wait_for(self._is_due, max(0.0, SYNC_PERIOD / 2))
+                while self._held:
+                    self._changed.wait()
+                batch = self._queue.take(BATCH_BYTES)
+                topics, self._new_topics = self._new_topics, []
+                last = self._ending and not batch
+                self._busy_since = self._monotonic()
+            for topic in topics:
+                file.register(topic)
+            before = file.size
+            for message in batch:
+                file.add_message(message)
+            unsynced += file.size - before
+            now = self._monotonic()
+            if unsynced >= SYNC_BYTES or now - synced >= SYNC_PERIOD or last:
+                file.sync()
+                synced, unsynced = self._monotonic(), 0
+            if now - looked >= _ROOM_PERIOD:
+                looked = now
+                self._demand_room()
+            with self._changed:
+                self._size = file.size
+            if file.size > self._most_bytes:
+                file.sync()
+                self._fail("the budget is used up: raise `recording.budget`", file.saved)
+                return False
+            if last:
+                return False
+
+    def _is_due(self) -> bool:
+        return self._ending or self._held or self._queue.size >= BATCH_BYTES
+
+    def _demand_room(self) -> None:
+        at = os.fstatvfs(self._fd)
+        free = at.f_bavail * at.f_frsize
+        if free < self._least_free:
+            need = self._least_free / 1e9
+            raise OSError(f"{free / 1e9:.1f} GB are free, the score keeps {need:.1f} GB for itself")
+
+    def _rest(self, file: McapFile) -> None:
+        with self._changed:
+            self._size = file.size
+            self._busy_since = None
+
+    def _busy(self) -> None:
+        with self._changed:
+            self._busy_since = self._monotonic()
+
+    def _fail(self, problem: str, saved: Counter[str]) -> None:
+        """Nothing more is written; what is not in the file is lost."""
+        with self._changed:
+            self._problem = problem
+            self._queue.take(2 * self._queue.size)
+            for topic, accepted in self._messages.items():
+                lost = accepted - saved[topic]
+                self._refused[topic] += lost
+                self._bytes[topic] -= self._bytes[topic] * lost // max(1, accepted)
+            self._messages = saved.copy()
+
+    def _finish(self, file: McapFile) -> None:
+        self._busy()
+        try:
+            file.finish()
+            with self._changed:
+                self._size = file.size
+            file.close()
+            put_listing(self._fd)
+        except Exception as error:  # noqa: BLE001 - as above
+            cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
+            with self._changed:
+                self._problem = self._problem or f"the evidence could not be finished: {cause}"
+        finally:
+            with suppress(OSError):
+                file.close()

@@ -1,0 +1,206 @@
+"""How the evidence stands, of what its process says and of what became of the process."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
+from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
+from madrob_console.engine.process.evidence_recorder import EvidenceWritten
+from madrob_console.engine.shown.snapshot import EvidenceTopicView
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
+from recorder.bag import evidence_file_name
+
+QUIET = 1.5
+"""A process from which nothing is heard for so long is said to be silent, s."""
+
+SLOW_END = 5.0
+"""A recording that is not complete so long after its end is told, s."""
+
+_NOTHING = EvidenceNews()
+
+
+class EvidenceRecording:
+    """One recording, through any number of processes. Times are s of a monotonic clock.
+
+    Args:
+        number: of it.
+        place: where it goes.
+
+    Attributes:
+        ended: when it ended; None = it goes on.
+    """
+
+    def __init__(self, number: int, place: EvidencePlace) -> None:
+        self.number = number
+        self.place = place
+        self.ended: float | None = None
+        self._files = 0
+        self._former: list[tuple[RecordedTopic, ...]] = []
+        self._former_size = 0
+        self._problems: list[str] = []
+        self._heard = _NOTHING
+        self._written: EvidenceWritten | None = None
+        self._given_up = False
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether what comes is recorded."""
+        return self.ended is None
+
+    @property
+    def finishing(self) -> bool:
+        """Whether it is over, and its file is not complete."""
+        finished = self._written is not None and self._written.finished
+        return not (self.goes_on or finished or self._given_up)
+
+    @property
+    def size(self) -> int:
+        """Of its files, bytes."""
+        return self._former_size + (self._written.size if self._written else 0)
+
+    def next_file(self) -> RecordInto:
+        """The order for its next file."""
+        place, number = self.place, self._files
+        self._files += 1
+        return RecordInto(
+            self.number,
+            evidence_file_name(place.name, number),
+            place.steady_ns,
+            place.monotonic_ns,
+            max(0, place.most_bytes - self._former_size),
+            place.least_free,
+        )
+
+    def hear(self, heard: EvidenceNews) -> None:
+        """What its process says; later ones say nothing of it any more."""
+        written = heard.recordings.get(self.number)
+        if written is not None and (self.goes_on or self.finishing):
+            self._heard, self._written = heard, written
+
+    def lose_process(self, why: str) -> None:
+        """Its process has ended."""
+        if not (self.goes_on or self.finishing):
+            return
+        self._former.append(_topics(self._heard, self._written))
+        self._former_size = self.size
+        self._heard, self._written = _NOTHING, None
+        self._given_up = not self.goes_on
+        what = "what came until it was back is missing"
+        if self._given_up:
+            what = "its last file is not complete: `madrob recover` repairs it"
+        self._problems.append(f"the evidence process was started again ({why}): {what}")
+
+    def account(self) -> EvidenceAccount:
+        """What was recorded so far."""
+        problems = list(self._problems)
+        if self._written is not None and self._written.problem:
+            problems.append(self._written.problem)
+        if left := self._heard.left_over:
+            problems.append(f"{len(left)} topics too many: {left[0]} and others are not recorded")
+        if not self._files or (self._files and not self._former and self._written is None):
+            problems.append("no process was there to record it")
+        topics = _merged([*self._former, _topics(self._heard, self._written)])
+        return EvidenceAccount(topics, tuple(problems))
+
+    def problem(self, now: float) -> str:
+        """What is wrong now, in words; empty = nothing."""
+        if self._written is not None and self._written.problem:
+            return self._written.problem
+        if self.ended is not None and self.finishing and now - self.ended > SLOW_END:
+            return f"not complete on disk {now - self.ended:.0f} s after the end of the recording"
+        return ""
+
+
+def standing(
+    now: float,
+    heard: EvidenceNews | None,
+    heard_at: float,
+    trouble: str,
+    recording: EvidenceRecording | None,
+) -> WitnessStatus:
+    """How things stand.
+
+    Args:
+        now: s of a monotonic clock.
+        heard: what the process said last; None = there is none yet.
+        heard_at: when it said so.
+        trouble: what became of it, in words; empty = it is there.
+        recording: the one that goes on, or was last.
+    """
+    problem = trouble or (heard.problem if heard else "")
+    if heard is not None and now - heard_at > QUIET:
+        problem = f"the evidence process is silent for {now - heard_at:.0f} s"
+    if recording is not None:
+        problem = problem or recording.problem(now)
+    account = EvidenceAccount() if recording is None else recording.account()
+    lost = {topic.topic: sum(topic.lost.values()) for topic in account.topics}
+    return WitnessStatus(
+        ready=heard is not None,
+        topics=tuple(
+            EvidenceTopicView(
+                flow.topic,
+                flow.type,
+                round(flow.rate, 1),
+                float(f"{flow.byte_rate:.2g}"),
+                lost.get(flow.topic, 0),
+                flow.problem,
+            )
+            for flow in (heard.flows if heard else ())
+        ),
+        account=account,
+        recording=recording is not None and recording.goes_on,
+        finishing=recording is not None and recording.finishing,
+        size=0 if recording is None else recording.size,
+        problem=problem or None,
+    )
+
+
+def _topics(heard: EvidenceNews, written: EvidenceWritten | None) -> tuple[RecordedTopic, ...]:
+    """What one process says of a recording."""
+    if written is None:
+        return ()
+    flows = {flow.topic: flow for flow in heard.flows}
+    counts: Mapping[EvidenceLoss, Mapping[str, int]] = {
+        EvidenceLoss.ON_THE_WAY: heard.lost,
+        EvidenceLoss.BEHIND: written.gave_way,
+        EvidenceLoss.TOO_LARGE: heard.too_large,
+        EvidenceLoss.DISK: written.refused,
+    }
+    names = {*flows, *written.messages, *itertools.chain.from_iterable(counts.values())}
+    return tuple(
+        RecordedTopic(
+            name,
+            flows[name].type if name in flows else "",
+            written.messages.get(name, 0),
+            written.bytes.get(name, 0),
+            heard.left_out.get(name, 0),
+            {why: count[name] for why, count in counts.items() if count.get(name)},
+            flows[name].problem if name in flows else "",
+        )
+        for name in sorted(names)
+    )
+
+
+def _merged(parts: Sequence[Sequence[RecordedTopic]]) -> tuple[RecordedTopic, ...]:
+    """What several processes have recorded, one after the other."""
+    found: dict[str, RecordedTopic] = {}
+    for one in itertools.chain.from_iterable(parts):
+        other = found.get(one.topic)
+        if other is None:
+            found[one.topic] = one
+            continue
+        lost = Counter(other.lost)
+        lost.update(one.lost)
+        found[one.topic] = RecordedTopic(
+            one.topic,
+            one.type or other.type,
+            one.messages + other.messages,
+            one.bytes + other.bytes,
+            one.left_out + other.left_out,
+            dict(lost),
+            one.problem or other.problem,
+        )
+    return tuple(found[name] for name in sorted(found))

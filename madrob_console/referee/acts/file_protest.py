@@ -1,0 +1,213 @@
+"""File a protest of a team against the result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
+from madrob_console.referee.acts.decide_protest import DecideProtest
+from madrob_console.referee.acts.withdraw_protest import WithdrawProtest
+from madrob_console.referee.protests import Protest, ProtestTimes, open_protests
+from madrob_console.referee.questions import Ask, Option, Pick, Question, Write, reasons
+from madrob_console.referee.run import Phase, Run, relative_text, seconds_of
+from madrob_console.referee.transitions import opened_again
+from scoring.indicator_table import IndicatorName
+
+MOST_PROTESTS = 20
+"""Against one run."""
+
+_LATEST = 86_400.0
+"""Nothing that happens later than this has to do with the run, s from its start."""
+
+_LONGEST = 2000
+"""Of what a team says, characters."""
+
+_WHOLE = "the whole run"
+_FILE, _DECIDE, _WITHDRAW = "file", "decide", "withdraw"
+_TEXT = Write("What does the team say?", missing="a protest needs the team's words")
+
+
+@dataclass(frozen=True, slots=True)
+class FileProtest(Act):
+    """A team protests: the result is open until that is decided or withdrawn (section 2).
+
+    A final result is opened again by that: the next issue has a number, the old one stays.
+
+    Attributes:
+        text: what the team says.
+        team: who protests.
+        about: a step, an indicator, a time, or the whole run, in words.
+        after_start: the instant in question, s from the start; null = none.
+        late: why it is admitted although it comes late; empty = it is in time.
+        due: when it is to be decided, s since the epoch; given out by the engine.
+    """
+
+    name = "protest"
+    phases = (Phase.STOPPED, Phase.FINAL)
+    at_once = False
+    stands_out = True
+    title = "PROTEST: the result stays open until it is decided"
+    text: str
+    team: str
+    about: str = _WHOLE
+    after_start: float | None = None
+    late: str = ""
+    due: float | None = None
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """A run has only so many."""
+        if len(situation.run.protests) >= MOST_PROTESTS:
+            return f"there are {MOST_PROTESTS} protests against this run already: add a note (n)"
+        return None
+
+    def problem(self, situation: Situation) -> str | None:
+        """Somebody says something, in time; a final result is on disk."""
+        run = situation.run
+        if not self.text.strip():
+            return _TEXT.missing
+        if max(len(self.text), len(self.team), len(self.about), len(self.late)) > _LONGEST:
+            return f"a protest has at most {_LONGEST} characters: write the rest beside it"
+        if not self.team.strip():
+            return "a protest needs the name of the team"
+        if self.after_start is not None and not abs(self.after_start) <= _LATEST:
+            return "the time in question must lie within a day of the run's start"
+        if run.phase is Phase.FINAL and not situation.scored:
+            return "the result is being written"
+        late = _lateness(run, situation.time, situation.protest_times)
+        return f"{late}: admit it with a reason" if late and not self.late.strip() else None
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Asked:
+        """What about, who and what they say; with an open protest, first what becomes of that."""
+        waiting = open_protests(view.run.protests)
+        if not waiting:
+            return cls._ask_about(view)
+        first = waiting[0]
+        listed = (f"! {first.title} of {first.team}: {first.text}",)
+
+        def chosen(what: str) -> Asked:
+            if what == _FILE:
+                return cls._ask_about(view)
+            return (DecideProtest if what == _DECIDE else WithdrawProtest).ask(view, pressed)
+
+        options = (
+            Option("d", "decide it", _DECIDE),
+            Option("w", "the team withdraws it", _WITHDRAW),
+            Option("a", "another protest is filed", _FILE),
+        )
+        question = Pick("What becomes of it?", options, listed)
+        count = f"{len(waiting)} protests are open" if len(waiting) > 1 else "A protest is open"
+        return Ask(count, (question,), chosen)
+
+    @classmethod
+    def _ask_about(cls, view: RunView) -> Ask[Asked]:
+        run = view.run
+        steps = {f"step {one.step:d} ({one.step.text})": one for one in view.steps}
+        options = (
+            Option("w", _WHOLE, _WHOLE),
+            *(Option(str(one.step.value), one.step.text, words) for words, one in steps.items()),
+            Option("i", "an indicator", "indicator"),
+            Option("t", "a time of the run: type it", "time"),
+        )
+
+        def chosen(what: str) -> Asked:
+            if what == "indicator":
+                return cls._ask_indicator(view)
+            if what == "time":
+                question = Write("Seconds from the start of the run (12.5, -3, 1:05):")
+                return Ask(cls.title, (question,), lambda typed: cls._ask_at(view, typed))
+            found = steps.get(what)
+            time = None if found is None else found.final or found.sensors
+            known = time is not None and run.start is not None
+            at = time - run.start if known else None  # type: ignore[operator]
+            return cls._ask_words(view, what, at)
+
+        return Ask(cls.title, (Pick("What is it about?", options),), chosen)
+
+    @classmethod
+    def _ask_indicator(cls, view: RunView) -> Ask[Asked]:
+        options = tuple(
+            Option(chr(ord("a") + number), name.words, name.words)
+            for number, name in enumerate(
+                [one for one in IndicatorName if one in view.indicators] or list(IndicatorName)
+            )
+        )
+        none = Option("0", "nothing: close this", None)
+        question = Pick("Which indicator?", (none, *options))
+        return Ask(cls.title, (question,), lambda words: cls._ask_words(view, words, None))
+
+    @classmethod
+    def _ask_at(cls, view: RunView, typed: str) -> Asked:
+        at = seconds_of(typed)
+        if at is None:
+            return f"{typed!r} is no time: 12.5, -3 or 1:05 is one"
+        return cls._ask_words(view, f"{relative_text(at, 0.0)} s", at)
+
+    @classmethod
+    def _ask_words(cls, view: RunView, about: str, at: float | None) -> Ask[Asked]:
+        run = view.run
+        own = run.setup.team if run.setup is not None else ""
+        late = _lateness(run, view.time, view.protest_times)
+        who = (Option("1", own, own),) if own.strip() else ()
+        questions: list[Question] = [
+            Pick("Who protests?", (*who, Option("o", "another team: type it", None, free=True))),
+            _TEXT,
+        ]
+        if late:
+            why = reasons("told before the deadline", "the results were shown late")
+            questions.append(Pick(f"It is late ({late}). Why is it admitted?", why))
+
+        def make(team: str, text: str, admitted: str = "") -> FileProtest:
+            return cls(text, team, about, at, admitted)
+
+        return Ask(f"PROTEST about {about}", tuple(questions), make)
+
+    def settled(self, situation: Situation) -> Act:
+        """With the time at which it is to be decided."""
+        return replace(self, due=situation.time + situation.protest_times.decision)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more protest; the result is open."""
+        run = opened_again(situation.run)
+        instant = None
+        if self.after_start is not None and run.start is not None:
+            instant = run.start + self.after_start
+        due = at + situation.protest_times.decision if self.due is None else self.due
+        protest = Protest(
+            number=len(run.protests) + 1,
+            time=at,
+            team=self.team,
+            text=self.text,
+            about=self.about,
+            at=instant,
+            due=due,
+            late=self.late,
+            referee=run.referee,
+        )
+        return replace(run, protests=(*run.protests, protest))
+
+    @property
+    def reason_given(self) -> str:
+        """What the team says."""
+        return self.text
+
+    @property
+    def done(self) -> str:
+        """What it means."""
+        return f"protest of {self.team} about {self.about} waits for a decision"
+
+    @property
+    def logged(self) -> str:
+        """Who, and what about."""
+        return f"{self.team} protests about {self.about}"
+
+
+def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
+    """Why a protest comes too late now, in words; empty = it does not."""
+    if run.phase is not Phase.FINAL or run.closure is None:
+        return ""
+    passed = now - run.closure.time
+    if passed <= times.filing:
+        return ""
+    return f"final for {passed / 60:.0f} min, protests within {times.filing / 60:.0f} min"

@@ -1,0 +1,116 @@
+"""Protests of a team against a result: open until they are decided or withdrawn (section 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ProtestEnd(StrEnum):
+    """How a protest ends."""
+
+    UPHELD = "upheld"
+    PARTLY = "partly upheld"
+    REJECTED = "rejected"
+    WITHDRAWN = "withdrawn"
+
+
+@dataclass(frozen=True, slots=True)
+class ProtestTimes:
+    """A competition's deadlines.
+
+    Attributes:
+        filing: until so long after a result is final a protest is in time, s.
+        decision: so long after it was filed it is to be decided, s.
+    """
+
+    filing: float = 1800.0
+    decision: float = 3600.0
+
+
+USUAL_PROTEST_TIMES = ProtestTimes()
+"""Half an hour and an hour."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProtestAnswer:
+    """What closed a protest.
+
+    Attributes:
+        time: s since the epoch.
+        end: how it ended.
+        reason: the referee's words; of a withdrawal the team's.
+        referee: who decided, or heard of the withdrawal.
+    """
+
+    time: float
+    end: ProtestEnd
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class Protest:
+    """A team protests against a result.
+
+    Attributes:
+        number: of the run's protests, from 1.
+        time: when it was filed, s since the epoch.
+        team: who protests.
+        text: what the team says.
+        about: what it is about: a step, an indicator, a time, or the whole run.
+        at: the instant in question, s since the epoch; null = none was named.
+        due: when it is to be decided, s since the epoch.
+        late: why it was admitted although it came late; empty = it was in time.
+        referee: who took it.
+        answer: what closed it; null = it is open.
+    """
+
+    number: int
+    time: float
+    team: str
+    text: str
+    about: str
+    at: float | None
+    due: float
+    late: str
+    referee: str
+    answer: ProtestAnswer | None = None
+
+    @property
+    def open(self) -> bool:
+        """Whether it waits for a decision."""
+        return self.answer is None
+
+    @property
+    def title(self) -> str:
+        """Its number and what it is about."""
+        return f"protest {self.number} ({self.about})"
+
+
+def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
+    """Those that wait for a decision, the first one that is due first."""
+    return tuple(sorted((one for one in protests if one.open), key=lambda one: one.due))
+
+
+def due_words(due: float, now: float) -> str:
+    """How long there is to decide a protest: `12 min left`, `OVERDUE by 1 h 05 min`.
+
+    Args:
+        due: when it is to be decided, s since the epoch.
+        now: s since the epoch.
+    """
+    left = due - now
+    return f"{_long(left)} left" if left >= 0 else f"OVERDUE by {_long(-left)}"
+
+
+def _long(duration: float) -> str:
+    """A duration in whole minutes, begun ones not counted; in days where there are some."""
+    minutes = int(duration // 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    if hours < 48:
+        return f"{hours} h {minutes:02d} min"
+    return f"{hours // 24} days"

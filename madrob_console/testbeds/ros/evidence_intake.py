@@ -1,0 +1,383 @@
+"""Topics that are evidence: found while they are recorded, listened to, taken as they are.
+
+Nothing of it is decoded. A topic keeps its type as long as it is recorded.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
+from madrob_console.testbeds.evidence_flow import FlowMeter, Thinning, TopicFlow
+from madrob_console.testbeds.ros.connection import Connection, in_namespace
+from madrob_console.testbeds.ros.definitions import prefixes
+from madrob_console.testbeds.ros.foreign_type import foreign_class
+from madrob_console.testbeds.ros.handover import Handover
+from madrob_console.testbeds.ros.inbox import Received, arrival, can_take, offered_by_all
+from madrob_console.testbeds.ros.loading import RosObject, load_message_class
+from madrob_console.testbeds.ros.losses import LossCounter
+from madrob_console.testbeds.ros.type_words import TypeWords
+from recorder.bag import Durability, Topic, topic_problem
+from recorder.message import RawMessage
+
+MOST_TOPICS = 200
+"""More are not recorded: each takes memory in DDS."""
+
+DEPTH = 32
+"""Messages of a topic that DDS keeps between two takes: their size is not known."""
+
+MOST_AT_ONCE = 64
+"""Of one topic in one take: a flood holds up no other topic."""
+
+_KEPT, _KEPT_BYTES = 100, 4_000_000
+"""Of a topic whose publishers keep messages for late joiners: what a recording begins with."""
+
+_TAKE_BYTES = 8_000_000
+"""Of a topic in one take, about: large messages are taken one by one."""
+
+
+@dataclass(slots=True)
+class TakenEvidence:
+    """What one take of a topic has brought.
+
+    Attributes:
+        topic: what a bag must know of it.
+        limit: what holds for it.
+        messages: those to be recorded, by arrival.
+        left_out: how many were left out on purpose.
+        too_large: how many were larger than is recorded.
+    """
+
+    topic: Topic
+    limit: TopicLimit
+    messages: list[RawMessage] = field(default_factory=list)
+    left_out: int = 0
+    too_large: int = 0
+
+
+class EvidenceIntake:
+    """One topic of the evidence, from its discovery on.
+
+    Args:
+        node: subscribes.
+        name: full topic name.
+        limit: what holds for it.
+        largest: a larger message is not recorded, bytes.
+        words: finds what its messages are made of.
+        direct: see `Inbox`.
+    """
+
+    def __init__(
+        self,
+        node: RosObject,
+        name: str,
+        limit: TopicLimit,
+        largest: int,
+        words: TypeWords,
+        *,
+        direct: bool,
+    ) -> None:
+        self.name = name
+        self.type = ""
+        self._node = node
+        self._limit = limit
+        self._largest = largest
+        self._words = words
+        self._direct = direct
+        self._topic: Topic | None = None
+        self._handover: Handover | None = None
+        self._thinning = Thinning(limit.most_rate)
+        self._losses = LossCounter()
+        self._lost_before = 0
+        self._publishers = 0
+        self._problem = ""
+        self._largest_seen = 0
+        self._unknown = ""
+        self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
+        self._size: int | None = None
+        self._meter = FlowMeter(time.monotonic())
+
+    @property
+    def topic(self) -> Topic | None:
+        """What a bag must know of it; None while it is not listened to."""
+        return self._topic
+
+    @property
+    def kept(self) -> tuple[RawMessage, ...]:
+        """What its publishers keep for late joiners, as far as it has come."""
+        return tuple(self._kept) if self.kept_for_late else ()
+
+    @property
+    def kept_for_late(self) -> bool:
+        """Whether all of its publishers keep messages for late joiners."""
+        topic = self._topic
+        return topic is not None and topic.qos.durability is Durability.TRANSIENT_LOCAL
+
+    def discover(self, infos: Sequence[RosObject], *, recording: bool) -> None:
+        """Look at the publishers, and listen to them as they need it.
+
+        Args:
+            infos: what ROS says of each of them.
+            recording: whether its type must stay what it is.
+        """
+        types = {str(info.topic_type) for info in infos}
+        if self.type and types and self.type not in types and not recording:
+            self.close()
+            self.type = ""
+        if not self.type and types:
+            self.type = str(infos[0].topic_type)
+        usable = [info for info in infos if info.topic_type == self.type]
+        others = sorted(types - {self.type})
+        self._problem = ""
+        if others:
+            other = terminal_safe(others[0])[:80]
+            self._problem = f"it is also {other}: that is not recorded"
+            if not usable:
+                self._problem = f"its type has become {other}: not recorded before the next run"
+        if self._handover is not None:
+            self._handover.settle()
+        if not usable or not self._prepare(usable[0]):
+            return
+        qos = offered_by_all([info.qos_profile for info in usable])
+        assert self._handover is not None
+        assert self._topic is not None
+        self._handover.listen(qos, len(usable))
+        if self._handover.qos == qos != self._topic.qos:
+            topic = self._topic
+            self._topic = Topic(topic.name, topic.type, topic.definition, topic.type_hash, qos)
+
+    def _prepare(self, info: RosObject) -> bool:
+        """Whether it can be listened to, which is found out here."""
+        if self._topic is not None:
+            return True
+        type_hash = str(info.topic_type_hash)
+        type_hash = type_hash if type_hash.startswith("RIHS") else ""
+        who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        definition = self._words.find(self.type, type_hash, who)
+        if definition is None:
+            return False
+        topic = Topic(self.name, self.type, definition.text, definition.type_hash or type_hash)
+        if (refused := topic_problem(topic)) is not None:
+            self._problem = terminal_safe(refused)
+            return False
+        try:
+            message_class = _class_of(self.type)
+        except MadrobError as error:
+            self._problem = str(error)
+            return False
+        if not definition.text:
+            self._unknown = f"nobody knows what {self.type} is made of: its bytes are recorded"
+        self._topic = topic
+        self._handover = Handover(
+            self._node,
+            self.name,
+            message_class,
+            direct=self._direct,
+            depth=DEPTH,
+            absolute=True,
+        )
+        return True
+
+    def take(self, now: int, wall: int) -> TakenEvidence | None:
+        """What has arrived since the last call; None while it is not listened to.
+
+        Args:
+            now: steady time, ns.
+            wall: the same, as the system's clock has it.
+        """
+        topic, handover = self._topic, self._handover
+        if topic is None or handover is None or handover.qos is None:
+            return None
+        before = self._publishers
+        received = handover.take(self._most)
+        self._publishers = handover.publishers
+        if self._publishers == 0 and before:
+            self._lost_before += self._losses.lost or 0
+            self._losses = LossCounter()
+        self._losses.see((r.sequence for r in received), max(before, self._publishers))
+        if received:
+            self._size = max(len(each.data) for each in received)
+        taken = TakenEvidence(topic, self._limit)
+        for each in received:
+            self._sort(each, arrival(each.received_ns, now, wall), taken)
+        self._count(taken.messages)
+        return taken
+
+    @property
+    def _most(self) -> int:
+        """How many messages are taken at once, by the size of those that came last."""
+        size = _TAKE_BYTES if self._size is None else max(1, self._size)
+        return max(1, min(MOST_AT_ONCE, _TAKE_BYTES // size))
+
+    def _sort(self, received: Received, at: int, taken: TakenEvidence) -> None:
+        if len(received.data) > self._largest:
+            taken.too_large += 1
+            self._largest_seen = max(self._largest_seen, len(received.data))
+        elif not self._thinning.passes(at):
+            taken.left_out += 1
+        else:
+            message = RawMessage(self.name, self.type, received.data, received.source_ns, at)
+            taken.messages.append(message)
+
+    def _count(self, messages: Sequence[RawMessage]) -> None:
+        self._meter.count(messages, time.monotonic())
+        if messages and self.kept_for_late:
+            self._kept.extend(m for m in messages if len(m.data) <= _KEPT_BYTES)
+            while sum(len(m.data) for m in self._kept) > _KEPT_BYTES:
+                self._kept.popleft()
+
+    @property
+    def lost(self) -> int:
+        """Messages lost on the way to here, as far as their numbers or DDS tell."""
+        counted = self._losses.lost
+        if counted is None and self._handover is not None:
+            counted = self._handover.reported_lost
+        return self._lost_before + (counted or 0)
+
+    @property
+    def flow(self) -> TopicFlow:
+        """What comes, for people."""
+        problem = self._problem
+        if self._largest_seen and not problem:
+            size, most = self._largest_seen / 1e6, self._largest / 1e6
+            problem = f"messages of {size:.1f} MB are not recorded, the limit is {most:g} MB"
+        rate, byte_rate = self._meter.rates(time.monotonic())
+        return TopicFlow(
+            self.name,
+            self.type,
+            self._publishers,
+            rate,
+            byte_rate,
+            self.lost,
+            problem or self._unknown,
+        )
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._handover is not None:
+            self._handover.close()
+        self._handover, self._topic = None, None
+        self._kept.clear()
+
+
+class EvidenceIntakes:
+    """All topics of the evidence in a ROS domain. One thread.
+
+    Args:
+        domain: ROS domain.
+        choice: which topics, and what of them.
+        own_topics: those that are recorded elsewhere, as the settings name them.
+        ros_args: what a launch file says of their names.
+        environment: where `AMENT_PREFIX_PATH` is looked up.
+        name: of the node, in `/madrob`.
+
+    Raises:
+        MadrobError: ROS is not installed or does not start.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        choice: EvidenceChoice,
+        own_topics: Collection[str],
+        *,
+        ros_args: Sequence[str] = (),
+        environment: Mapping[str, str],
+        name: str,
+    ) -> None:
+        self._choice = choice
+        self._own = _resolved(domain, own_topics, ros_args)
+        self._connection = connection = Connection(domain)
+        self._direct = can_take()
+        self._node = connection.node(name, spun=not self._direct)
+        asks = connection.node("types", beside=self._node)
+        self._words = TypeWords(asks, prefixes(environment))
+        self._intakes: dict[str, EvidenceIntake] = {}
+        self.left_over: tuple[str, ...] = ()
+
+    def discover(self, *, recording: bool) -> None:
+        """Look for topics and their publishers; call it a few times a second."""
+        wanted = []
+        for name, _ in self._node.get_topic_names_and_types():
+            if name in self._own or not self._choice.wants(name):
+                continue
+            infos = self._node.get_publishers_info_by_topic(name)
+            if infos or name in self._intakes:
+                wanted.append((name, infos))
+        for name, infos in sorted(wanted, key=lambda each: each[0]):
+            if name not in self._intakes and len(self._intakes) < MOST_TOPICS:
+                self._intakes[name] = EvidenceIntake(
+                    self._node,
+                    name,
+                    self._choice.limit(name),
+                    self._choice.largest,
+                    self._words,
+                    direct=self._direct,
+                )
+            if name in self._intakes:
+                self._intakes[name].discover(infos, recording=recording)
+        self.left_over = tuple(name for name, _ in wanted if name not in self._intakes)
+        if not recording:
+            there = {name for name, _ in wanted}
+            for name in [name for name in self._intakes if name not in there]:
+                self._intakes.pop(name).close()
+
+    def rest(self, duration: float) -> None:
+        """Let time pass; who was asked for a type may answer meanwhile."""
+        if self._direct and not self._words.pending:
+            time.sleep(duration)
+        else:
+            self._connection.spin(duration)
+
+    def take(self, now_ns: Callable[[], int]) -> Iterator[TakenEvidence]:
+        """What has arrived since the last call, topic by topic.
+
+        Args:
+            now_ns: steady time.
+        """
+        for intake in self._intakes.values():
+            if (taken := intake.take(now_ns(), time.time_ns())) is not None:
+                yield taken
+
+    def kept(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
+        """What was said before and holds, of topics that are kept for late joiners."""
+        return [
+            (intake.topic, self._choice.limit(intake.name), message)
+            for intake in self._intakes.values()
+            if intake.topic is not None
+            for message in intake.kept
+        ]
+
+    def flows(self) -> tuple[TopicFlow, ...]:
+        """What comes on each topic, by name."""
+        return tuple(self._intakes[name].flow for name in sorted(self._intakes))
+
+    def close(self) -> None:
+        """Leave the domain."""
+        for intake in self._intakes.values():
+            intake.close()
+        self._connection.close()
+
+
+def _class_of(type_name: str) -> RosObject:
+    try:
+        return load_message_class(type_name)
+    except MadrobError:
+        return foreign_class(type_name)
+
+
+def _resolved(domain: int, names: Collection[str], ros_args: Sequence[str]) -> frozenset[str]:
+    """Topics of the settings as they are called in the domain."""
+    if not ros_args:
+        return frozenset(names)
+    connection = Connection(domain, ros_args)
+    try:
+        node = connection.node("names", spun=False)
+        return frozenset(node.resolve_topic_name(in_namespace(name)) for name in names)
+    finally:
+        connection.close()

@@ -1,0 +1,347 @@
+"""Making room: what of the evidence may go, and that nothing else does."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.rosbag2 import Reader
+
+from madrob_console.archive.check import check_run
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.history import History
+from madrob_console.archive.repair import repair
+from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.thinning import (
+    RunEvidence,
+    Thinning,
+    evidence_at,
+    remove_evidence,
+    run_going_on,
+)
+from madrob_console.errors import MadrobError
+from madrob_console.files.held import Hold
+from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
+from recorder.bag import evidence_file_name
+from recorder.listing import put_listing
+from recorder.mcap_file import McapFile
+from recorder.recovery import recover
+from tests.madrob_console.recorded_runs import appealed, completed, final
+from tests.recorder.samples import add_evidence, strings, talk
+from tests.recorder.test_recovery_safety import Killed, killed_after
+
+FRAMES = strings(["a picture", "another"])
+DAY = 86400.0
+NOW = 1_800_000_000.0
+
+
+def place(root: Path, source: Path, age: float, *, number: int = 1, practice: bool = False) -> Path:
+    """A run of some days ago, as official or practice run."""
+    stem = source.name.replace("_run_001_", f"_run_{number:03d}_")[: -len("YYYYMMDD_HHMMSS")]
+    started = NOW - age * DAY
+    name = stem + time.strftime("%Y%m%d_%H%M%S", time.localtime(started))
+    folder = root / "practice" / name if practice else root / name
+    shutil.copytree(source, folder)
+    change(
+        folder,
+        run_number=number,
+        start=started,
+        source="ros",
+        run_id="",
+        setup={"practice": practice, "team": "Delft"},
+    )
+    return folder
+
+
+def change(folder: Path, **values: Any) -> None:  # noqa: ANN401  JSON
+    path = folder / RESULT_FILE
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps(document | values))
+
+
+def put_evidence(folder: Path, *numbers: int) -> Path:
+    """Evidence of a run, listed as the recorder leaves it."""
+    for number in numbers or (0,):
+        add_evidence(folder, FRAMES, number)
+    list_files(folder)
+    return folder
+
+
+def list_files(folder: Path) -> None:
+    fd = os.open(folder, os.O_DIRECTORY)
+    assert put_listing(fd) is not None
+    os.close(fd)
+
+
+def look(root: Path, limits: Thinning = Thinning(), free: float = 0.0) -> dict[str, str]:  # noqa: B008
+    """By folder why the evidence stays."""
+    return {one.run.folder: one.kept for one in evidence_at(root, limits, NOW, free)}
+
+
+def the_one(root: Path) -> RunEvidence:
+    return next(one for one in evidence_at(root, Thinning(), NOW, 0.0) if not one.kept)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def open_by_others(folder: Path) -> int:
+    with Reader(folder) as reader:
+        return sum(1 for _ in reader.messages())
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """Holds the last official and the last practice run, both with evidence."""
+    put_evidence(place(tmp_path, completed(), 0.5, number=9))
+    put_evidence(place(tmp_path, completed(), 0.2, number=9, practice=True))
+    return tmp_path
+
+
+@pytest.fixture
+def run(root: Path) -> Path:
+    """An old final run with evidence and pictures."""
+    folder = put_evidence(place(root, final(), 30), 0, 1)
+    (folder / "pictures").mkdir()
+    (folder / "pictures" / "door_opens.jpg").write_bytes(b"picture")
+    return folder
+
+
+def test_an_old_final_run_may_go_and_the_last_ones_stay_with_a_reason(
+    root: Path, run: Path
+) -> None:
+    assert list(look(root).values()) == [
+        "",
+        "its result is not final",
+        "its result is not final",
+    ]
+    for other in (*root.glob("subject_*_009_*"), *root.glob("practice/subject_*")):
+        shutil.rmtree(other)
+    assert look(root) == {run.name: "it is the last run"}
+    put_evidence(place(root, final(), 20, practice=True))
+    assert list(look(root).values()) == ["it is the last run", "it is the last practice run"]
+
+
+def protested(root: Path) -> None:
+    put_evidence(place(root, appealed(), 30))
+
+
+def cut_off(root: Path) -> None:
+    (put_evidence(place(root, final(), 30)) / RESULT_FILE).unlink()
+
+
+def unsigned(root: Path) -> None:
+    put_evidence(place(root, completed(), 30))
+
+
+def out_of_date(root: Path) -> None:
+    change(put_evidence(place(root, final(), 30)), closure=None)
+
+
+def damaged(root: Path) -> None:
+    (put_evidence(place(root, final(), 30)) / RESULT_FILE).write_text("{")
+
+
+def without_a_journal(root: Path) -> None:
+    (put_evidence(place(root, final(), 30)) / JOURNAL_FILE).unlink()
+
+
+@pytest.mark.parametrize(
+    ("made", "why"),
+    [
+        (protested, "it was protested"),
+        (cut_off, "it has no result"),
+        (unsigned, "its result is not final"),
+        (out_of_date, "its result cannot be used: result.json is not what the journal says"),
+        (damaged, "its result cannot be used: "),
+        (without_a_journal, "it has no journal"),
+    ],
+)
+def test_what_may_be_wanted_stays_with_its_reason(
+    root: Path, made: Callable[[Path], None], why: str
+) -> None:
+    made(root)
+    assert next(iter(look(root).values())).startswith(why)
+
+
+def test_a_run_on_which_somebody_works_stays(root: Path, run: Path) -> None:
+    with Hold(run / HOLD_FILE):
+        assert look(root)[run.name] == "a console works on it"
+        assert run_going_on(root) is None
+        (run / RESULT_FILE).unlink()
+        assert look(root)[run.name] == "the run goes on"
+        assert run_going_on(root) == run.name
+
+
+def test_evidence_that_is_still_written_stays(root: Path, run: Path) -> None:
+    fd = os.open(run, os.O_DIRECTORY)
+    file = McapFile(fd, evidence_file_name(run.name, 2))
+    file.start([talk()], {})
+    assert look(root)[run.name] == "it is still recorded"
+    file.close()
+    assert look(root)[run.name] == ""
+
+
+def test_the_newest_runs_of_each_kind_stay_and_the_young_ones(root: Path) -> None:
+    days = {number: float(10 * number) for number in range(1, 6)}
+    for number, age in days.items():
+        put_evidence(place(root, final(), age, number=number))
+        put_evidence(place(root, final(), age + 1, number=number, practice=True))
+    kept = look(root, Thinning(keep_runs=3))
+    gone = [name.partition("_run_")[2][:3] for name, why in kept.items() if not why]
+    assert gone == ["005", "005", "004", "004", "003", "003"]
+    assert [why for why in kept.values() if why][:4] == [
+        *("it is one of the last 3 practice runs", "it is one of the last 3 runs") * 2
+    ]
+    old = list(look(root, Thinning(older_than=25 * DAY)).values())
+    assert (old.count("it is not old enough"), old.count("")) == (4, 6)
+
+
+def test_no_more_goes_than_it_takes_and_the_oldest_first(root: Path) -> None:
+    runs = [put_evidence(place(root, final(), 50 - n, number=n)) for n in range(1, 5)]
+    sizes = [one.size for one in evidence_at(root, Thinning(), NOW, 0.0)][:4]
+    wanted = Thinning(until_free=1000.0 + sizes[0] + 1)
+    kept = look(root, wanted, free=1000.0)
+    assert [kept[run.name] for run in runs] == ["", "", *["there is room enough"] * 2]
+    assert not any(why == "" for why in look(root, Thinning(until_free=5.0), free=10.0).values())
+
+
+def test_what_is_scored_stays_to_the_byte_and_the_journal_says_what_went(
+    root: Path, run: Path
+) -> None:
+    before = files_of(run)
+    names = sorted(path.name for path in run.glob("*_evidence_*"))
+    size = sum((run / name).stat().st_size for name in names)
+    remove_evidence(the_one(root), NOW)
+    after = files_of(run)
+    changed = {JOURNAL_FILE, "metadata.yaml"}
+    assert {*before} - {*after} == {*names}
+    assert {name for name in after if after[name] != before[name]} == changed
+    assert after[JOURNAL_FILE].startswith(before[JOURNAL_FILE])
+    known = read_run_journal(run)
+    entry = known.entries[-1]
+    assert (entry.what, entry.origin, entry.time) == ("evidence removed", Origin.SYSTEM, NOW)
+    assert entry.details == {"files": names, "bytes": size}
+    (told,) = known.run.removed_evidence
+    assert (told.files, told.bytes) == (2, size)
+    assert run.name not in look(root)
+    assert open_by_others(run) == open_by_others(final())
+
+
+def test_lists_and_checks_find_the_run_as_it_was(root: Path) -> None:
+    shutil.copytree(final(), root / final().name)
+    run = put_evidence(root / final().name)
+    before = next(one for one in History(root).refresh() if one.folder == run.name)
+    remove_evidence(the_one(root), NOW)
+    after = next(one for one in History(root).refresh() if one.folder == run.name)
+    assert after == before
+    assert check_run(RunPath(run)).found == ()
+    assert repair(run) is None
+
+
+def test_what_repairs_left_of_evidence_goes_too(root: Path, run: Path) -> None:
+    file = run / evidence_file_name(run.name, 1)
+    file.write_bytes(file.read_bytes()[:-50])
+    assert recover(run).evidence
+    assert any(name.endswith(".torn") for name in the_one(root).files)
+    remove_evidence(the_one(root), NOW)
+    assert not list(run.glob("*evidence*"))
+
+
+def test_links_and_pipes_are_left_alone(root: Path, run: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere.mcap"
+    elsewhere.write_bytes(b"somebody's")
+    (run / evidence_file_name(run.name, 7)).symlink_to(elsewhere)
+    os.mkfifo(run / evidence_file_name(run.name, 8))
+    remove_evidence(the_one(root), NOW)
+    assert elsewhere.read_bytes() == b"somebody's"
+    assert len(list(run.glob("*_evidence_*"))) == 2
+
+
+def test_a_kill_at_any_step_leaves_a_bag_that_others_open_and_the_score(root: Path) -> None:
+    scored = open_by_others(final())
+    for steps in range(100):
+        for old in root.glob("*_run_001_*"):
+            shutil.rmtree(old)
+        run = put_evidence(place(root, final(), 30), 0, 1)
+        before = files_of(run)
+        one = the_one(root)
+        try:
+            with killed_after(steps):
+                remove_evidence(one, NOW)
+        except Killed:
+            assert open_by_others(run) > 0
+            kept = {JOURNAL_FILE, "metadata.yaml"}
+            after = files_of(run)
+            same = {name: after.get(name) for name in before if "_evidence_" not in name}
+            assert {n: c for n, c in same.items() if n not in kept} == {
+                n: c for n, c in before.items() if "_evidence_" not in n and n not in kept
+            }
+            if list(run.glob("*_evidence_*")):
+                remove_evidence(the_one(root), NOW + 1)
+            assert not list(run.glob("*_evidence_*"))
+            assert len(read_run_journal(run).run.removed_evidence) == 1
+            assert open_by_others(run) == scored
+        else:
+            break
+    assert 8 < steps < 99
+
+
+def test_a_disk_that_refuses_from_any_step_on_is_named_and_the_run_is_whole(root: Path) -> None:
+    said: list[str] = []
+    for steps in range(100):
+        for old in root.glob("*_run_001_*"):
+            shutil.rmtree(old)
+        run = put_evidence(place(root, final(), 30))
+        one, full = the_one(root), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        try:
+            with killed_after(steps, full):
+                remove_evidence(one, NOW)
+        except MadrobError as error:
+            said.append(str(error).removeprefix(f"{run}: "))
+        else:
+            break
+        assert open_by_others(run) > 0
+        assert look(root).get(run.name, "") == ""
+    assert 8 < steps < 99
+    assert sum("No space left on device" in words for words in said) >= steps - 2
+    assert not any("\n" in words or str(root) in words for words in said)
+
+
+def test_a_run_that_was_opened_meanwhile_keeps_its_evidence(root: Path, run: Path) -> None:
+    one = the_one(root)
+    before = files_of(run)
+    with (
+        Hold(run / HOLD_FILE),
+        pytest.raises(MadrobError, match="a console works on this run"),
+    ):
+        remove_evidence(one, NOW)
+    assert files_of(run) == before
+    journal = Journal()
+    journal.reopen(run / JOURNAL_FILE)
+    journal.append([Entry(NOW, Origin.REFEREE, "re-issue", "R", "video", {"reason": "video"})])
+    journal.close()
+    with pytest.raises(MadrobError, match="not final any more: nothing of it was removed"):
+        remove_evidence(one, NOW)
+    assert len(list(run.glob("*_evidence_*"))) == 2
+
+
+def test_a_bag_whose_recording_is_torn_keeps_what_its_metadata_lists(root: Path, run: Path) -> None:
+    recording = next(run.glob("*_0.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-50])
+    with pytest.raises(MadrobError, match="`madrob recover` repairs it: nothing of its evidence"):
+        remove_evidence(the_one(root), NOW)
+    assert len(list(run.glob("*_evidence_*"))) == 2
+    assert not read_run_journal(run).run.removed_evidence
+    recover(run)
+    remove_evidence(the_one(root), NOW)
+    assert not list(run.glob("*_evidence_*"))

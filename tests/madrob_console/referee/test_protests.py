@@ -1,0 +1,221 @@
+"""A protest is open until it is decided or withdrawn, and so is the result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from madrob_console.referee.acts import (
+    Act,
+    DecideProtest,
+    FileProtest,
+    Finalise,
+    Situation,
+    TakeBack,
+    WithdrawProtest,
+)
+from madrob_console.referee.acts.file_protest import MOST_PROTESTS
+from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.flags import FlagKind, FlagWeight, flags, undecided
+from madrob_console.referee.protests import ProtestEnd, ProtestTimes, due_words, open_protests
+from madrob_console.referee.questions import Ask, Pick, Write
+from madrob_console.referee.run import DecisionKind, Phase, Run, TeamWord
+from scoring.procedure import StepRecord
+from scoring.protocol import Outcome, Step
+from tests.madrob_console.referee.test_acts import STOPPED
+from tests.madrob_console.referee.test_amending import FINAL, View
+
+TIMES = ProtestTimes(filing=600.0, decision=1200.0)
+SLOW = FileProtest("the robot was through earlier", "Graz", "step 4", 12.5)
+UPHELD = DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee")
+
+
+def here(run: Run, time: float = 200.0) -> Situation:
+    return Situation(run, scored=True, time=time, protest_times=TIMES)
+
+
+def done(run: Run, act: Act, time: float = 200.0) -> Run:
+    """The run after an act that the engine carries out."""
+    situation = here(run, time)
+    assert act.refusal(situation) is None
+    return act.settled(situation).apply(situation, time)
+
+
+def refused(run: Run, act: Act, time: float = 200.0) -> str:
+    said = act.refusal(here(run, time))
+    assert said is not None
+    return said
+
+
+def test_a_protest_says_who_what_about_and_until_when_it_is_to_be_decided() -> None:
+    (protest,) = done(STOPPED, SLOW).protests
+    assert STOPPED.start is not None
+    assert (protest.number, protest.team, protest.about) == (1, "Graz", "step 4")
+    assert protest.text == "the robot was through earlier"
+    assert protest.at == STOPPED.start + 12.5
+    assert (protest.time, protest.due, protest.open) == (200.0, 1400.0, True)
+
+
+def test_its_deadline_is_the_one_that_was_set_when_it_was_filed() -> None:
+    situation = here(STOPPED)
+    filed = SLOW.settled(situation)
+    later = Situation(STOPPED, protest_times=ProtestTimes(decision=5.0))
+    assert filed.apply(later, 200.0).protests[0].due == 1400.0
+
+
+def test_a_final_result_is_open_again_and_its_next_issue_has_a_number() -> None:
+    run = done(FINAL, SLOW)
+    assert (run.phase, run.closure, run.issue) == (Phase.STOPPED, None, 2)
+
+
+def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
+    run = done(STOPPED, SLOW)
+    sign = Finalise(TeamWord.ABSENT, "R. Eferee")
+    (flag,) = undecided(flags(run))
+    assert (flag.kind, flag.weight) == (FlagKind.PROTEST, FlagWeight.ALARM)
+    assert "protest 1 (step 4) OPEN" in refused(run, sign)
+    knowing = replace(sign, undecided=(flag.words,))
+    final = done(run, knowing)
+    assert open_protests(final.protests)
+    decided = done(final, UPHELD, 300.0)
+    assert (decided.phase, decided.closure, decided.issue) == (Phase.STOPPED, None, 2)
+    assert done(decided, sign).phase is Phase.FINAL
+
+
+@pytest.mark.parametrize("outcome", [Outcome.ABORTED, Outcome.COMPLETED])
+def test_a_run_that_does_not_count_can_be_protested_too(outcome: Outcome) -> None:
+    run = done(replace(STOPPED, outcome=outcome), SLOW)
+    assert FlagKind.PROTEST in {flag.kind for flag in undecided(flags(run))}
+
+
+def test_a_decision_needs_words_a_name_and_an_open_protest() -> None:
+    run = done(STOPPED, SLOW)
+    assert refused(run, replace(UPHELD, reason=" ")) == "a decision needs words"
+    assert refused(run, replace(UPHELD, referee="")) == "a decision needs the referee's name"
+    assert refused(run, replace(UPHELD, number=2)) == "protest 2 is not open: look again"
+    withdrawn = replace(UPHELD, end=ProtestEnd.WITHDRAWN)
+    assert "withdrawn by the team" in refused(run, withdrawn)
+    after = done(run, UPHELD, 300.0)
+    assert refused(after, UPHELD) == "no protest is open"
+    assert after.protests[0].answer is not None
+    assert after.protests[0].answer.reason == "seen on video"
+    (flag,) = flags(after)
+    assert flag.words == "protest 1 (step 4) upheld (seen on video)"
+    assert not flag.undecided
+
+
+def test_a_team_can_withdraw_its_protest_and_file_another() -> None:
+    run = done(STOPPED, SLOW)
+    run = done(run, WithdrawProtest(1, "satisfied"), 210.0)
+    assert not open_protests(run.protests)
+    assert [flag.weight for flag in flags(run)] == [FlagWeight.REMARK]
+    run = done(run, SLOW, 220.0)
+    assert [one.number for one in open_protests(run.protests)] == [2]
+
+
+@pytest.mark.parametrize("run", [STOPPED, FINAL], ids=["open", "final"])
+def test_a_decision_that_is_taken_back_leaves_the_protest_open_as_it_was(run: Run) -> None:
+    filed = done(run, SLOW)
+    decided = done(filed, UPHELD, 300.0)
+    last = last_decision(decided)
+    assert last is not None
+    assert last.words == "protest 1 (step 4) upheld (seen on video)"
+    back = done(decided, TakeBack(last.kind, last.time, "another video"), 310.0)
+    assert back.protests == filed.protests
+    assert back.taken_back[-1].kind is DecisionKind.PROTEST
+
+
+def test_a_decision_of_a_final_result_can_be_taken_back() -> None:
+    decided = done(done(STOPPED, SLOW), UPHELD, 300.0)
+    final = done(decided, Finalise(TeamWord.ABSENT, "R. Eferee"))
+    back = done(final, TakeBack(DecisionKind.PROTEST, 300.0, "another video"), 310.0)
+    assert (back.phase, back.issue) == (Phase.STOPPED, 2)
+    assert open_protests(back.protests)
+
+
+def test_a_late_protest_needs_a_reason_and_one_before_the_signature_is_never_late() -> None:
+    assert FINAL.closure is not None
+    late = FINAL.closure.time + 601.0
+    assert "protests within 10 min: admit it with a reason" in refused(FINAL, SLOW, late)
+    admitted = done(FINAL, replace(SLOW, late="told in time"), late)
+    assert admitted.protests[0].late == "told in time"
+    assert SLOW.refusal(here(FINAL, late - 2.0)) is None
+    assert SLOW.refusal(here(STOPPED, 1e6)) is None
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (replace(SLOW, text=" "), "a protest needs the team's words"),
+        (replace(SLOW, team=""), "a protest needs the name of the team"),
+        (replace(SLOW, text="x" * 2001), "at most 2000 characters"),
+        (replace(SLOW, after_start=float("nan")), "within a day"),
+    ],
+)
+def test_what_is_no_protest_is_refused_with_words(act: FileProtest, words: str) -> None:
+    assert words in refused(STOPPED, act)
+
+
+def test_a_run_has_a_bounded_number_of_protests() -> None:
+    run = STOPPED
+    for _ in range(MOST_PROTESTS):
+        run = done(run, SLOW)
+    assert "add a note" in refused(run, SLOW)
+
+
+def answered(asked: object, *answers: str) -> Any:  # noqa: ANN401  whatever was asked
+    """What the answers to a dialog bring about."""
+    assert isinstance(asked, Ask)
+    return asked.make(*answers)
+
+
+def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
+    assert STOPPED.start is not None
+    steps = (StepRecord(Step.CROSS, Step.CROSS.text, final=STOPPED.start + 7.0),)
+    ask = FileProtest.ask(View(STOPPED, steps=steps, time=200.0), "P")
+    about = "step 4 (cross the threshold)"
+    act = answered(answered(ask, about), "Graz", "through earlier")
+    assert act == FileProtest("through earlier", "Graz", about, 7.0)
+    typed = answered(answered(answered(ask, "time"), "1:05"), "Graz", "x")
+    assert (typed.about, typed.after_start) == ("65.000 s", 65.0)
+    assert "is no time" in answered(answered(ask, "time"), "soon")
+    indicator = answered(answered(answered(ask, "indicator"), "execution time"), "Graz", "x")
+    assert (indicator.about, indicator.after_start) == ("execution time", None)
+
+
+def test_the_same_key_decides_and_withdraws_while_a_protest_is_open() -> None:
+    view = View(done(STOPPED, SLOW), time=250.0)
+    ask = FileProtest.ask(view, "P")
+    assert isinstance(ask, Ask)
+    assert isinstance(ask.questions[0], Pick)
+    assert "the robot was through earlier" in ask.questions[0].listed[0]
+    decision = DecideProtest(1, ProtestEnd.REJECTED, "no", view.run.referee)
+    assert answered(answered(ask, "decide"), "rejected", "no") == decision
+    assert answered(answered(ask, "withdraw"), "satisfied") == WithdrawProtest(1, "satisfied")
+    which = DecideProtest.ask(View(done(view.run, SLOW)), "P")
+    assert answered(answered(which, "2"), "upheld", "yes").number == 2
+
+
+def test_who_decides_is_asked_where_no_referee_is_known() -> None:
+    assert STOPPED.setup is not None
+    nameless = replace(STOPPED, setup=replace(STOPPED.setup, referee=""))
+    ask = DecideProtest.ask(View(done(nameless, SLOW)), "P")
+    assert isinstance(ask, Ask)
+    assert isinstance(ask.questions[-1], Write)
+    assert answered(ask, "upheld", "seen", "Ada").referee == "Ada"
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [
+        (0.0, "0 min left"),
+        (725.0, "12 min left"),
+        (-30.0, "OVERDUE by 0 min"),
+        (-3900.0, "OVERDUE by 1 h 05 min"),
+        (86400.0 * 3, "3 days left"),
+    ],
+)
+def test_a_deadline_is_told_in_minutes_hours_or_days(left: float, words: str) -> None:
+    assert due_words(1000.0 + left, 1000.0) == words

@@ -1,0 +1,344 @@
+"""A bag of several files: every reader opens what `metadata.yaml` lists, and all that is whole."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from recorder import listing
+from recorder.bag import bag_file_name, evidence_file_name
+from recorder.listing import put_listing
+from recorder.mcap_file import McapFile
+from recorder.message import RawMessage
+from recorder.reader import read_bag
+from recorder.recovery import recover
+from recorder.writer import BagWriter
+from tests.recorder.samples import (
+    START_NS,
+    STEP_NS,
+    add_evidence,
+    door_messages,
+    door_topics,
+    strings,
+    talk,
+)
+from tests.recorder.test_recovery_safety import Killed, killed_after
+
+SCORED = door_messages(rounds=10)
+CAMERA = [
+    RawMessage("/camera", m.type, m.data, m.publish_ns, m.receive_ns) for m in strings(["a", "b"])
+]
+EARLY = RawMessage("/tf", CAMERA[0].type, CAMERA[0].data, START_NS - 5, START_NS - 5)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    with BagWriter(folder, door_topics(), {}) as writer:
+        for message in SCORED:
+            writer.put(message)
+    return folder
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[int]:
+    fd = os.open(folder, os.O_DIRECTORY)
+    try:
+        yield fd
+    finally:
+        os.close(fd)
+
+
+def list_again(folder: Path) -> bool:
+    with opened(folder) as fd:
+        return put_listing(fd) is not None
+
+
+def told(folder: Path) -> dict[str, Any]:
+    document = yaml.safe_load((folder / "metadata.yaml").read_text())
+    information: dict[str, Any] = document["rosbag2_bagfile_information"]
+    return information
+
+
+def read_by_rosbags(folder: Path) -> list[tuple[str, int]]:
+    """Topics and log times of a bag, by the reader that tells most about what is wrong."""
+    with Reader(folder) as reader:
+        assert reader.message_count == sum(c.msgcount for c in reader.connections)
+        return sorted((connection.topic, time) for connection, time, _ in reader.messages())
+
+
+def by_topic(*messages: list[RawMessage]) -> list[tuple[str, int]]:
+    return sorted((message.topic, message.receive_ns) for part in messages for message in part)
+
+
+def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Path) -> None:
+    for number in (10, 9, 0):
+        add_evidence(folder, CAMERA, number)
+    assert list_again(folder)
+    assert told(folder)["relative_file_paths"] == [
+        bag_file_name("run"),
+        *(evidence_file_name("run", number) for number in (0, 9, 10)),
+    ]
+
+
+def test_counts_are_summed_over_files_and_a_topic_has_one_entry(folder: Path) -> None:
+    add_evidence(folder, [EARLY, *CAMERA], 0)
+    last = RawMessage("/camera", talk().type, CAMERA[0].data, 0, START_NS + 100 * STEP_NS)
+    add_evidence(folder, [last], 1)
+    assert list_again(folder)
+    information = told(folder)
+    entries = [
+        (entry["topic_metadata"]["name"], entry["message_count"])
+        for entry in information["topics_with_message_count"]
+    ]
+    assert entries == [*((topic.name, 10) for topic in door_topics()), ("/tf", 1), ("/camera", 3)]
+    assert information["message_count"] == 64
+    assert information["starting_time"]["nanoseconds_since_epoch"] == EARLY.receive_ns
+    assert information["duration"]["nanoseconds"] == last.receive_ns - EARLY.receive_ns
+    assert [file["message_count"] for file in information["files"]] == [60, 3, 1]
+    assert information["files"][2]["starting_time"]["nanoseconds_since_epoch"] == last.receive_ns
+
+
+def test_readers_of_others_find_all_messages_of_all_files(folder: Path) -> None:
+    second = [CAMERA[0], EARLY]
+    files = [add_evidence(folder, CAMERA, 0), add_evidence(folder, second, 1)]
+    assert list_again(folder)
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, second)
+    with AnyReader([folder]) as reader:
+        texts = [
+            getattr(reader.deserialize(data, connection.msgtype), "data", None)
+            for connection, _, data in reader.messages()
+            if connection.topic == "/camera"
+        ]
+    assert sorted(map(str, texts)) == ["a", "a", "b"]
+    for path in files:
+        with path.open("rb") as file:
+            decoded = make_reader(file, decoder_factories=[DecoderFactory()])
+            texts = [message.data for *_, message in decoded.iter_decoded_messages()]
+            assert texts == (["a", "b"] if path is files[0] else ["a", "a"])
+
+
+def test_what_is_scored_is_read_without_the_evidence(folder: Path) -> None:
+    add_evidence(folder, CAMERA)
+    assert list_again(folder)
+    bag = read_bag(folder)
+    assert list(bag.messages()) == SCORED
+    assert bag.complete
+    assert list(read_bag(folder, evidence=True).messages()) == CAMERA
+
+
+@settings(max_examples=25)
+@given(
+    files=st.lists(
+        st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 2**62)), max_size=20), max_size=4
+    )
+)
+def test_whatever_evidence_holds_the_listing_is_what_is_read(
+    files: list[list[tuple[str, int]]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("bags") / "run"
+    with BagWriter(folder, door_topics(), {}) as writer:
+        for message in SCORED[:6]:
+            writer.put(message)
+    expected = list(SCORED[:6])
+    for number, content in enumerate(files):
+        sent = [
+            RawMessage(f"/{name}", talk().type, CAMERA[0].data, time, time)
+            for name, time in content
+        ]
+        add_evidence(folder, sent, number)
+        expected += sent
+    assert list_again(folder)
+    times = [message.receive_ns for message in expected]
+    counts = Counter(message.topic for message in expected)
+    information = told(folder)
+    assert information["message_count"] == len(expected)
+    assert information["starting_time"]["nanoseconds_since_epoch"] == min(times)
+    assert information["duration"]["nanoseconds"] == max(times) - min(times)
+    assert counts == Counter(
+        {
+            entry["topic_metadata"]["name"]: entry["message_count"]
+            for entry in information["topics_with_message_count"]
+        }
+    )
+    assert read_by_rosbags(folder) == by_topic(expected)
+
+
+def unfinished(folder: Path) -> None:
+    file = folder / evidence_file_name("run", 1)
+    file.write_bytes(add_evidence(folder, CAMERA, 1).read_bytes()[:-20])
+
+
+def pipe(folder: Path) -> None:
+    os.mkfifo(folder / evidence_file_name("run", 1))
+
+
+def link(folder: Path) -> None:
+    (folder / evidence_file_name("run", 1)).symlink_to(folder / bag_file_name("run"))
+
+
+def garbage(folder: Path) -> None:
+    (folder / evidence_file_name("run", 1)).write_bytes(os.urandom(1000))
+
+
+@pytest.mark.parametrize("place", [unfinished, pipe, link, garbage])
+def test_evidence_that_nobody_can_open_is_left_out(
+    folder: Path, place: Callable[[Path], None]
+) -> None:
+    add_evidence(folder, CAMERA, 0)
+    place(folder)
+    assert list_again(folder)
+    files = [bag_file_name("run"), evidence_file_name("run", 0)]
+    assert told(folder)["relative_file_paths"] == files
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
+
+
+def test_a_copy_that_lies_beside_the_recording_does_not_become_one(folder: Path) -> None:
+    (folder / "copy.mcap").write_bytes((folder / bag_file_name("run")).read_bytes())
+    add_evidence(folder, CAMERA)
+    assert list_again(folder)
+    files = [bag_file_name("run"), evidence_file_name("run", 0)]
+    assert told(folder)["relative_file_paths"] == files
+
+
+def test_topics_without_end_in_evidence_leave_the_bag_readable(folder: Path) -> None:
+    add_evidence(folder, CAMERA, 0)
+    with opened(folder) as fd:
+        file = McapFile(fd, evidence_file_name("run", 1))
+        types = [type(talk())(f"/{'x' * 900}{n}", talk().type, "") for n in range(999)]
+        file.start(types, {})
+        file.finish()
+        file.close()
+    assert list_again(folder)
+    assert told(folder)["relative_file_paths"] == [
+        bag_file_name("run"),
+        evidence_file_name("run", 0),
+    ]
+    assert read_bag(folder).complete
+
+
+def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with BagWriter(folder, door_topics(), {}) as writer:
+        add_evidence(folder, CAMERA)
+        before = (folder / "metadata.yaml").read_bytes()
+        assert not list_again(folder)
+        assert (folder / "metadata.yaml").read_bytes() == before
+        for message in SCORED:
+            writer.put(message)
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
+
+
+def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first is overtaken between its look and its write: what it writes is old by then."""
+    add_evidence(folder, CAMERA, 0)
+    real = listing.prepare_metadata
+    overtaken: list[bool] = []
+
+    def prepare(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
+        if not overtaken:
+            overtaken.append(True)
+            add_evidence(folder, CAMERA, 1)
+            assert list_again(folder)
+        real(fd, information)
+
+    monkeypatch.setattr(listing, "prepare_metadata", prepare)
+    assert list_again(folder)
+    assert len(told(folder)["relative_file_paths"]) == 3
+
+
+def test_a_kill_at_any_step_leaves_a_listing_that_every_reader_takes(tmp_path: Path) -> None:
+    for steps in range(100):
+        folder = tmp_path / str(steps) / "run"
+        folder.parent.mkdir()
+        with BagWriter(folder, door_topics(), {}) as writer:
+            writer.put(SCORED[0])
+        add_evidence(folder, CAMERA)
+        try:
+            with killed_after(steps):
+                list_again(folder)
+        except Killed:
+            assert read_by_rosbags(folder) in (by_topic([SCORED[0]]), by_topic([SCORED[0]], CAMERA))
+            assert list_again(folder)
+            assert read_by_rosbags(folder) == by_topic([SCORED[0]], CAMERA)
+        else:
+            break
+    assert 3 < steps < 99
+
+
+def torn(folder: Path, number: int = 0) -> Path:
+    file = add_evidence(folder, CAMERA, number)
+    file.write_bytes(file.read_bytes()[:-20])
+    return file
+
+
+def test_recover_repairs_evidence_that_was_cut_off_and_lists_it(folder: Path) -> None:
+    whole = add_evidence(folder, CAMERA, 0).read_bytes()
+    file = torn(folder, 1)
+    recovered = recover(folder)
+    assert [(done.file, done.messages) for done in recovered.evidence] == [(file, 2)]
+    assert recovered.torn is None
+    assert recovered.hopeless == ()
+    assert file.with_name(f"{file.name}.torn").is_file()
+    assert (folder / evidence_file_name("run", 0)).read_bytes() == whole
+    assert len(told(folder)["relative_file_paths"]) == 3
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, CAMERA)
+    assert recover(folder).evidence == ()
+
+
+def test_hopeless_evidence_is_named_and_hinders_nothing(folder: Path) -> None:
+    garbage(folder)
+    pipe_of = folder / evidence_file_name("run", 2)
+    os.mkfifo(pipe_of)
+    (folder / evidence_file_name("run", 3)).touch()
+    torn(folder, 4)
+    recording = folder / bag_file_name("run")
+    recording.write_bytes(recording.read_bytes()[:-100])
+    recovered = recover(folder)
+    assert recovered.torn is not None
+    assert recovered.messages == len(SCORED)
+    assert [done.file.name for done in recovered.evidence] == [evidence_file_name("run", 4)]
+    for number, words in enumerate(recovered.hopeless, start=1):
+        assert evidence_file_name("run", number) in words
+    assert len(recovered.hopeless) == 3
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
+
+
+def test_evidence_that_is_still_written_is_not_touched(folder: Path) -> None:
+    with opened(folder) as fd:
+        file = McapFile(fd, evidence_file_name("run", 0))
+        file.start([talk()], {})
+        (words,) = recover(folder).hopeless
+        assert "is being written" in words
+        file.add_message(strings(["late"])[0])
+        file.finish()
+        file.close()
+        assert put_listing(fd) is not None
+    assert len(read_by_rosbags(folder)) == len(SCORED) + 1
+
+
+def test_a_file_of_evidence_is_repaired_by_its_own_name(folder: Path) -> None:
+    file = torn(folder)
+    assert recover(file).torn is not None
+    assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
+
+
+def test_evidence_that_was_removed_is_listed_no_longer(folder: Path) -> None:
+    file = add_evidence(folder, CAMERA)
+    assert list_again(folder)
+    file.unlink()
+    assert recover(folder).metadata is not None
+    assert read_by_rosbags(folder) == by_topic(SCORED)
