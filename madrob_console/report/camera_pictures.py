@@ -57,8 +57,8 @@ def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
         for _, group in groupby(entries, key=lambda entry: entry.moment)
     ]
     problems = listed(map(said, shown.index.problems), "") if shown.index.problems else NOTHING
-    kept = f"Larger ones are in the folder {PICTURES_FOLDER}."
-    told = element("p", element("small", _TOLD, f" {kept}" if beside and shown.files else ""))
+    kept = element("span", f" Larger ones are in the folder {PICTURES_FOLDER}.", class_="beside")
+    told = element("p", element("small", _TOLD, kept if beside and shown.files else NOTHING))
     return section("What the cameras saw", told, problems, moments, name="pictures")
 
 

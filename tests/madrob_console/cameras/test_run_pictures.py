@@ -27,7 +27,9 @@ from madrob_console.cameras.run_pictures import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.publishing.report_copy import report_copy
 from madrob_console.report.camera_pictures import MOST_EMBEDDED
+from madrob_console.report.markup import NOTHING
 from madrob_console.report.page import report_html
 from madrob_console.report.surroundings import Surroundings
 from recorder.bag import is_evidence
@@ -127,6 +129,16 @@ def test_a_page_stays_small_however_many_cameras_there_are(run: Path) -> None:
     scored = score_opened(run)
     without = len(report_html(scored, "1"))
     assert len(page_of(run, scored)) < without + 1.2 * MOST_EMBEDDED
+
+
+def test_a_copy_on_a_site_has_the_pictures_and_no_word_of_what_is_not_there(run: Path) -> None:
+    film(run, FRONT)
+    page = page_of(run, score_opened(run))
+    copy = report_copy(page, run.name, {run.name: "runs/1.html"}, NOTHING)
+    assert re.findall("<img [^>]*>", copy) == re.findall("<img [^>]*>", page)
+    assert "in the folder pictures" in page
+    assert "in the folder pictures" not in copy
+    assert 'href="pictures/' not in copy
 
 
 def test_pictures_are_made_anew_and_old_ones_go(run: Path) -> None:
