@@ -75,6 +75,11 @@ TWICE = "TWICE"
 """Likewise, of a run that is there a second time."""
 
 
+def time_words(at: float) -> str:
+    """A time, s since the epoch, as local date and time of day: `21 Nov 14:28`."""
+    return time.strftime("%d %b %H:%M", time.localtime(at))
+
+
 class ConditionWords(NamedTuple):
     """A condition in words: `pull, from CW to CCW` and the benchmark type."""
 
@@ -206,7 +211,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     @property
     def started_text(self) -> str:
         """Local date and time of day: `21 Nov 14:28`."""
-        return time.strftime("%d %b %H:%M", time.localtime(self.started))
+        return time_words(self.started)
 
     @cached_property
     def words(self) -> str:

@@ -13,6 +13,7 @@ from madrob_console.cli import options
 from madrob_console.cli.parsing import number
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind, ThemeName
+from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def add(commands: options.Commands) -> None:
             "madrob console                      # at the testbed, and to come back",
             "madrob console --testbed simulated  # to practise",
             "madrob console --testbed replay my_run",
+            "madrob console --testbed replay my_run --at door_opens",
         ),
     )
     options.add_testbed(parser)
@@ -50,6 +52,13 @@ def add(commands: options.Commands) -> None:
         default=None,
         metavar="SECONDS",
         help="where a replay begins, from the start of its run",
+    )
+    parser.add_argument(
+        "--at",
+        default=None,
+        metavar="EVENT",
+        help="show a replay at this event, paused: as EUROBENCH names it, `start`, `stop`, "
+        "`protest` (the instant in question), or seconds from the start",
     )
     options.add_idle_time(parser)
     add_look_options(parser)
@@ -76,7 +85,9 @@ def main(arguments: argparse.Namespace) -> int:
         raise MadrobError(
             f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
         )
-    return show(arguments, Role.REFEREE, begin_at)
+    if arguments.at is not None and (begin_at is not None or not _replays(arguments)):
+        raise MadrobError("--at: give it with `--testbed replay PATH` only, and in place of --from")
+    return show(arguments, Role.REFEREE, begin_at, named=arguments.at)
 
 
 def _replays(arguments: argparse.Namespace) -> bool:
@@ -88,9 +99,18 @@ def show(
     role: Role,
     begin_at: float | None = None,
     *,
+    named: str | None = None,
     wall: bool = False,
 ) -> int:
-    """Show the screens for a referee or for a spectator; a replay begins at a time of its run."""
+    """Show the screens for a referee or for a spectator.
+
+    Args:
+        arguments: the command line.
+        role: what the screens are for.
+        begin_at: where a replay begins, s from the start of its run.
+        named: at which event it is shown instead, paused.
+        wall: show the wall display.
+    """
     with imports_kept():
         from msgspec.structs import replace
 
@@ -110,7 +130,7 @@ def show(
     results = options.results_folder(arguments, settings)
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
     if _replays(arguments):
-        _check_replay(arguments, begin_at)
+        begin_at = _check_replay(arguments, begin_at, named)
     if role is Role.WATCH:
         demand_engine(arguments, settings)
     if arguments.teams is not None:
@@ -124,7 +144,8 @@ def show(
         client = attach(arguments, settings, role)
         check_lists(client, arguments, settings)
         if role is Role.REFEREE:
-            _move(client, None if engines else arguments.speed, begin_at)
+            speed = None if engines else arguments.speed
+            _move(client, speed, begin_at, pause=named is not None)
         return client
 
     look = replace(
@@ -137,8 +158,13 @@ def show(
     return run_console(open_client, _defaults(arguments, settings, results), look, wall=wall)
 
 
-def _check_replay(arguments: argparse.Namespace, begin_at: float | None) -> None:
-    """There is a run to be replayed, and it goes on at that time.
+def _check_replay(
+    arguments: argparse.Namespace, begin_at: float | None, named: str | None
+) -> float | None:
+    """There is a run to be replayed, and it has that time.
+
+    Returns:
+        Where it begins, s from the start of the run; None = where the recording does.
 
     Raises:
         MadrobError, RecorderError: it cannot be replayed, or not from there.
@@ -148,14 +174,22 @@ def _check_replay(arguments: argparse.Namespace, begin_at: float | None) -> None
 
     path = Path(arguments.testbed[1]).expanduser()
     demand_record(read_bag(path).records, path)
-    if begin_at is not None:
-        from madrob_console.engine.live.replay import Replay
-        from madrob_console.engine.shown.playback import JumpTo
-        from madrob_console.messages.codec import MessageTypes
+    if begin_at is None and named is None:
+        return None
+    from madrob_console.engine.live.replay import Replay
+    from madrob_console.engine.shown.playback import JumpTo
+    from madrob_console.messages.codec import MessageTypes
 
-        refused = Replay(path, MessageTypes()).control(JumpTo(begin_at))
-        if refused is not None:
-            raise MadrobError(f"--from {begin_at:g}: {refused}")
+    replay = Replay(path, MessageTypes())
+    option = f"--at {terminal_safe(named)}" if named is not None else f"--from {begin_at:g}"
+    try:
+        at = replay.instant(named) if named is not None else begin_at
+    except MadrobError as error:
+        raise MadrobError(f"{option}: {error}") from None
+    assert at is not None
+    if (refused := replay.control(JumpTo(at))) is not None:
+        raise MadrobError(f"{option}: {refused}")
+    return at
 
 
 def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
@@ -181,24 +215,29 @@ def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: S
         )
 
 
-def _move(client: EngineClient, speed: float | None, begin_at: float | None) -> None:
+def _move(
+    client: EngineClient, speed: float | None, begin_at: float | None, *, pause: bool = False
+) -> None:
     """Let a replay, which may be going on already, go as the command line says.
 
     Args:
         client: the engine.
         speed: None = as it goes.
         begin_at: s from the start of its run; None = where it is.
+        pause: it stands still there.
 
     Raises:
         MadrobError: it cannot begin there.
     """
-    from madrob_console.engine.shown.playback import JumpTo, SetSpeed
+    from madrob_console.engine.shown.playback import JumpTo, SetSpeed, Skip
 
     playback = client.snapshot().playback
     if playback is None:
         return
     if speed is not None and playback.speed != speed:
         client.ask(SetSpeed(speed))  # refused where another console has the right to act
+    if pause:
+        client.ask(Skip(0.0))  # stands still, also while it jumps
     if begin_at is not None and (refused := client.ask(JumpTo(begin_at))) is not None:
         client.close()
         raise MadrobError(f"--from {begin_at:g}: {refused}")

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
 from madrob_console.cli.progress import progress
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.export.pack import Export
 
 
 def add(commands: options.Commands) -> None:
@@ -19,21 +24,36 @@ def add(commands: options.Commands) -> None:
         commands,
         "export",
         main,
-        "a team's official runs in one zip, with checksums and what opens each file",
+        "a team's official runs, or all about one run, in one zip with checksums",
         "The last line is the path of the zip. Exit code 2 when something could not be packed: it "
         "is named, the rest is there.",
         examples=(
             "madrob export --subject 3",
             "madrob export --subject 3 --without-bags --output /media/usb/team_3.zip",
+            "madrob export --run my_run --dossier",
         ),
     )
-    options.add_subject(parser)
+    options.add_subject(parser, needed=False)
+    parser.add_argument(
+        "--run",
+        type=Path,
+        default=None,
+        metavar="RUN",
+        help="one run instead: its folder, or how the results folder calls it",
+    )
+    parser.add_argument(
+        "--dossier",
+        action="store_true",
+        help="of that run all that a protest is decided by: the protests and decisions, report, "
+        "pictures, journal, results, samples as tables, recording",
+    )
     options.add_teams(parser)
     parser.add_argument(
         "--practice", action="store_true", help="the practice runs instead, marked as such"
     )
     options.add_run_paths(parser)
     parser.add_argument(
+        "-o",
         "--output",
         type=Path,
         default=None,
@@ -55,12 +75,17 @@ def add(commands: options.Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Make the zip; what could not be packed is named. The last line is the path of the zip."""
+    from madrob_console.cli.run_dossier import check_options, make_dossier
+
+    check_options(arguments)
     with imports_kept():
         from madrob_console.config import load_settings
         from madrob_console.export.pack import export_team
         from madrob_console.export.packed_bag import BagParts
 
     settings = load_settings(arguments.settings)
+    if arguments.dossier:
+        return _told(make_dossier(arguments, settings, _tell_size))
     teams = options.team_list(arguments, settings)
     found = options.collection(arguments, settings)
     with progress("runs") as tell:
@@ -77,16 +102,21 @@ def main(arguments: argparse.Namespace) -> int:
             tell=tell,
             tell_size=_tell_size,
         )
-    for problem in export.problems:
-        complain(problem)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
-    for words in (*export.renamed, *found.twins):
+    return _told(export, found.twins) or (BAD_INPUT if complaints.count else 0)
+
+
+def _told(export: Export, notes: Sequence[str] = ()) -> int:
+    """Say what was packed, and what could not be; returns the exit code."""
+    for problem in export.problems:
+        complain(problem)
+    for words in (*export.renamed, *notes):
         print(f"note: {terminal_safe(words)}")
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
-    return BAD_INPUT if export.problems or complaints.count else 0
+    return BAD_INPUT if export.problems else 0
 
 
 def _tell_size(size: int, evidence: int) -> None:

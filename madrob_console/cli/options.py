@@ -346,9 +346,11 @@ def _job_count(text: str) -> int:
     return int(text)
 
 
-def add_subject(parser: argparse.ArgumentParser, default: int | None = None) -> None:
+def add_subject(
+    parser: argparse.ArgumentParser, default: int | None = None, *, needed: bool = True
+) -> None:
     """The team, by its subject number (protocol section 1); `--team` means the same."""
-    either = parser.add_mutually_exclusive_group(required=default is None)
+    either = parser.add_mutually_exclusive_group(required=needed and default is None)
     for flag, text in (("--subject", "the team's number"), ("--team", argparse.SUPPRESS)):
         either.add_argument(
             flag, dest="subject", type=whole_number, default=default, metavar="N", help=text

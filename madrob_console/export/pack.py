@@ -23,7 +23,7 @@ from madrob_console.archive.result_reader import UnusableResultError, read_resul
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
-from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, size_of
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -33,7 +33,6 @@ from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.teams import TeamName
-from recorder.bag import METADATA_FILE
 from scoring.protocol import Thresholds
 
 EXPORTS_FOLDER = "exports"
@@ -102,10 +101,10 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
-    bags = {run: _bag_of(run, parts) for run in runs}
+    bags = {run: PackedBag.of(run, parts) for run in runs}
     sizes = [size_of(run, bags[run]) for run in runs]
     tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
-    with _folder(path.parent), whole_file(path) as file, Archive(file) as archive:
+    with folder_for(path), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
             f"{run.name}: this run goes on: export again after it" for run in going_on
         ]
@@ -249,22 +248,10 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def _bag_of(run: Path, parts: BagParts) -> PackedBag:
-    try:
-        return PackedBag.of(run, parts)
-    except OSError:  # what cannot be read is named when it is packed
-        return PackedBag(lambda _name: False)
-
-
 def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = archive.add_folder(run, called, without=bag.without)
-    archive.problems += [f"{called}/{problem}" for problem in bag.problems]
-    if bag.metadata is not None:
-        changed = max(path.stat().st_mtime for path in (run, run / METADATA_FILE) if path.exists())
-        archive.add(f"{called}/{METADATA_FILE}", bag.metadata.encode(), changed)
-        added.append(f"{called}/{METADATA_FILE}")
+    added = add_run(archive, run, called, bag)
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:
@@ -273,8 +260,9 @@ def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[s
 
 
 @contextmanager
-def _folder(folder: Path) -> Iterator[None]:
-    """A folder that is there while inside; where nothing comes of it, it is as it was before."""
+def folder_for(file: Path) -> Iterator[None]:
+    """The folder of a file is there while inside; where nothing comes of it, it is as before."""
+    folder = file.parent
     missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
+from madrob_console.export.zip_file import Archive
+from madrob_console.files.bounded import stamp_of
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.listing import listing
 
@@ -44,13 +46,21 @@ class PackedBag:
     evidence_left_out: bool = False
     problems: tuple[str, ...] = ()
 
+    def but(self, name: str) -> Self:
+        """The same, without one more file."""
+        before = self.without
+        return replace(self, without=lambda found: found == name or before(found))
+
     @classmethod
     def of(cls, run: Path, parts: BagParts) -> Self:
-        """What is packed of a run; evidence that nobody could open is not.
+        """What is packed of a run; evidence that nobody could open is not."""
+        try:
+            return cls._of(run, parts)
+        except OSError:  # what cannot be read is named when it is packed
+            return cls(lambda _name: False)
 
-        Raises:
-            OSError: its folder cannot be read.
-        """
+    @classmethod
+    def _of(cls, run: Path, parts: BagParts) -> Self:
         names = os.listdir(run)  # noqa: PTH208  of the names only
         evidence = set(filter(is_evidence, names))
         if not parts.recording:
@@ -83,6 +93,24 @@ class PackedBag:
 def _not_whole(evidence: Iterable[str]) -> tuple[str, ...]:
     words = "is evidence that is not whole: `madrob recover` repairs it, then export again"
     return tuple(f"{name}: {words}" for name in sorted(evidence))
+
+
+def add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
+    """Add the folder of a run, with its bag as it is packed.
+
+    Returns:
+        The names of the files that are in the archive now.
+
+    Raises:
+        OSError: the archive cannot be written.
+    """
+    added = archive.add_folder(run, called, without=bag.without)
+    archive.problems += [f"{called}/{problem}" for problem in bag.problems]
+    if bag.metadata is not None:
+        name, stamp = f"{called}/{METADATA_FILE}", stamp_of(str(run / METADATA_FILE))
+        archive.add(name, bag.metadata.encode(), 0.0 if stamp is None else stamp[0] / 1e9)
+        added.append(name)
+    return added
 
 
 def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:

@@ -42,6 +42,11 @@ class Archive:
         self._zip = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED)
         self._sums: list[str] = []
 
+    @property
+    def sums(self) -> tuple[tuple[str, str], ...]:
+        """SHA-256 and name of each file so far, in their order."""
+        return tuple((line[:64], line[66:].removesuffix("\n")) for line in self._sums)
+
     def add_folder(
         self,
         folder: Path,

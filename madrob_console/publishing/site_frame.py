@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from madrob_console.archive.folders import INDEX_PAGE
-from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.publishing.site_content import (
     NONE_ALIKE,
     PLAN,
@@ -118,12 +118,19 @@ def task_words_of(number: int) -> str:
     return ", ".join(filter(None, reversed(condition_words(number))))
 
 
+_CLOSING_WORDS = {
+    "protested": "PROTESTED by the team",
+    PROTEST_OPEN: "NOT FINAL: a PROTEST is open",
+}
+"""Where a page says more than a list has room for."""
+
+
 def outcome_cell(run: RunSummary) -> Content:
     """How a run ended, whether that is the last word, and what a decision on it hangs on."""
     told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
     words = [flag.words for flag in run.flags if flag.kind not in told]
     if run.outcome is not None and run.problem is None and run.closing != "final":
-        words.insert(0, "PROTESTED by the team" if run.closing == "protested" else run.closing)
+        words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
     below = element("small", "; ".join(words)) if words else NOTHING
     return element("b", run.outcome_word), " ", below
 

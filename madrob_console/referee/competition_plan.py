@@ -9,9 +9,9 @@ practice never is one (protocol section 2).
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -76,6 +76,8 @@ class Attempts:
         done: those that were used up.
         valid: those of them that count.
         best_level: the highest capability level of these; None without one.
+        open_protests: official runs of the team in the condition, also such as are no attempt, with
+            a protest that is not decided: all of this is not final.
     """
 
     task: Task
@@ -83,6 +85,7 @@ class Attempts:
     done: int = 0
     valid: int = 0
     best_level: int | None = None
+    open_protests: int = 0
 
     @property
     def left(self) -> int:
@@ -207,6 +210,11 @@ class RunFacts(Protocol):
         ...
 
     @property
+    def protest_due(self) -> float | None:
+        """When an open protest is to be decided; None = none is open."""
+        ...
+
+    @property
     def twin(self) -> str:
         """Which other folder holds it and counts; empty = this one does."""
         ...
@@ -221,9 +229,11 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
         competition: only runs that carry its name count; empty = those that carry none.
     """
     done: dict[Task, list[RunFacts]] = {line.task: [] for line in plan.lines}
-    unread = 0
+    unread, protested = 0, Counter[Task]()
     for run in sorted(runs, key=lambda run: (run.started, run.folder)):
         unread += run.problem is not None
+        if run.protest_due is not None and run.official and run.competition == competition:
+            protested[Task(run.subject, run.condition)] += 1
         if is_attempt(run) and run.competition == competition:
             done.setdefault(Task(run.subject, run.condition), []).append(run)
     planned: dict[Task, int] = defaultdict(int)
@@ -231,8 +241,12 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
     for task, attempts in plan.lines:
         begin = planned[task]
         planned[task] += attempts
-        lines.append(_attempts(task, attempts, done[task][begin : planned[task]]))
-    tasks = tuple(_attempts(task, planned[task], of_task) for task, of_task in done.items())
+        of_line = _attempts(task, attempts, done[task][begin : planned[task]])
+        lines.append(replace(of_line, open_protests=protested[task]))
+    tasks = tuple(
+        replace(_attempts(task, planned[task], of_task), open_protests=protested[task])
+        for task, of_task in done.items()
+    )
     return PlanProgress(tuple(lines), tasks, plan.problems, unread)
 
 

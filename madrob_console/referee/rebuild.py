@@ -124,31 +124,29 @@ def _changed(run: Run, entry: Entry) -> Run:
             return time_out(run, _time(details["time"]), entry.reason)
         case Change.RUN_STOPS:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
-        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
-            name = details.get("ruleset")
-            return reissued(run, None if name is None else RulesetName(name))
-        case Change.RESULT_WRITTEN:
-            return replace(run, issue=max(run.issue, int(details["issue"])))
-        case _:
-            return _found(run, entry)
-
-
-def _found(run: Run, entry: Entry) -> Run:
-    """The run after a line about what was seen, recorded or removed."""
-    details = entry.details
-    match entry.what:
         case Change.FALSE_START:
             mark = FalseStart(_time(details["time"]), EventName(details["event"]))
             return replace(run, false_starts=(*run.false_starts, mark))
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
-        case Change.EVIDENCE_RECORDED:
-            told = {key: details[key] for key in ("topics", "problems")}
-            return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
-        case Change.EVIDENCE_REMOVED:
-            names, size = list(details["files"]), max(0, int(details["bytes"]))
-            gone = RemovedEvidence(_time(entry.time), len(names), size)
-            return replace(run, removed_evidence=(*run.removed_evidence, gone))
+        case Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
+            return _with_evidence(run, entry)
+        case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
+            name = details.get("ruleset")
+            return reissued(run, None if name is None else RulesetName(name))
+        case Change.RESULT_WRITTEN:
+            return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:
             return run
+
+
+def _with_evidence(run: Run, entry: Entry) -> Run:
+    """The run after a line of what was recorded beside it, or of what was removed of that."""
+    details = entry.details
+    if entry.what == Change.EVIDENCE_RECORDED:
+        told = {key: details[key] for key in ("topics", "problems")}
+        return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
+    names, size = list(details["files"]), max(0, int(details["bytes"]))
+    gone = RemovedEvidence(_time(entry.time), len(names), size)
+    return replace(run, removed_evidence=(*run.removed_evidence, gone))

@@ -49,6 +49,7 @@ def report_html(
     happened = sections.events(result, anchors(seen))
     measured = element("div", sections.steps(result), happened, class_="pair")
     parts: tuple[tuple[str, str, Content], ...] = (
+        ("protests", "protests", sections.protests(run)),
         ("time", "time", phases(scored, place)),
         ("indicators", "indicators", sections.indicators(result)),
         ("steps", "steps and events", measured),

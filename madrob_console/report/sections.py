@@ -7,6 +7,8 @@ from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
     Correction,
@@ -209,6 +211,41 @@ def decisions(run: Run) -> Markup:
     return element("div", lists, class_="lists")
 
 
+def protests(run: Run) -> Content:
+    """Who protested, what about, and what came of it; nothing where nobody did."""
+    if not run.protests:
+        return NOTHING
+    return section("Protests", [_protest(one, run) for one in run.protests], name="protests")
+
+
+def _protest(one: Protest, run: Run) -> Markup:
+    about: list[Content] = [said(one.about)]
+    if one.at is not None and run.start is not None:
+        about.append(f", at {since(one.at, run.start)} s of the run")
+    filed: list[Content] = [date_text(one.time)]
+    if one.late:
+        filed += [", late; admitted: ", said(one.late)]
+    if one.referee:
+        filed += [", taken by ", said(one.referee)]
+    answer = one.answer
+    if answer is None:
+        state = element("strong", "OPEN")
+        decision: Content = state, f": to be decided by {date_text(one.due)}"
+    else:
+        state = element("strong", answer.end.upper())
+        by = said(answer.referee or "the referee")
+        decision = state, ": ", said(answer.reason), f" ({date_text(answer.time)}, ", by, ")"
+    rows: list[tuple[str, Content]] = [
+        ("by", said(one.team)),
+        ("about", about),
+        ("the team says", ("“", said(one.text), "”")),
+        ("filed", filed),
+        ("decision", decision),
+    ]
+    pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
+    return element("div", element("p", element("b", f"Protest {one.number}")), element("dl", pairs))
+
+
 def team_word(run: Run) -> Markup:
     """Acknowledgement or protest; or that the result is not final."""
     closure = run.closure
@@ -231,8 +268,18 @@ def data_quality(run: Run, result: Result) -> Markup:
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
+        _evidence(run.evidence),
         name="quality",
     )
+
+
+def _evidence(evidence: EvidenceAccount | None) -> Markup:
+    """What was recorded beside the testbed's topics."""
+    if evidence is None:
+        return NOTHING
+    told = element("p", f"Evidence, of which nothing is scored: {evidence.words}.")
+    missing = evidence.remarks()
+    return Markup(told + listed(missing, "")) if missing else told
 
 
 def _marks(title: str, marks: Iterable[Content]) -> Markup:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, time_words
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import undecided, weighty
@@ -58,6 +58,8 @@ class CompetitionStandings:
         flagged: valid runs with a flag that weighs, oldest first.
         provisional: valid runs whose result is not final yet.
         protested: valid runs against whose final result the team protested.
+        open_protests: runs, also such as do not count, with a protest that is not decided, what is
+            due first first.
         apart: in what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
     """
 
@@ -70,6 +72,7 @@ class CompetitionStandings:
     flagged: tuple[RunSummary, ...]
     provisional: int
     protested: int
+    open_protests: tuple[RunSummary, ...] = ()
     apart: str = ""
 
     @property
@@ -97,6 +100,12 @@ class CompetitionStandings:
             remarks.append(f"Not final: {self.provisional} of the valid runs.")
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
             remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
+        for run in self.open_protests:
+            due = time_words(run.protest_due or 0.0)
+            remarks.append(
+                f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
+                f"{run.condition}: NOT FINAL until it is decided, by {due}."
+            )
         if self.protested:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")
         return tuple(remarks)
@@ -188,6 +197,12 @@ def competition_standings(
         flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
         provisional=sum(run.valid and not run.final for run in entering),
         protested=sum(run.valid and run.closing == "protested" for run in entering),
+        open_protests=tuple(
+            sorted(
+                (named(run) for run in entering if run.protest_due is not None),
+                key=lambda run: run.protest_due or 0.0,
+            )
+        ),
         apart=how_testbeds_differ(entering),
     )
 

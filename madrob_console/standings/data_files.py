@@ -28,10 +28,11 @@ COLUMNS = (
     *("subject", "team", "testbed", "completed", "timeout", "invalid", "interrupted", "void"),
     *("flagged", "undecided"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
-    *("expanded_uncertainty", "doubts", "not_distinguishable_from"),
+    *("expanded_uncertainty", "doubts", "not_distinguishable_from", "open_protests"),
 )
 """Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
-wait for a decision of the referee: a number of theirs may still change."""
+wait for a decision of the referee: a number of theirs may still change. `open_protests` are runs
+with a protest that is not decided: the row is not final."""
 
 _FORMULA = ("=", "+", "-", "@")
 
@@ -74,6 +75,17 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
         "best_runs": found.best or None,
         "provisional": found.provisional,
         "protested": found.protested,
+        "open_protests": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "run_id": run.run_id,
+                "due": run.protest_due,
+            }
+            for run in found.open_protests
+        ],
         "remarks": (*_warning(found), *found.remarks, found.basis, *NOTES),
         "units": {name: name.spec.unit for name in IndicatorName},
         "rulesets": [
@@ -159,6 +171,7 @@ def _tally(tally: Tally) -> dict[str, Any]:
         "counted": tally.counted,
         "flagged": tally.flagged,
         "undecided": tally.undecided,
+        "open_protests": tally.open_protests,
         "indicators": {
             name: {
                 "unit": name.spec.unit,

@@ -20,6 +20,7 @@ from madrob_console.referee.competition_plan import (
 NOTES = (
     "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
     "Interrupted and voided runs come next again; practice runs never count.",
+    "P behind what is done: a protest is open, the line is not final.",
 )
 """How to read the numbers."""
 
@@ -60,6 +61,9 @@ def summary_words(found: PlanProgress) -> str:
     if found.unread:
         plural = "s are" if found.unread > 1 else " is"
         text += f" {found.unread} run{plural} DAMAGED and not counted."
+    if protested := sum(one.open_protests for one in found.tasks):
+        plural = "s are" if protested > 1 else " is"
+        text += f" {protested} PROTEST{plural} open: NOT FINAL."
     return text
 
 
@@ -111,6 +115,7 @@ def _row(mark: str, of: Attempts, teams: Mapping[int, str]) -> str:
     subject, condition = of.task
     best = "-" if of.best_level is None else str(of.best_level)
     done = f"{of.done}/{of.planned}" if of.planned else str(of.done)
+    done += "P" if of.open_protests else ""
     words = condition_words(condition)
     return _line(
         *(mark, str(subject), teams.get(subject, ""), str(condition)),
@@ -146,4 +151,5 @@ def _attempts(of: Attempts, teams: Mapping[int, str]) -> dict[str, Any]:
         "valid": of.valid,
         "best_level": of.best_level,
         "left": of.left,
+        "open_protests": of.open_protests,
     }

@@ -95,6 +95,8 @@ class Tally:
         counted: how many runs the aggregates are of.
         flagged: valid runs with a flag that weighs.
         undecided: those of them that wait for a decision of the referee.
+        open_protests: runs, also such as do not count, with a protest that is not decided: what
+            stands here is not final.
         aggregates: by indicator; missing = no run has a value.
         doubts: how many there are on the runs of which the aggregates are, by indicator; without a
             value, too. Missing = none.
@@ -115,9 +117,16 @@ class Tally:
     counted: int = 0
     flagged: int = 0
     undecided: int = 0
+    open_protests: int = 0
     aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
     doubts: Mapping[IndicatorName, int] = field(default_factory=dict)
     alike: Mapping[IndicatorName, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def not_final_words(self) -> str:
+        """That a protest may change it; empty where none is open."""
+        count = self.open_protests
+        return f"NOT FINAL: {count} PROTEST{'S' if count > 1 else ''} open" if count else ""
 
     @property
     def who(self) -> str:
@@ -272,7 +281,7 @@ def _tally(
     """The fields of a tally over groups of runs; the best are taken of each group."""
     team = names[key.subject]
     outcomes: list[Outcome | None] = []
-    voided = 0
+    voided = protests = 0
     counted: list[RunSummary] = []
     flagged: list[RunSummary] = []
     testbeds: set[str] = set()
@@ -280,6 +289,7 @@ def _tally(
         testbeds.update(run.testbed for run in runs if run.testbed)
         outcomes += [run.outcome for run in runs if not run.voided]
         voided += sum(run.voided for run in runs)
+        protests += sum(run.protest_due is not None for run in runs)
         valid = sorted((run for run in runs if run.valid), key=rank)
         flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid
@@ -299,6 +309,7 @@ def _tally(
         "counted": len(counted),
         "flagged": len(flagged),
         "undecided": sum(bool(undecided(run.flags)) for run in flagged),
+        "open_protests": protests,
         "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
         "doubts": {name: count for name, count in doubts.items() if count},
     }

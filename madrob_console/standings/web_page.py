@@ -133,7 +133,7 @@ def _row(tally: Tally) -> Iterator[Content]:
 
 
 def counts(tally: Tally) -> Iterator[str]:
-    """How many runs ended how: `3 completed`, `1 timeout`."""
+    """How many runs ended how: `3 completed`, `1 timeout`; and whether a protest is open."""
     for count, word in (
         (tally.completed, "completed"),
         (tally.timeout, "timeout"),
@@ -143,6 +143,8 @@ def counts(tally: Tally) -> Iterator[str]:
     ):
         if count:
             yield f"{count} {word}"
+    if tally.not_final_words:
+        yield tally.not_final_words
 
 
 def _indicator(tally: Tally, name: IndicatorName) -> Content:

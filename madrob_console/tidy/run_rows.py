@@ -83,7 +83,7 @@ def _judged(run: StoredRun) -> Row:
 
 def _runs(run: StoredRun) -> Iterator[Row]:
     result, closure = run.result, run.result.closure
-    found = result.flags or ()
+    found, waiting = result.flags or (), result.open_protest
     yield {
         **_judged(run),
         **task_cells(Condition.from_number(result.condition_number)),
@@ -99,6 +99,9 @@ def _runs(run: StoredRun) -> Iterator[Row]:
         "issue": result.issue,
         "final": closure is not None,
         "team_word": "" if closure is None else closure.team_word,
+        "protests": len(result.protests),
+        "open_protests": sum(one.answer is None for one in result.protests),
+        "protest_due": None if waiting is None else waiting.due,
         "flags": "; ".join(flag.words for flag in found),
         "undecided": len(undecided(found)),
         "sampling_rate": result.rate,

@@ -61,6 +61,11 @@ RUNS = TidyTable(
         TidyColumn("issue", CellKind.COUNT, "", "of its result"),
         TidyColumn("final", CellKind.FLAG, "", "the result is final"),
         TidyColumn("team_word", CellKind.TEXT, "", "of the team, to a final result"),
+        TidyColumn("protests", CellKind.COUNT, "", "against it, open and closed ones"),
+        TidyColumn("open_protests", CellKind.COUNT, "", "of them not decided"),
+        TidyColumn(
+            "protest_due", CellKind.NUMBER, "s", "the next decision, since 1970; empty: none"
+        ),
         TidyColumn("flags", CellKind.TEXT, "", "what a decision hangs on; several: with ;"),
         TidyColumn("undecided", CellKind.COUNT, "", "flags that wait for the referee"),
         TidyColumn("sampling_rate", CellKind.NUMBER, "Hz", "of the door; empty: not known"),

@@ -5,6 +5,9 @@ from __future__ import annotations
 import asyncio
 import getpass
 import os
+import shlex
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
@@ -13,7 +16,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import events
-from textual.app import App
+from textual.app import App, SuspendNotSupported
 from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen
@@ -22,7 +25,14 @@ from textual.widget import MountError
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.shown.client import UnsureError
 from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import ExportTeam, GiveFrames, OpenRun, Perform, TakeOver
+from madrob_console.engine.shown.requests import (
+    ExportDossier,
+    ExportTeam,
+    GiveFrames,
+    OpenRun,
+    Perform,
+    TakeOver,
+)
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
@@ -69,15 +79,21 @@ _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
 
 
-def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam) -> str | None:
+def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDossier) -> str | None:
     """Nothing of what bar and snapshot show."""
     match command:
         case TakeOver():
             return "This console has the right to act now."
         case PlaybackCommand():
             return ""
-        case ExportTeam():
+        case ExportTeam() | ExportDossier():
             return None
+
+
+def run_beside(words: Sequence[str]) -> int:
+    """Run a `madrob` command on this terminal, and wait for its end; returns its exit code."""
+    program = (sys.executable, "-P", "-m", "madrob_console.cli.main")
+    return subprocess.run([*program, *words], check=False).returncode
 
 
 async def _at_most(duration: float, over: asyncio.Event) -> None:
@@ -103,6 +119,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         monotonic: a clock for the engine's silence and the age of messages, s.
         wall: the time of day, s since the epoch.
         ahead: which keys were typed for what is not there any more.
+        beside: runs a `madrob` command on this terminal, and returns its exit code.
 
     Attributes:
         ascii: whether only ASCII characters are drawn.
@@ -127,6 +144,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         monotonic: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         ahead: TypeAhead | None = None,
+        beside: Callable[[Sequence[str]], int] = run_beside,
     ) -> None:
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
@@ -143,6 +161,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._link = EngineLink(open_client, monotonic)
         self._awaited: dict[str, bool] = {}
         self._ahead = ahead or TypeAhead()
+        self._beside = beside
         self.settled: Callable[[], None] = lambda: None
         self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
 
@@ -358,10 +377,43 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._next_run(key)
         elif key.name == "export" and self.key_refusal(key) is None:
             await self._do(self._console.export, key.name, key.act)
+        elif key.name == "dossier" and self.key_refusal(key) is None:
+            meant = self._console.run_meant()
+            wanted = meant if isinstance(meant, str) else ExportDossier(meant.folder)
+            await self._do(wanted, key.name, key.act)
+        elif key.name == "replay":
+            self._show_replay()
         elif (refused := self.key_refusal(key) or self._elsewhere(key)) is not None:
             self._refuse_key(key, refused)
         elif key.ask is not None and (snapshot := self._link.snapshot()) is not None:
             await self._ask(key, key.ask(snapshot, pressed), partial(key.question, pressed=pressed))
+
+    def _show_replay(self) -> None:
+        """Another console on this terminal, until it is left; never while a run goes on."""
+        meant, snapshot = self._console.run_meant(), self._link.snapshot()
+        if isinstance(meant, str):
+            self._refuse("replay", meant)
+            return
+        if snapshot is None or snapshot.run.active or snapshot.playback is not None:
+            here = snapshot is not None and snapshot.playback is not None
+            self._refuse("replay", "this is one" if here else "a run is going on")
+            return
+        look = self._look
+        words = [
+            *("console", "--testbed", "replay", str(self._console.results / meant.folder)),
+            *(() if meant.at is None else (f"--at={meant.at:.3f}",)),
+            *(f"--theme={look.theme}", *["--ascii"] * bool(look.ascii)),
+            *["--no-mouse"] * (not look.mouse),
+        ]
+        try:
+            with self.suspend():
+                code = self._beside(words)
+        except SuspendNotSupported:
+            self._console.say(f"Type in another terminal: {shlex.join(['madrob', *words])}")
+            return
+        if code != 0:
+            again = shlex.join(["madrob", *words])
+            self._refuse("replay", f"it ended with {code}; `{again}` says why")
 
     async def _commit(self) -> str | None:
         """What is typed in the set-up counts; returns what is wrong with it."""
@@ -426,7 +478,7 @@ class MadrobApp(App[None], inherit_bindings=False):
                 await self._ask(key, asked, lambda now: key.refusal(now) or asked)
             case OpenRun():
                 await self._open_run(intent)
-            case TakeOver() | PlaybackCommand() | ExportTeam():
+            case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
                 await self._request(intent, _said_when_done(intent))
             case GiveFrames():
                 await self._give_frames(intent)
@@ -473,7 +525,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _request(
         self,
-        command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam,
+        command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam | ExportDossier,
         done: str | None = None,
         *,
         durable: bool = False,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from dataclasses import replace
@@ -18,12 +18,14 @@ from madrob_console.archive.history import History
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.lanes import Lanes
 from madrob_console.engine.live.scorer import EarlierRun
+from madrob_console.engine.process.protest_watch import ProtestWatch
 from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.process.turns import Done, Turn, fail
 from madrob_console.engine.shown.client import awaited
 from madrob_console.engine.shown.curves import Curves
 from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.shown.requests import (
+    ExportDossier,
     ExportTeam,
     GiveCurves,
     GiveFrames,
@@ -82,6 +84,9 @@ class LocalEngine:
         self._turns: Lanes[Turn] = Lanes()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)
+        self._protests = ProtestWatch(
+            self._history.refresh, lambda job: engine.read(job, first=False)
+        )
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         self._writing = "", 0.0
@@ -168,13 +173,18 @@ class LocalEngine:
 
     def _look(self) -> None:
         """Make a new snapshot, in the engine's thread."""
-        reporting = self._reporting
-        fallen = self._fallen()
-        self._snapshot = (
-            self._engine.snapshot(others=[fallen])
-            if reporting is None
-            else self._engine.snapshot(reporting.exported, [reporting.problem, fallen])
-        )
+        reporting, engine = self._reporting, self._engine
+        others = [self._fallen()]
+        if reporting is not None:
+            others.insert(0, reporting.problem)
+        if engine.replay is None:
+            run, folder = engine.run, engine.folder
+            if not run.active:  # then a disk has other things to do
+                seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
+                self._protests.look(seen)
+            at_hand = "" if folder is None else str(folder.relative_to(self.results))
+            others += self._protests.overdue(engine.now(), at_hand)
+        self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)
 
     def begin(
         self,
@@ -227,8 +237,8 @@ class LocalEngine:
                 return engine.next_run_number(subject, condition, practice=practice, first=first)
             case OpenRun(folder, invalid):
                 return self._open_run(folder, deadline, invalid=invalid)
-            case ExportTeam(subject, practice):
-                return core(lambda done: done(self._export(subject, practice=practice)))
+            case ExportTeam() | ExportDossier():
+                return core(lambda done: done(self._export(request)))
             case GiveCurves() | GivePlan():
                 curves = isinstance(request, GiveCurves)
                 return engine.read(self._curves if curves else self._progress, first=first)
@@ -265,10 +275,16 @@ class LocalEngine:
         engine.read(lambda: engine.read_run(path).result()).add_done_callback(show)
         return answer
 
-    def _export(self, subject: int, *, practice: bool) -> str | None:
+    def _export(self, request: ExportTeam | ExportDossier) -> str | None:
         if self._reporting is None:
             return "nobody packs runs here: use `madrob export`"
-        self._reporting.export(subject, practice=practice)
+        match request:
+            case ExportTeam(subject, practice):
+                self._reporting.export(subject, practice=practice)
+            case ExportDossier(folder):
+                if parse_folder_name(folder) is None:
+                    return f"{folder!r} is no run folder"
+                self._reporting.export_dossier(self.results / folder, folder)
         return None
 
     def _frames(self) -> Future[str]:
@@ -298,6 +314,11 @@ class LocalEngine:
         plan = self.snapshot().plan
         runs = self._history.refresh() if plan.lines else ()
         return plan_progress(plan, runs, self._engine.config.competition)
+
+    @property
+    def open_protests(self) -> Sequence[str]:
+        """Against which runs of the results folder a protest is open, in words."""
+        return tuple(self._protests.open(self._engine.now()))
 
     def repair(self) -> None:
         """Have the results made again that are not what their journals say. Never waits."""

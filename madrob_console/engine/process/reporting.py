@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import NamedTuple
@@ -126,24 +127,31 @@ class Reporting:
 
         `exported` says what became of it.
         """
+        options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
+        self._pack(ExportView(subject), f"team {subject}", options)
 
+    def export_dossier(self, run: Path, called: str) -> None:
+        """Pack all about one run into a zip.
+
+        Args:
+            run: its folder.
+            called: as seen from the results folder.
+        """
+        self._pack(
+            ExportView(0, dossier=called), f"dossier {called}", [f"--run={run}", "--dossier"]
+        )
+
+    def _pack(self, wanted: ExportView, name: str, options: Sequence[str]) -> None:
         def done(finished: Finished) -> None:
-            if self.exported is None or self.exported.subject != subject:
-                return  # tried again, and meanwhile somebody wants to see another team's
+            if self.exported is None or self.exported.what != wanted.what:
+                return  # tried again, and meanwhile somebody wants to see another one
             bad = finished.code != 0
             path = finished.said if finished.said.endswith(".zip") else ""
-            self.exported = ExportView(subject, path, _why(finished) if bad else "")
+            why = _why(finished) if bad else ""
+            self.exported = replace(wanted, path=path, problem=why)
 
-        self.exported = ExportView(subject)
-        self._background.ask(
-            f"team {subject}",
-            [
-                *("export", f"--subject={subject}", "--without-evidence"),
-                *["--practice"] * practice,
-                *self._options,
-            ],
-            done,
-        )
+        self.exported = wanted
+        self._background.ask(name, ["export", *options, *self._options], done)
 
     def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
         """Write what the cameras saw at an instant of a run.

@@ -179,7 +179,11 @@ class EngineServer:
             testbed=snapshot.label,
             socket="" if listening is None else str(listening.path),
             screens=len(self._screens),
-            remarks=(*known.remarks, *filter(None, (snapshot.pulse.words, lost))),
+            remarks=(
+                *known.remarks,
+                *filter(None, (snapshot.pulse.words, lost)),
+                *self._engine.open_protests,
+            ),
         )
 
     def _accept_at(self, listening: socket.socket) -> None:

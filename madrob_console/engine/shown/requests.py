@@ -126,6 +126,19 @@ class ExportTeam(Command, frozen=True):
     practice: bool = False
 
 
+class ExportDossier(Command, frozen=True):
+    """Pack all about one run into a zip, in the background.
+
+    `Snapshot.export` tells the rest.
+
+    Attributes:
+        folder: of the run, as seen from the results folder.
+    """
+
+    name: ClassVar[str] = "export the dossier of the run"
+    folder: str
+
+
 class GiveCurves(Request[Curves | None], frozen=True):
     """What do the figures show of the run with a result? None without one."""
 

@@ -188,17 +188,24 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class ExportView:
-    """The last export of a team's runs; with neither path nor problem it is being made.
+    """The last export of a team's runs or a dossier; with neither path nor problem it is made now.
 
     Attributes:
-        subject: the team's number.
+        subject: the team's number; 0 for a dossier.
         path: of the zip.
         problem: why there is none, or what is missing in it, in words.
+        dossier: the run's folder, of a dossier; empty = it is of a team.
     """
 
     subject: int
     path: str = ""
     problem: str = ""
+    dossier: str = ""
+
+    @property
+    def what(self) -> str:
+        """What is packed, in words."""
+        return f"the dossier of {self.dossier}" if self.dossier else f"subject {self.subject}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ class FileProtest(Act):
     @classmethod
     def _ask_about(cls, view: RunView) -> Ask[Asked]:
         run = view.run
-        steps = {f"step {one.step:d} ({one.step.text})": one for one in view.steps}
+        steps = {f"step {one.step:d}: {one.step.text}": one for one in view.steps}
         options = (
             Option("w", _WHOLE, _WHOLE),
             *(Option(str(one.step.value), one.step.text, words) for words, one in steps.items()),
@@ -147,7 +147,7 @@ class FileProtest(Act):
     @classmethod
     def _ask_words(cls, view: RunView, about: str, at: float | None) -> Ask[Asked]:
         run = view.run
-        own = run.setup.team if run.setup is not None else ""
+        own = "" if run.setup is None else run.setup.team or f"subject {run.setup.subject}"
         late = _lateness(run, view.time, view.protest_times)
         who = (Option("1", own, own),) if own.strip() else ()
         questions: list[Question] = [

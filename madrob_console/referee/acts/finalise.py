@@ -15,7 +15,9 @@ _TEAM = Pick(
     (
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
-        Option("p", "protested", TeamWord.PROTESTED),
+        Option(
+            "p", "protested, and it is signed all the same (P keeps it open)", TeamWord.PROTESTED
+        ),
         Option("b", "absent", TeamWord.ABSENT),
     ),
 )
@@ -28,7 +30,7 @@ DECIDED_BY: Mapping[str, str] = {
     FlagKind.FALSE_START: "a accepts it with a reason",
     FlagKind.UNDECIDED_STEP: "its number confirms or denies it",
     FlagKind.DOUBT: "d accepts it with a reason",
-    FlagKind.PROTEST: "P decides it, or withdraws it",
+    FlagKind.PROTEST: "P decides it",
 }
 """Kind of what is undecided -> the key that decides it."""
 _NOTE = Write("Note (Enter for none):")

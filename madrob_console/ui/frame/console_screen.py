@@ -15,12 +15,15 @@ from textual.widgets import ContentSwitcher
 from madrob_console.engine.shown.requests import ExportTeam, OpenRun
 from madrob_console.referee.acts import (
     Abort,
+    DecideProtest,
     DeclareTimeout,
+    FileProtest,
     Finalise,
     Reissue,
     RestartCountdown,
     SetUp,
     Start,
+    WithdrawProtest,
 )
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.label import Label
@@ -31,12 +34,14 @@ from madrob_console.ui.frame.playback_bar import PlaybackBar
 from madrob_console.ui.frame.status_line import StatusLine
 from madrob_console.ui.frame.tiny_clock import TinyClock
 from madrob_console.ui.frame.top_line import TopLine
-from madrob_console.ui.keys.asks import Copy, ask_copy, ask_unfinished
+from madrob_console.ui.keys.asks import Copy, RunMeant, ask_copy, ask_unfinished
 from madrob_console.ui.link import NOT_YET
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.competition_plan import Task
@@ -64,7 +69,10 @@ _MAIN = ("setup", "live", "results")
 _BY = {
     Phase.READY: (SetUp.name,),
     Phase.COUNTDOWN: (Start.name, RestartCountdown.name),
-    Phase.STOPPED: (Abort.name, DeclareTimeout.name, Reissue.name, OpenRun.name),
+    Phase.STOPPED: (
+        *(Abort.name, DeclareTimeout.name, Reissue.name, OpenRun.name),
+        *(FileProtest.name, DecideProtest.name, WithdrawProtest.name),
+    ),
     Phase.FINAL: (Finalise.name, OpenRun.name),
 }
 """What brings a run into a phase, where it does not come by itself."""
@@ -163,6 +171,11 @@ class ConsoleScreen(Screen[None]):
         return self._panes
 
     @property
+    def results(self) -> Path:
+        """The results folder."""
+        return self._defaults.results
+
+    @property
     def export(self) -> ExportTeam | str:
         """The runs of the marked team, or of that whose run is shown; else why there are none."""
         panes, now = self.panes, self._latest
@@ -179,6 +192,18 @@ class ConsoleScreen(Screen[None]):
         if shown is None:
             return "no team is marked or set up: h shows all runs"
         return ExportTeam(shown.subject, practice)
+
+    def run_meant(self) -> RunMeant | str:
+        """The marked run of the history, else the one that is shown; else why there is none."""
+        if self.pane == "history":
+            marked = self.panes.history.selected
+            return "no run is marked" if marked is None else RunMeant.of_list(marked)
+        now = self._latest
+        if now is None or now.folder is None:
+            return "there is no run here: h shows all runs"
+        if now.run.active:
+            return "a run is going on"
+        return RunMeant.of_shown(now.folder, now.run)
 
     def ask_copy(self, user: str) -> Ask[Copy] | str:
         """What there is to copy on this pane; `user` can log in here."""

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
+from madrob_console.archive.folders import lies_in_practice
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand
-from madrob_console.engine.shown.requests import ExportTeam, GiveFrames, OpenRun, TakeOver
+from madrob_console.engine.shown.requests import (
+    ExportDossier,
+    ExportTeam,
+    GiveFrames,
+    OpenRun,
+    TakeOver,
+)
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
 from madrob_console.referee.acts import Act
+from madrob_console.referee.protests import open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
-from madrob_console.referee.run import seconds_of
+from madrob_console.referee.run import Run, seconds_of
 
 if TYPE_CHECKING:
+    from madrob_console.archive.history import RunSummary
     from madrob_console.archive.unfinished import Unfinished
     from madrob_console.engine.shown.snapshot import Snapshot
 
@@ -53,9 +63,39 @@ class OtherName:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class RunMeant:
+    """The run that a key is about.
+
+    Attributes:
+        folder: as seen from the results folder.
+        at: the instant that a protest is about, s from its start; None = nobody protested.
+    """
+
+    folder: str
+    at: float | None
+
+    @classmethod
+    def of_list(cls, run: RunSummary) -> RunMeant:
+        """One of a list."""
+        at = 0.0 if run.protest_due is not None else None  # where none was named
+        return cls(run.folder, at if run.protest_at is None else run.protest_at)
+
+    @classmethod
+    def of_shown(cls, folder: str, run: Run) -> RunMeant:
+        """The one at hand; `folder` is its whole path."""
+        path = PurePath(folder)
+        name = f"{path.parent.name}/{path.name}"
+        of = (*open_protests(run.protests), *reversed(run.protests))
+        at = None
+        if of and run.start is not None:
+            at = 0.0 if of[0].at is None else of[0].at - run.start
+        return cls(name if lies_in_practice(name) else path.name, at)
+
+
 Intent: TypeAlias = (
-    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | GiveFrames | Leave | Copy"
-    " | OtherName | Ask[Intent] | str"
+    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
+    " | Copy | OtherName | Ask[Intent] | str"
 )
 """What a key or the answers to a dialog bring about: maybe one more question; a text says why
 nothing."""

@@ -22,7 +22,7 @@ from madrob_console.engine.shown.playback import (
     Skip,
     Slower,
 )
-from madrob_console.engine.shown.requests import ExportTeam, GiveFrames, TakeOver
+from madrob_console.engine.shown.requests import ExportDossier, ExportTeam, GiveFrames, TakeOver
 from madrob_console.referee import acts
 from madrob_console.referee.questions import Ask
 from madrob_console.ui.keys import asks
@@ -187,8 +187,13 @@ LETTER_KEYS = (
     ),
     Key(
         "take_back", "z", "z", " Take back",
-        "take back the last ruling, mark, waiver, doubt, void or correction, with a reason",
+        "take back the last ruling, mark, waiver, doubt, void, correction or protest's decision",
         acts.TakeBack.name, acts.TakeBack.ask, where=_SETUP | _LIVE | _RESULTS,
+    ),
+    Key(
+        "protest", "P", "P", " Protest",
+        "file a protest against a result that is there; decide it, or the team withdraws it",
+        acts.FileProtest.name, acts.FileProtest.ask, where=_RESULTS,
     ),
     Key(
         "figures", "g", "g", " Figures", "the figures of the result: motion, jerk, force",
@@ -204,6 +209,16 @@ LETTER_KEYS = (
         "export", "e", "e", " Export",
         "pack all runs of the team, or of the marked one, into a zip",
         ExportTeam.name, where=frozenset({"history"}),
+    ),
+    Key(
+        "dossier", "E", "E", " Dossier",
+        "pack all about the marked run into a zip: protests, report, recording, tables",
+        ExportDossier.name, where=frozenset({"history"}),
+    ),
+    Key(
+        "replay", "R", "R", " Replay",
+        "replay the marked run, at the instant that a protest is about; F10 comes back",
+        where=_RESULTS | {"history"},
     ),
     Key(
         "copy", "y", "y", " Copy",

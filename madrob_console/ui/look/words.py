@@ -84,8 +84,9 @@ def export_text(export: ExportView) -> str:
     """What has become of an export; the zip's whole path, for who copies it."""
     if not export.path:
         if not export.problem:
-            return f"Packing the runs of subject {export.subject} in the background ..."
-        return f"No zip of subject {export.subject}: {export.problem}"
+            runs = "" if export.dossier else "the runs of "
+            return f"Packing {runs}{export.what} in the background ..."
+        return f"No zip of {export.what}: {export.problem}"
     missing = f"; not all: {export.problem}" if export.problem else ""
     return f"Packed: {export.path}{missing} (y copies it)"
 

@@ -26,9 +26,11 @@ keys: i and its letter; after the stop it asks for its time. 1-6 confirm or deny
 until the result is final.
 Result (F4): the difference to the team's earlier runs stands beside each value. g shows the \
 figures: left and right move in time, + and - zoom, 0 shows all, Tab the next figure. f finalises \
-with the team's word, u re-issues a final result.
+with the team's word, u re-issues a final result. P files a protest, which stays open until it is \
+decided or withdrawn; R replays the run, paused at the instant that it is about.
 History (h): Enter opens an earlier run with all its keys; x sets up the next run of the marked \
-team and condition; e packs the team's runs into a zip, official or practice as the marked one; \
+team and condition; e packs the team's runs into a zip, official or practice as the marked one, \
+E all about the marked run; \
 / filters (team:delft cond:5), v chooses which, o sorts, O turns the order.
 Plan (p): a row a team, a column a condition; 1/2 is one attempt done of two, 1!2 the same with \
 one that is not valid, +1 one out of plan, L the best level, > what is next. Enter proposes the \

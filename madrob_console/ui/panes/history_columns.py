@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from operator import attrgetter
 
-from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import FlagWeight, worst
 from madrob_console.ui.cells.columns import Column
@@ -33,7 +33,12 @@ _SOURCES: Mapping[str, Span] = {
     SourceKind.SIMULATED: Span("SIM", Tone.NOTICE),
     SourceKind.REPLAY: Span("rep", Tone.WARN),
 }
-_CLOSING_TONES = {"not final": Tone.DIM, "final": Tone.PLAIN, "protested": Tone.WARN}
+_CLOSING_TONES = {
+    "not final": Tone.DIM,
+    "final": Tone.PLAIN,
+    "protested": Tone.WARN,
+    PROTEST_OPEN: Tone.BAD,
+}
 _OUTCOME = 12
 """Cells of the outcome with its signs; `completed*!!` has so many."""
 
@@ -76,9 +81,11 @@ def _indicator(name: IndicatorName) -> Column[RunSummary]:
 
 
 def _outcome(run: RunSummary) -> Span:
-    """The word, `*` where it is not final, and the sign of its flags."""
+    """The word, `P` where a protest is open or `*` where it is not final, the sign of its flags."""
     void = run.outcome is Outcome.ABORTED or run.voided
     unsigned = "*" if run.issue and not run.final and not void else ""
+    if run.protest_due is not None:
+        unsigned = "P"
     heaviest, signs = worst(run.flags), unsigned + flag_sign(run.flags)
     text = run.outcome_word + signs
     if len(text) > _OUTCOME:

@@ -14,7 +14,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import Input
 
-from madrob_console.archive.history import RunSummary, condition_words
+from madrob_console.archive.history import RunSummary, condition_words, time_words
 from madrob_console.archive.run_filter import filter_problem, matches
 from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.ui.cells.field import Field
@@ -27,7 +27,10 @@ from madrob_console.ui.panes.runs_pane import Load, RunsPane
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
 
-KEYS = "Enter opens, x next, / filter, v which, o O sort, <- ->; * not final, ! flags, ? doubted"
+KEYS = (
+    "Enter opens, x next, / filter, v which, o O sort, <- ->; "
+    "* not final, P protest, ! flags, ? doubted"
+)
 
 
 class RunFilter(StrEnum):
@@ -37,6 +40,7 @@ class RunFilter(StrEnum):
     OPEN = "not final"
     UNDECIDED = "undecided"
     NOT_COUNTED = "invalid and interrupted"
+    PROTEST = "protest open"
 
     def takes(self, run: RunSummary) -> bool:
         """Whether it shows a run."""
@@ -45,6 +49,8 @@ class RunFilter(StrEnum):
                 return True
             case RunFilter.OPEN:
                 return not run.final
+            case RunFilter.PROTEST:
+                return run.protest_due is not None
             case RunFilter.UNDECIDED:
                 return bool(undecided(run.flags))
             case RunFilter.NOT_COUNTED:
@@ -195,6 +201,9 @@ def summary(runs: Sequence[RunSummary]) -> str:
     practice = sum(run.practice for run in runs)
     among = f" ({practice} PRACTICE)" if practice else ""
     plural = "s" if len(runs) > 1 else ""
+    protests = sum(run.protest_due is not None for run in runs)
+    if protests:
+        parts.append(f"{protests} PROTEST{'S' if protests > 1 else ''} open")
     return f"{len(runs)} run{plural}{among}: {', '.join(parts)}"
 
 
@@ -218,5 +227,7 @@ def about(run: RunSummary, name: str | None = None) -> str:
     name = run.team if name is None else name
     recorded = f" (recorded as {run.team})" if run.team and run.team != name else ""
     team = f"{name}{recorded}: " if name else ""
+    if run.protest_due is not None:
+        told.insert(0, f"decision due {time_words(run.protest_due)}")
     flagged = "; ".join(f.words for f in run.flags if f.kind is not FlagKind.PRACTICE)
     return f"{flagged}{'; ' if flagged else ''}{team}{'; '.join(told)}; {run.folder}"

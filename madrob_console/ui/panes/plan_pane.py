@@ -150,7 +150,8 @@ class PlanPane(Vertical):
         wide = self._rows(None)
         fits = width >= cell_len(heads[0]) + 1 + len(self._conditions) * (1 + _widest(wide))
         cells = wide if fits else self._rows(self._view)
-        self._keys.say(KEYS.format(ALL if fits else f"v: {self._view}"), Tone.DIM)
+        protest = ", P protest open" if any(one.open_protests for one in found.tasks) else ""
+        self._keys.say(KEYS.format(ALL if fits else f"v: {self._view}") + protest, Tone.DIM)
         task = None if following is None else following.task
         titles = [f">{c}" if task and task.condition == c else str(c) for c in self._conditions]
         rows = [
@@ -220,22 +221,26 @@ class PlanPane(Vertical):
 def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> Span:
     """What a cell of the grid says; all of it without a `view`.
 
-    `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan.
+    `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan;
+    `P` in place of `/` and `!` and before `L`: a protest is open.
     """
     if attempts is None:
         return Span("")
     of, done, valid = attempts.planned, attempts.done, attempts.valid
-    sign = "/" if valid == done else "!"
+    protested = attempts.open_protests > 0
+    sign = "P" if protested else "/" if valid == done else "!"
     level = "-" if attempts.best_level is None else f"{attempts.best_level}"
-    counts = f"{done}{sign}{of}" if of else f"+{done}"
+    counts = f"{done}{sign}{of}" if of else f"+{done}{'P' * protested}"
     texts = {
         None: f"{counts}L{level}" if done else f"{counts}  ",
         CellView.DONE: counts,
-        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}",
-        CellView.LEVEL: f"L{level}" if done else ".",
+        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}{'P' * protested}",
+        CellView.LEVEL: f"{'P' * protested}L{level}" if done else ".",
     }
     if is_next:
         tone = Tone.NOTICE
+    elif protested:
+        tone = Tone.BAD
     elif attempts.left:
         tone = Tone.PLAIN if done else Tone.DIM
     else:
@@ -247,6 +252,8 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
     """A cell in words."""
     words = ", ".join(condition_words(attempts.task.condition))
     told = [f"{task_words(attempts.task, teams)}: {words}"]
+    if attempts.open_protests:
+        told.insert(0, f"NOT FINAL, {attempts.open_protests} PROTEST open")
     if attempts.planned:
         told.append(f"{attempts.done} of {attempts.planned} attempts done")
     elif attempts.done:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts.finalise import DECIDED_BY
 from madrob_console.referee.flags import FlagKind, FlagWeight, undecided, worst
+from madrob_console.referee.protests import due_words, open_protests
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph, width_of
 from madrob_console.ui.look.words import OUTCOMES, date_of
@@ -40,6 +42,7 @@ class ResultHead(View):
             *_marked(paragraph(outcome, width, tone), snapshot, width),
             *flag_lines(found, width, DECIDED_BY if acts else None),
             *paragraph(what_text(snapshot.run), width),
+            *_deadlines(snapshot, width),
             *_state(snapshot, result, width),
         ]
 
@@ -69,6 +72,19 @@ def _no_result(snapshot: Snapshot) -> str:
     if snapshot.run.phase is Phase.STOPPED:
         return "The result is being written."
     return "No result yet: it appears here by itself when a run has stopped."
+
+
+def _deadlines(snapshot: Snapshot, width: int) -> list[Line]:
+    """How long there is to decide what is protested."""
+    if snapshot.playback is not None:  # what was to be done then is over
+        return []
+    lines: list[Line] = []
+    for one in open_protests(snapshot.run.protests):
+        left = due_words(one.due, snapshot.time)
+        by = time.strftime("%H:%M", time.localtime(one.due))
+        text = f"protest {one.number} of {one.team}, decision due {by}, {left}"
+        lines += paragraph(text, width, Tone.BAD if one.due < snapshot.time else Tone.WARN)
+    return lines
 
 
 def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:

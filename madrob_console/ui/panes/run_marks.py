@@ -51,6 +51,7 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
     for false_start in reversed(run.false_starts):
         what, decided = false_start.event.words, false_start.accepted or "UNDECIDED"
         yield "false start", f"{_at(false_start.time, run)}{what} ({decided})"
+    yield from _protests(run)
     yield from _decisions(run)
     for incident in reversed(run.incidents):
         more = f": {incident.note}" if incident.note else ""
@@ -64,6 +65,16 @@ def run_marks(run: Run) -> Iterator[tuple[str, str]]:
         yield "note", f"{_at(note.time, run)}{note.text}"
     for removed in reversed(run.removed_evidence):
         yield "evidence removed", f"{date_of(removed.time)}: {removed.words}"
+
+
+def _protests(run: Run) -> Iterator[tuple[str, str]]:
+    """What teams say, and what was decided."""
+    for one in reversed(run.protests):
+        at = "" if one.at is None else f" {_at(one.at, run)}".rstrip()
+        late = f"; late, admitted: {one.late}" if one.late else ""
+        yield f"protest {one.number}", f"{one.team}, about {one.about}{at}: {one.text}{late}"
+        if (answer := one.answer) is not None:
+            yield "  decision", f"{answer.end}: {answer.reason} ({answer.referee})"
 
 
 def _decisions(run: Run) -> Iterator[tuple[str, str]]:

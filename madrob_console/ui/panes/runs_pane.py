@@ -104,7 +104,7 @@ class RunsPane(Vertical, Generic[Content, _Row]):
         """Read again when a result has come or changed, or the list of teams."""
         run = snapshot.run
         written = snapshot.result is not None
-        said = (run.closure, run.rulings, run.accepted_doubts)
+        said = (run.closure, run.rulings, run.accepted_doubts, run.protests)
         seen = (run.start, run.issue, said, written, snapshot.teams)
         if self._seen not in (None, seen):
             self.reload()
@@ -133,5 +133,8 @@ class RunsPane(Vertical, Generic[Content, _Row]):
 def results_state(snapshot: Snapshot) -> tuple[object, ...]:
     """Changes when a result has come or changed: what was read of all runs is old then."""
     run = snapshot.run
-    said = (run.closure, run.rulings, run.voided, run.corrections, run.accepted_doubts)
+    said = (
+        *(run.closure, run.rulings, run.voided, run.corrections),
+        *(run.accepted_doubts, run.protests),
+    )
     return (run.start, run.issue, said, snapshot.result is not None)

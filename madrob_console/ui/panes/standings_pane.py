@@ -146,7 +146,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def words_about(self, row: Standing) -> tuple[str, Tone]:
         """The counts and the condition of a team."""
-        return about(row), Tone.DIM
+        return about(row), Tone.WARN if row.open_protests else Tone.DIM
 
     @property
     def official(self) -> bool:
@@ -169,6 +169,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
             text += f"; {self._tables.damaged} DAMAGED left out"
+        if protests := sum(row.open_protests for row in rows):
+            text += f"; {protests} PROTEST{'S' if protests > 1 else ''} open: NOT FINAL"
         if apart := self._tables.apart.get(official):
             text += f". {apart}"
         self.say(text)
@@ -186,7 +188,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
             Column(
                 "!",
-                "runs with flags: ! weighs, !! is not decided",
+                "runs with flags: ! weighs, !! is not decided, P! is protested",
                 _flags,
                 _flag_rank,
                 2,
@@ -213,13 +215,15 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
 
 def _flags(standing: Standing) -> Span:
+    if standing.open_protests:
+        return Span("P!", Tone.BAD)
     if standing.undecided:
         return Span("!!", Tone.BAD)
     return Span("!", Tone.WARN) if standing.flagged else Span("")
 
 
 def _flag_rank(standing: Standing) -> float | None:
-    return standing.undecided * 1000 + standing.flagged or None
+    return (standing.open_protests * 1000 + standing.undecided) * 1000 + standing.flagged or None
 
 
 def number_of(standing: Standing, name: IndicatorName, statistic: Statistic) -> float | None:
@@ -240,6 +244,7 @@ def about(standing: Standing) -> str:
         (standing.undecided, "UNDECIDED"),
         (standing.flagged, "with flags"),
     )
+    not_final = f"{standing.not_final_words}; " if standing.open_protests else ""
     told = ", ".join(f"{count} {word}" for count, word in counts if count)
     task = ", ".join(condition_words(standing.condition))
     apart = "".join(
@@ -248,7 +253,7 @@ def about(standing: Standing) -> str:
     )
     called = "".join(f", also '{name}'" for name in standing.other_names)
     team = standing.team or f"subject {standing.subject}"
-    return f"{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
+    return f"{not_final}{team}{called}: {task}; {told}; ruleset {standing.ruleset}{apart}"
 
 
 def filter_for(standing: Standing) -> str:

@@ -75,6 +75,7 @@ def test_json_says_the_same_to_programs(folder: Path, capsys: pytest.CaptureFixt
         "valid": 1,
         "best_level": 4,
         "left": 0,
+        "open_protests": 0,
     }
     assert [one["subject"] for one in found["out_of_plan"]] == [9]
 

@@ -175,7 +175,7 @@ def test_the_dialog_asks_what_about_then_who_and_what_they_say() -> None:
     assert STOPPED.start is not None
     steps = (StepRecord(Step.CROSS, Step.CROSS.text, final=STOPPED.start + 7.0),)
     ask = FileProtest.ask(View(STOPPED, steps=steps, time=200.0), "P")
-    about = "step 4 (cross the threshold)"
+    about = "step 4: cross the threshold"
     act = answered(answered(ask, about), "Graz", "through earlier")
     assert act == FileProtest("through earlier", "Graz", about, 7.0)
     typed = answered(answered(answered(ask, "time"), "1:05"), "Graz", "x")

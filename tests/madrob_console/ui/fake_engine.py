@@ -13,6 +13,7 @@ from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
 from madrob_console.engine.shown.curves import Curves
 from madrob_console.engine.shown.playback import PlaybackCommand, PlaybackView
 from madrob_console.engine.shown.requests import (
+    ExportDossier,
     ExportTeam,
     GiveCurves,
     GiveFrames,
@@ -108,6 +109,7 @@ class FakeEngine:
     unfinished: tuple[Unfinished, ...] = ()
     opened: list[str] = field(default_factory=list)
     exported: list[int] = field(default_factory=list)
+    dossiers: list[str] = field(default_factory=list)
     """Subjects; below 0 where practice runs were asked for."""
     export: ExportView | None = None
     playback: PlaybackView | None = None
@@ -213,9 +215,8 @@ class FakeEngine:
                 return 1 if practice else self.used_numbers.get((subject, condition), 0) + 1
             case OpenRun(folder, invalid):
                 self.opened.append(f"{folder} invalid" if invalid else folder)
-            case ExportTeam(subject, practice):
-                self.exported.append(-subject if practice else subject)
-                self.export = ExportView(subject)
+            case ExportTeam() | ExportDossier():
+                self._export(request)
             case PlaybackCommand():
                 self.commands.append(request)
             case GiveCurves():
@@ -230,6 +231,15 @@ class FakeEngine:
             case TakeOver():
                 self.right = RightToAct()
         return None
+
+    def _export(self, request: ExportTeam | ExportDossier) -> None:
+        match request:
+            case ExportTeam(subject, practice):
+                self.exported.append(-subject if practice else subject)
+                self.export = ExportView(subject)
+            case ExportDossier(folder):
+                self.dossiers.append(folder)
+                self.export = ExportView(0, dossier=folder)
 
     def close(self) -> None:
         self.closed = True
@@ -304,6 +314,7 @@ class FakeEngine:
             teams=self.teams,
             steps=self.steps if self.result is None else self.result.steps,
             simulated=self.simulated,
+            time=self.now,
             indicators={} if self.result is None else self.result.indicators,
         )
 

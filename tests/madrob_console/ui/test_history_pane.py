@@ -135,6 +135,9 @@ def test_v_shows_those_not_final_then_those_that_do_not_count() -> None:
             assert teams(shown) == ["5", "2", "1", "1"]
             assert "4 of 8 runs: invalid and interrupted" in shown.text
             await shown.press("v")
+            assert teams(shown) == []
+            assert "0 of 8 runs: protest open" in shown.text
+            await shown.press("v")
             assert len(teams(shown)) == 8
 
     asyncio.run(drive())
@@ -215,7 +218,7 @@ def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
             await shown.pilot.press("down", "o", "v")
             assert "reading the results folder" in shown.text
             assert len(teams(shown)) == 1
-            await shown.pilot.press("v", "v", "v")
+            await shown.pilot.press("v", "v", "v", "v")
             results.may_end.set()
             await shown.settle()
             assert len(teams(shown)) == 3

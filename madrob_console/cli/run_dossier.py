@@ -1,0 +1,123 @@
+"""`madrob export --run RUN --dossier`: page and tables are made for it, the rest lies there."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from madrob_console.cli import options
+from madrob_console.errors import MadrobError
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.config import Settings
+    from madrob_console.export.pack import Export
+
+
+def check_options(arguments: argparse.Namespace) -> None:
+    """A dossier is of one run, all else of a team.
+
+    Raises:
+        MadrobError: what is given does not belong together.
+    """
+    of_run = arguments.run is not None
+    if of_run is not arguments.dossier:
+        raise MadrobError("a dossier is of one run: give --run RUN and --dossier, both or none")
+    if not of_run and arguments.subject is None:
+        raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
+    of_team = arguments.subject is not None or arguments.practice or arguments.paths
+    if of_run and of_team:
+        raise MadrobError("--run names the run: leave out --subject, --practice and PATH")
+
+
+def make_dossier(
+    arguments: argparse.Namespace, settings: Settings, tell_size: Callable[[int, int], None]
+) -> Export:
+    """Make the zip of the run that is named.
+
+    Raises:
+        MadrobError: there is no such run, it goes on, or the zip cannot be written.
+    """
+    with imports_kept():
+        from madrob_console.archive.folders import JOURNAL_FILE
+        from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
+        from madrob_console.export.packed_bag import BagParts
+
+    run = _run(arguments, settings)
+    check_dossier(run)
+    page, problems = _page(run)
+    with _tables(run, (run / JOURNAL_FILE).stat().st_mtime) as (tables, why):
+        return export_dossier(
+            run,
+            arguments.output or dossier_target(run),
+            page=page,
+            tables=tables,
+            problems=(*problems, *why),
+            parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
+            tell_size=tell_size,
+        )
+
+
+def _run(arguments: argparse.Namespace, settings: Settings) -> Path:
+    """The run that is named: a folder, or as the results folder calls it."""
+    named: Path = arguments.run.expanduser()
+    if named.is_dir() or named.is_absolute():
+        return named.absolute()
+    return options.results_folder(arguments, settings) / named
+
+
+def _page(run: Path) -> tuple[bytes | None, list[str]]:
+    """The report, where the one in the folder is missing or not of this result; and what is wrong.
+
+    It is made as `madrob report` makes it, and only the zip has it.
+    """
+    with imports_kept():
+        from madrob_console.archive.folders import REPORT_FILE
+        from madrob_console.archive.scored import score_opened
+        from madrob_console.report.old_reports import report_is_old
+        from madrob_console.report.page import report_html
+        from madrob_console.report.surroundings import Surroundings
+        from madrob_console.version import software_version
+
+    there = (run / REPORT_FILE).is_file()
+    if there and not report_is_old(run):
+        return None, []
+    try:
+        scored = score_opened(run)
+    except MadrobError as error:
+        state = "not of this result" if there else "missing"
+        return None, [f"{REPORT_FILE}: {state}, and it cannot be made: {error}"]
+    place = Surroundings().place_of(run, scored)
+    return report_html(scored, software_version(), place).encode(), []
+
+
+@contextmanager
+def _tables(run: Path, at: float) -> Iterator[tuple[Path | None, list[str]]]:
+    """A folder with the samples as tables while inside; and why there are none.
+
+    Args:
+        run: its folder.
+        at: what the tables are stamped with, s since the epoch.
+    """
+    with imports_kept():
+        from madrob_console.archive.run_paths import RunPath
+        from madrob_console.cli.table_command import write_samples
+        from madrob_console.tidy.tidy_table import TableFormat
+
+    try:
+        folder = TemporaryDirectory(prefix="madrob_dossier_")
+    except OSError as error:
+        yield None, [f"tables of the samples: no room for them ({error.strerror})"]
+        return
+    with folder as name:
+        output = Path(name)
+        written = write_samples(RunPath(run), output=output, rules=None, kind=TableFormat.CSV)
+        for file in written.files:
+            os.utime(file, (at, at))
+        problem = written.problem
+        yield output, [] if problem is None else [f"tables of the samples: {problem}"]

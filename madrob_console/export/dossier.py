@@ -1,0 +1,215 @@
+"""One run in one zip, for who decides a protest: what was said, shown, measured and decided."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    REPORT_FILE,
+    RESULT_FILE,
+    lies_in_practice,
+    parse_folder_name,
+)
+from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
+from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
+from madrob_console.archive.unfinished import is_held
+from madrob_console.errors import MadrobError
+from madrob_console.export.pack import EXPORTS_FOLDER, Export, folder_for
+from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
+from madrob_console.export.readme import README_FILE
+from madrob_console.export.zip_file import SUMS_FILE, Archive
+from madrob_console.files.bounded import stamp_of
+from madrob_console.files.whole import whole_file
+from madrob_console.names import terminal_safe
+from madrob_console.referee.protests import Protest, ProtestEnd
+from madrob_console.referee.run import Run, relative_text
+
+PROTESTS_FILE = "PROTESTS.txt"
+"""In the archive: who protested, what about, and what was decided."""
+
+TABLES_FOLDER = "tidy"
+"""In the archive: the samples as tables."""
+
+_EVIDENCE = "_evidence_"
+_ABOUT: Sequence[tuple[str, str]] = (
+    (PROTESTS_FILE, "the protests and what was decided"),
+    (REPORT_FILE, "the report: open it in any browser"),
+    (JOURNAL_FILE, "all that was done and said, a line each"),
+    (RESULT_FILE, f"the result that counts; {SCHEMA_FILE} describes every key"),
+    ("result_issue_", "an earlier issue of the result"),
+    ("/pictures/", "pictures of the cameras"),
+    (f"{TABLES_FOLDER}/", "what the sensors said, as tables"),
+    (_EVIDENCE, "evidence: what was recorded beside the testbed's own topics"),
+    (".mcap", "the recording (rosbag2, MCAP): `ros2 bag play`, or foxglove.dev"),
+    ("metadata.yaml", "lists the files of the recording"),
+    (".csv", "EUROBENCH's data file"),
+    (".yaml", "EUROBENCH's file of an indicator, a condition or the run"),
+    (SCHEMA_FILE, "the keys of result.json"),
+)
+"""What a file is, by a part of its path; the first that fits says it."""
+
+
+def dossier_target(run: Path) -> Path:
+    """Where the dossier of a run goes that is given no other place: `exports/dossier_RUN.zip`."""
+    run = run.absolute()
+    practice = lies_in_practice(f"{run.parent.name}/{run.name}")
+    root = run.parent.parent if practice else run.parent
+    return root / EXPORTS_FOLDER / f"dossier_{run.name}.zip"
+
+
+def check_dossier(run: Path) -> None:
+    """There is a run that is over.
+
+    Raises:
+        MadrobError: there is none, or it goes on.
+    """
+    if not run.is_dir():
+        raise MadrobError(f"{run}: no such run folder; name one with --run")
+    if parse_folder_name(run.name) is None or not (run / JOURNAL_FILE).exists():
+        raise MadrobError(f"{run}: is no run folder with a journal; name one with --run")
+    if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None:
+        raise MadrobError(f"{run}: this run goes on: make the dossier after it")
+
+
+def export_dossier(
+    run: Path,
+    target: Path,
+    *,
+    page: bytes | None = None,
+    tables: Path | None = None,
+    problems: Sequence[str] = (),
+    parts: BagParts = WHOLE_BAGS,
+    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
+) -> Export:
+    """Pack everything about one run. The same run gives the same zip, byte by byte.
+
+    Args:
+        run: its folder.
+        target: the zip.
+        page: its report as it is now; None = the one in its folder counts.
+        tables: a folder with its samples as tables; None = there are none.
+        problems: why something of that is missing, in words.
+        parts: what is packed of the recording.
+        tell_size: is told before anything is packed how many bytes are to be, and how many of these
+            are evidence.
+
+    Raises:
+        MadrobError: there is no such run, it goes on, or the zip cannot be written.
+    """
+    check_dossier(run)
+    at = _stamp(run)
+    bag = PackedBag.of(run, parts)
+    if page is not None:
+        bag = bag.but(REPORT_FILE)
+    tell_size(*size_of(run, bag))
+    before = stamp_of(str(run / RESULT_FILE))
+    with folder_for(target), whole_file(target) as file, Archive(file) as archive:
+        archive.problems += problems
+        archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
+        add_run(archive, run, run.name, bag)
+        if page is not None:
+            archive.add(f"{run.name}/{REPORT_FILE}", page, at)
+        if tables is not None:
+            archive.add_folder(tables, TABLES_FOLDER)
+        archive.add(SCHEMA_FILE, schema_text(), at)
+        if stamp_of(str(run / RESULT_FILE)) != before:
+            archive.problems.append(f"{run.name}: its result changed meanwhile: export again")
+        left_out = [] if parts.recording else ["the recording was left out on demand"]
+        if bag.evidence_left_out and not parts.evidence:
+            left_out.append("the evidence was left out on demand")
+        archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
+        archive.finish(at)
+        size = file.tell()
+    said = tuple(archive.problems), tuple(archive.renamed)
+    return Export(target, 1, archive.count, size, *said)
+
+
+def _stamp(run: Path) -> float:
+    """Of what is made here: as old as what it is made of, whenever that is, s since the epoch."""
+    stamps = (stamp_of(str(run / name)) for name in (JOURNAL_FILE, RESULT_FILE))
+    return max((stamp[0] / 1e9 for stamp in stamps if stamp is not None), default=0.0)
+
+
+def _protests(run: Path, problems: list[str]) -> str:
+    """What was protested and decided, for people."""
+    try:
+        told = read_run_journal(run).run
+    except (UnusableJournalError, OSError) as error:
+        problems.append(f"{run.name}: its protests are not known: {error}")
+        return f"The journal of {terminal_safe(run.name)} cannot be read: {error}\n"
+    return "\n".join(protest_lines(told, run.name)) + "\n"
+
+
+def protest_lines(run: Run, name: str) -> Iterator[str]:
+    """All protests against a run and what was decided, as plain text.
+
+    Args:
+        run: as its journal tells it.
+        name: of its folder.
+    """
+    setup = run.setup
+    yield f"MADROB: protests against {terminal_safe(name)}"
+    if setup is not None:
+        yield (
+            f"Run {setup.run_number} of subject {setup.subject} {terminal_safe(setup.team)}, "
+            f"condition {setup.condition.number}"
+        )
+    if not run.protests:
+        yield ""
+        yield "No protest was filed."
+    for one in run.protests:
+        yield ""
+        yield from _protest_lines(one, run)
+    if run.taken_back:
+        yield ""
+        yield "Taken back by the referee:"
+        for back in run.taken_back:
+            yield f"  {_time(back.time)}: {terminal_safe(back.words)}: {terminal_safe(back.reason)}"
+
+
+def _protest_lines(one: Protest, run: Run) -> Iterator[str]:
+    rows: Mapping[str, str] = {
+        "by": one.team,
+        "about": one.about
+        + ("" if one.at is None else f", {relative_text(one.at, run.start)} s from the start"),
+        "the team says": one.text,
+        "filed": _time(one.time) + (f", taken by {one.referee}" if one.referee else ""),
+        "late": f"admitted: {one.late}" if one.late else "",
+        "due": _time(one.due),
+    }
+    yield f"Protest {one.number}"
+    for name, words in rows.items():
+        if words:
+            yield f"  {name + ':':<15}{terminal_safe(words)}"
+    if (answer := one.answer) is None:
+        yield "  OPEN: it waits for a decision"
+        return
+    decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
+    by = answer.referee or "the referee"
+    yield f"  {answer.end.upper()}"
+    yield f"  {'in words:':<15}{terminal_safe(answer.reason)}"
+    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}"
+
+
+def _time(at: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(at))
+
+
+def _readme(run: Path, archive: Archive, left_out: Sequence[str]) -> str:
+    """What each file is, and its digest."""
+    lines = [f"MADROB: dossier of {terminal_safe(run.name)}", f"Begin with {PROTESTS_FILE}.", ""]
+    if missing := [*left_out, *archive.problems]:
+        lines += ["NOT IN THIS ARCHIVE", *(f"  {terminal_safe(one)}" for one in missing), ""]
+    if archive.renamed:
+        lines += ["UNDER ANOTHER NAME", *(f"  {terminal_safe(one)}" for one in archive.renamed), ""]
+    lines += ["IS EVERYTHING WHOLE?", f"  sha256sum -c {SUMS_FILE}", "", "FILES, WITH SHA-256"]
+    for digest, name in archive.sums:
+        lines += [f"  {terminal_safe(name)}: {_about(name)}", f"    {digest}"]
+    return "\n".join(lines) + "\n"
+
+
+def _about(name: str) -> str:
+    return next((words for part, words in _ABOUT if part in name), "of the run's folder")

@@ -1,0 +1,274 @@
+"""A protest from its filing to its decision: what everybody reads of it meanwhile and later."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from madrob_console.archive.history import PROTEST_OPEN, History
+from madrob_console.archive.run_journal import ever_protested
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.stored_runs import stored_run
+from madrob_console.cli.main import main
+from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.shown.playback import JumpTo, Skip
+from madrob_console.errors import MadrobError
+from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
+from madrob_console.export.readme import README_FILE
+from madrob_console.export.zip_file import SUMS_FILE
+from madrob_console.messages.codec import MessageTypes
+from madrob_console.referee.acts import (
+    DecideProtest,
+    FileProtest,
+    Finalise,
+    Reissue,
+    Rule,
+    TakeBack,
+    Void,
+    WithdrawProtest,
+)
+from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.report.sections import protests
+from madrob_console.standings.competition import CompetitionStandings, competition_standings
+from madrob_console.standings.data_files import standings_csv, standings_json
+from madrob_console.standings.text_table import standings_lines
+from madrob_console.standings.web_page import standings_html
+from madrob_console.tidy.run_rows import rows_of
+from madrob_console.tidy.run_tables import RUNS
+from scoring.protocol import Step
+from tests.madrob_console.engine.deck import Deck
+from tests.madrob_console.engine.test_amended_runs import Desk
+from tests.recorder.samples import add_evidence, strings
+
+CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
+UPHELD = DecideProtest(1, ProtestEnd.UPHELD, "seen on video", "R. Eferee")
+SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
+
+
+@pytest.fixture(autouse=True)
+def _own_settings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    desk = Desk(tmp_path / "results")
+    yield desk
+    desk.engine.close()
+
+
+def found(desk: Desk) -> CompetitionStandings:
+    return competition_standings(History(desk.results).refresh(), made=0.0, official=False)
+
+
+def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Desk) -> None:
+    desk.act(SIGNED)
+    desk.act(CROSSED)
+    run = desk.listed
+    assert (run.closing, run.protested, run.final) == (PROTEST_OPEN, True, False)
+    assert run.protest_at == pytest.approx(6.5)
+    assert desk.document["protests"][0]["text"] == "we were through earlier"
+    assert desk.document["issue"] == 2
+    assert (desk.run_folder / "result_issue_1.json").exists()
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+    # the referee looks at the instant in question
+    deck = Deck(desk.run_folder)
+    deck.do(Skip(0.0), JumpTo(Replay(desk.run_folder, MessageTypes()).instant("protest")))
+    deck.step(50)
+    assert deck.at.position == pytest.approx(6.5, abs=0.02)
+    assert deck.at.paused
+    # what the decision changes, other acts do
+    desk.act(Rule(Step.CROSS, confirmed=True, reason="seen on video"), UPHELD)
+    assert desk.engine.run.phase is Phase.STOPPED
+    desk.act(SIGNED)
+    run = desk.listed
+    assert (run.closing, run.protested, run.protest_due) == ("final", True, None)
+    assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
+        flag.words for flag in run.flags
+    ]
+    assert "NOT FINAL" not in "\n".join(standings_lines(found(desk)))
+    assert desk.document["protests"][0]["answer"]["end"] == "upheld"
+    assert desk.agrees()
+
+
+def test_while_a_protest_is_open_every_table_says_that_the_row_is_not_final(desk: Desk) -> None:
+    desk.act(CROSSED)
+    standings = found(desk)
+    rows = csv.DictReader(io.StringIO(standings_csv(standings)))
+    assert {row["open_protests"] for row in rows} == {"1"}
+    told = json.loads(standings_json(standings, "1"))
+    assert told["rulesets"][0]["overall"][0]["open_protests"] == 1
+    assert told["open_protests"][0]["due"] == desk.engine.run.protests[0].due
+    page = standings_html(standings, "1")
+    assert "NOT FINAL: 1 PROTEST open" in page
+    assert "PROTEST open against run 1 of subject 3 in condition 1: NOT FINAL" in page
+    (row,) = rows_of(RUNS, stored_run(RunPath(desk.run_folder)))
+    assert (row["protests"], row["open_protests"]) == (1, 1)
+    assert row["protest_due"] == desk.engine.run.protests[0].due
+
+
+def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
+    desk: Desk,
+) -> None:
+    desk.act(Void("robot unsafe"), CROSSED)
+    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_lines(found(desk)))
+
+
+def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk: Desk) -> None:
+    desk.act(CROSSED)
+    assert not any("protest" in fault for fault in desk.engine.snapshot().faults)
+    before = desk.engine.run
+    desk.wait(desk.engine.config.protest_times.decision + 90.0)
+    fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
+    assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min, decide it (P)"
+    assert desk.engine.run == before
+
+
+def test_a_decision_taken_back_and_a_withdrawal_are_on_disk(desk: Desk) -> None:
+    desk.act(CROSSED, UPHELD, SIGNED)
+    last = last_decision(desk.engine.run)
+    assert last is not None
+    desk.act(TakeBack(last.kind, last.time, "another video"))
+    assert desk.listed.closing == PROTEST_OPEN
+    desk.act(WithdrawProtest(1, "satisfied"))
+    assert (desk.listed.protest_due, desk.listed.protested) == (None, True)
+    assert desk.agrees()
+
+
+def test_who_signed_under_protest_once_is_remembered_through_later_issues(desk: Desk) -> None:
+    assert not desk.listed.protested
+    assert not ever_protested(desk.run_folder)
+    desk.act(replace(SIGNED, team_word=TeamWord.PROTESTED), Reissue("video"), SIGNED)
+    assert desk.listed.closing == "final"
+    assert desk.listed.protested
+    assert ever_protested(desk.run_folder)
+
+
+def test_a_journal_that_cannot_be_used_is_taken_for_a_protested_one(desk: Desk) -> None:
+    journal = desk.run_folder / "journal.jsonl"
+    journal.unlink()
+    assert not ever_protested(desk.run_folder)
+    journal.symlink_to(desk.run_folder / "result.json")
+    assert ever_protested(desk.run_folder)
+
+
+def test_the_report_tells_who_protested_and_what_was_decided(desk: Desk) -> None:
+    desk.act(replace(CROSSED, text="<b>earlier</b>"))
+    told = str(protests(desk.engine.run))
+    assert "&lt;b&gt;earlier&lt;/b&gt;" in told
+    assert "OPEN" in told
+    assert "6.50 s of the run" in told or "6.500 s of the run" in told
+    desk.act(UPHELD)
+    told = str(protests(desk.engine.run))
+    assert "UPHELD" in told
+    assert "seen on video" in told
+
+
+def test_a_replay_knows_its_events_by_name_and_refuses_others_with_words(desk: Desk) -> None:
+    replay = Replay(desk.run_folder, MessageTypes())
+    events = {one["event"]: one["since_start"] for one in desk.document["events"]}
+    assert replay.instant("door_opens") == pytest.approx(events["door_opens"])
+    assert (replay.instant("start"), replay.instant("1:05.5")) == (0.0, 65.5)
+    with pytest.raises(MadrobError, match="no such event in this run: give seconds, or one of"):
+        replay.instant("protest")
+
+
+# ---------------------------------------------------------------- the dossier
+
+
+def dossier(desk: Desk, *options: str) -> dict[str, bytes]:
+    """The files of the dossier by name."""
+    name = f"practice/{desk.run_folder.name}"
+    code = main(["export", "--run", name, "--dossier", "--results", str(desk.results), *options])
+    assert code == 0
+    with zipfile.ZipFile(dossier_target(desk.run_folder)) as archive:
+        assert archive.testzip() is None
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
+    desk.act(SIGNED, CROSSED, UPHELD, SIGNED)
+    pictures = desk.run_folder / "pictures"
+    pictures.mkdir()
+    (pictures / "door_opens.jpg").write_bytes(b"a picture")
+    add_evidence(desk.run_folder, strings(["seen"]))
+    files = dossier(desk)
+    name = desk.run_folder.name
+    for part in ("journal.jsonl", "result.json", "result_issue_1.json", "report.html"):
+        assert f"{name}/{part}" in files
+    assert files[f"{name}/pictures/door_opens.jpg"] == b"a picture"
+    assert any("_evidence_" in one for one in files)
+    assert {"tidy/" + f"{name}_{table}.csv" for table in ("door", "handle", "passage")} <= {*files}
+    assert any(one.endswith("_jointState.csv") for one in files)
+    assert b"Protest 1" in files[PROTESTS_FILE]
+    assert b"UPHELD" in files[PROTESTS_FILE]
+    assert b"we were through earlier" in files[PROTESTS_FILE]
+    assert next(iter(files)) == PROTESTS_FILE
+    page = files[f"{name}/report.html"].decode()
+    assert "UPHELD" in page
+    readme = files[README_FILE].decode()
+    for one, content in files.items():
+        if one not in (README_FILE, SUMS_FILE):
+            assert hashlib.sha256(content).hexdigest() in readme, one
+
+
+def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:
+    desk.act(CROSSED)
+    dossier(desk)
+    first = dossier_target(desk.run_folder).read_bytes()
+    dossier(desk)
+    assert dossier_target(desk.run_folder).read_bytes() == first
+
+
+def test_evidence_and_recording_can_be_left_out_and_that_is_said(desk: Desk) -> None:
+    desk.act(CROSSED)
+    add_evidence(desk.run_folder, strings(["seen"]))
+    files = dossier(desk, "--without-evidence")
+    assert not any("_evidence_" in one for one in files)
+    assert any(one.endswith("_0.mcap") for one in files)
+    assert "the evidence was left out on demand" in files[README_FILE].decode()
+    files = dossier(desk, "--without-bags")
+    assert not any(one.endswith(".mcap") for one in files)
+    assert "the recording was left out on demand" in files[README_FILE].decode()
+
+
+def test_what_cannot_be_packed_is_named_and_the_rest_is_there(
+    desk: Desk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk.act(CROSSED)
+    for bag in desk.run_folder.glob("*.mcap"):
+        bag.write_bytes(b"no bag")
+    run = str(desk.run_folder)
+    assert main(["export", "--run", run, "--dossier", "--results", str(desk.results)]) == 2
+    assert "tables of the samples: " in capsys.readouterr().err
+    with zipfile.ZipFile(dossier_target(desk.run_folder)) as archive:
+        assert "NOT IN THIS ARCHIVE" in archive.read(README_FILE).decode()
+        assert PROTESTS_FILE in archive.namelist()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--run", "RUN"), "--run RUN and --dossier, both or none"),
+        (("--dossier",), "both or none"),
+        ((), "whose runs?"),
+        (("--run", "RUN", "--dossier", "--subject", "3"), "leave out --subject"),
+        (("--run", "/nowhere", "--dossier"), "no such run folder"),
+        (("--run", "/tmp", "--dossier"), "is no run folder"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused_with_words(
+    options: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", *options]) == 2
+    assert words in capsys.readouterr().err
