@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.cli.progress import progress
+
+if TYPE_CHECKING:
+    from madrob_console.config import Settings
+    from madrob_console.preparing.finding import Finding
 
 OFF = 1
 """Exit code of `--reference` where a value is not as it must be."""
@@ -55,11 +61,25 @@ def main(arguments: argparse.Namespace) -> int:
         disk_space=settings.checks.disk_space,
         services=settings.ros.services,
         lists=lambda: look_at_lists(teams, settings.plan.source),
+        evidence=lambda: _evidence(arguments, settings),
     ):
         findings.append(finding)
         print(line(finding), flush=True)
     print(verdict(findings))
     return 0 if usable(findings) else BAD_INPUT
+
+
+def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Finding]:
+    import os
+
+    from madrob_console.cli.session import own_topics
+    from madrob_console.messages.codec import MessageTypes
+    from madrob_console.preparing.doctor_evidence import look_at_evidence
+
+    recording = settings.recording
+    own = own_topics(settings, MessageTypes())
+    domain = options.ros_domain(arguments, settings)
+    return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
 
 
 def _score_references() -> int:

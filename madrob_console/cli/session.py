@@ -108,15 +108,19 @@ def _witness(
     from madrob_console.engine.process.evidence_messages import ListenFor
     from madrob_console.engine.process.evidence_process import EvidenceProcess
 
-    own = {mapping.topic for mapping in settings.mappings()}
-    own.update(topic.name for topic in referee_topics(types))
     observe = ListenFor(
         domain_id(options.ros_domain(arguments, settings), os.environ),
         settings.recording.choice,
-        (*sorted(own), INFO_TOPIC),
+        own_topics(settings, types),
         tuple(arguments.ros_args),
     )
     return EvidenceProcess(observe)
+
+
+def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
+    """The topics that are recorded whatever is wanted as evidence: the testbed's and our own."""
+    own = {mapping.topic for mapping in settings.mappings()}
+    return (*sorted(own | {topic.name for topic in referee_topics(types)}), INFO_TOPIC)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

@@ -35,6 +35,7 @@ def doctor(  # noqa: PLR0913  what it looks at
     environment: Mapping[str, str] = os.environ,
     services: Collection[RemoteService] = (),
     lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
+    evidence: Callable[[], Iterator[Finding]] = lambda: iter(()),
 ) -> Iterator[Finding]:
     """Look at everything the console needs, one after the other; never raises.
 
@@ -48,6 +49,7 @@ def doctor(  # noqa: PLR0913  what it looks at
         environment: environment variables.
         services: what other programs of the ROS domain may call.
         lists: looks at the competition's lists.
+        evidence: looks at what would be recorded beside the testbed's topics.
     """
 
     def testbed() -> Iterator[Finding]:
@@ -68,6 +70,7 @@ def doctor(  # noqa: PLR0913  what it looks at
         ("terminal", lambda: look_at_terminal(environment)),
         ("log-out", session),
         ("ros", testbed),
+        ("evidence", evidence),
     )
     for subject, check in checks:
         yield from _safely(subject, check)

@@ -7,6 +7,7 @@ from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
@@ -223,7 +224,6 @@ def _protest(one: Protest, run: Run) -> Markup:
         by = said(answer.referee or "the referee")
         decision = state, ": ", said(answer.reason), f" ({date_text(answer.time)}, ", by, ")"
     rows: list[tuple[str, Content]] = [
-        ("protest", f"{one.number}"),
         ("by", said(one.team)),
         ("about", about),
         ("the team says", ("“", said(one.text), "”")),
@@ -231,7 +231,7 @@ def _protest(one: Protest, run: Run) -> Markup:
         ("decision", decision),
     ]
     pairs = [element("div", element("dt", name), element("dd", what)) for name, what in rows]
-    return element("dl", pairs)
+    return element("div", element("p", element("b", f"Protest {one.number}")), element("dl", pairs))
 
 
 def team_word(run: Run) -> Markup:
@@ -256,8 +256,18 @@ def data_quality(run: Run, result: Result) -> Markup:
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
+        _evidence(run.evidence),
         name="quality",
     )
+
+
+def _evidence(evidence: EvidenceAccount | None) -> Markup:
+    """What was recorded beside the testbed's topics."""
+    if evidence is None:
+        return NOTHING
+    told = element("p", f"Evidence, of which nothing is scored: {evidence.words}.")
+    missing = evidence.remarks()
+    return Markup(told + listed(missing, "")) if missing else told
 
 
 def _marks(title: str, marks: Iterable[Content]) -> Markup:

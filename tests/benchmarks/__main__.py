@@ -36,6 +36,7 @@ NAMES = (
     "commands",
     "evidence",
     "live",
+    "overload",
     "recording",
     "replay",
     "reports",

@@ -1,27 +1,39 @@
-"""What recording cameras and many topics costs, beside a bare writer and the disk alone."""
+"""What recording cameras and many topics costs, beside a bare writer, the disk alone and rclpy."""
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import cycle, islice
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import count, cycle, islice
 from pathlib import Path
 from typing import Self
 
 from mcap.writer import Writer
 
+from madrob_console.engine.live.witness import EvidencePlace
+from madrob_console.engine.process.evidence_messages import ListenFor
+from madrob_console.engine.process.evidence_process import EvidenceProcess
+from madrob_console.engine.process.evidence_program import TELL_PERIOD
 from madrob_console.messages.codec import MessageTypes
+from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from recorder.bag import Topic
 from recorder.mcap_writer import CHUNK_BYTES
 from recorder.message import RawMessage
+from recorder.reader import read_bag
 from recorder.writer import BagWriter
+from tests.benchmarks import receiver
 from tests.benchmarks.report import Baseline, Figure, Goal
-from tests.madrob_console.camera_peer import Kind, Stream, messages
+from tests.benchmarks.wire import cpu_time
+from tests.madrob_console.camera_peer import Kind, Stream, cameras, messages
+from tests.watching import until
 
-PACKAGES = ("mcap", "zstandard")
+PACKAGES = ("mcap", "ros-jazzy-rclpy", "zstandard")
 
 JPEGS = Stream(count=4)
 RAW = Stream(Kind.RAW, "/camera/raw", size=2_000_000)
@@ -34,7 +46,15 @@ STREAMS = {
 DURATION = 10.0
 """What comes in so many seconds is written as fast as it can be."""
 
+SENDING = 5.0
+"""Over DDS they are sent for so long, s."""
+PATIENCE = 60.0  # s
+MOST = 2
+"""Repeats over DDS: each takes half a minute."""
+_domains = count()
+
 CHEAP = Goal(times=1.5)
+NO_DEARER = Goal(times=1)
 FAST = Goal(times=0.8, at_least=True)
 FLAT = Goal(times=1.05)
 _TYPES = MessageTypes()
@@ -100,10 +120,10 @@ def _content(stream: Stream) -> tuple[list[Topic], list[RawMessage]]:
     topics = [Topic(name, kind, _TYPES.definition(kind)) for name in stream.topics]
     data = {name: cycle(messages(stream, name)) for name in stream.topics}
     step = 1e9 / stream.rate / stream.count
-    count = round(DURATION * stream.rate * stream.count)
+    number_of_all = round(DURATION * stream.rate * stream.count)
     return topics, [
         RawMessage(name, kind, next(data[name]), round(number * step), round(number * step))
-        for number, name in enumerate(islice(cycle(stream.topics), count))
+        for number, name in enumerate(islice(cycle(stream.topics), number_of_all))
     ]
 
 
@@ -177,4 +197,98 @@ def _memory() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-BENCHMARKS = (written,)
+def over_dds(repeats: int) -> list[Figure]:
+    """The process that records evidence, fed from another one, beside callbacks of rclpy."""
+    figures: list[Figure] = []
+    for name, stream in STREAMS.items():
+        runs: dict[Callable[[Stream], _Recorded], list[_Recorded]] = {_evidence: [], _rclpy: []}
+        for _ in range(min(repeats, MOST)):
+            for record, done in runs.items():
+                done.append(record(replace(stream, reliable=True)))
+        (ours, theirs), beside = runs.values(), "rclpy executor"
+        figures += [
+            Figure(
+                f"{name} over DDS: CPU a message",
+                "us",
+                [one.cost for one in ours],
+                NO_DEARER,
+                Baseline(beside, [one.cost for one in theirs]),
+            ),
+            Figure(
+                f"{name} over DDS: lost",
+                "%",
+                [one.lost for one in ours],
+                None,
+                Baseline(beside, [one.lost for one in theirs]),
+            ),
+        ]
+    return figures
+
+
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """What recording over DDS took: CPU a message in us, and messages lost in %."""
+
+    cost: float
+    lost: float
+
+
+def _sent(sender: subprocess.Popen[str]) -> int:
+    return sum(json.loads(sender.communicate(timeout=PATIENCE)[0])["sent"].values())
+
+
+def _rclpy(stream: Stream) -> _Recorded:
+    """Callbacks that hand serialised messages to `mcap.Writer`."""
+    env = os.environ | {"ROS_DOMAIN_ID": str(_domain())}
+    wanted = round(stream.count * stream.rate * SENDING)
+    with (
+        tempfile.TemporaryDirectory(prefix="madrob-") as folder,
+        cameras(stream, seconds=SENDING, wait=PATIENCE, env=env) as sender,
+    ):
+        got, cost = receiver.record("rclpy", folder, wanted, stream.kind.type, stream.topics, env)
+        return _Recorded(cost, 100 * max(0.0, 1 - got / min(_sent(sender), wanted)))
+
+
+def _evidence(stream: Stream) -> _Recorded:
+    """As the engine has evidence recorded, beside the recording of a run."""
+    domain = _domain()
+    listen = ListenFor(domain, EvidenceChoice(topics=("/camera/**", "/robot/**")), (), ())
+    with (
+        tempfile.TemporaryDirectory(prefix="madrob-") as folder,
+        BagWriter(Path(folder, "bag"), [], {}) as bag,
+        closing(EvidenceProcess(listen)) as process,
+        cameras(
+            stream, seconds=SENDING, wait=PATIENCE, env={"ROS_DOMAIN_ID": str(domain)}
+        ) as sender,
+    ):
+        handle = os.open(bag.folder, os.O_DIRECTORY)
+        now, monotonic = time.time_ns(), time.monotonic_ns()
+        process.begin(EvidencePlace(handle, bag.folder.name, now, monotonic, 10**10, 0))
+        first = until(lambda: _messages(process), PATIENCE)
+        assert process.pid is not None
+        before = cpu_time(process.pid)
+        sent = _sent(sender)
+        settled = until(lambda: _settled(process), PATIENCE)
+        used = cpu_time(process.pid) - before
+        process.end()
+        until(lambda: not (process.status.recording or process.status.finishing), PATIENCE)
+        got = sum(1 for _ in read_bag(bag.folder, evidence=True).messages())
+        return _Recorded(1e6 * used / (settled - first), 100 * (1 - got / sent))
+
+
+def _messages(process: EvidenceProcess) -> int:
+    return sum(topic.messages for topic in process.status.account.topics)
+
+
+def _settled(process: EvidenceProcess) -> int:
+    """Messages recorded, once no more come; else 0."""
+    before = _messages(process)
+    time.sleep(2 * TELL_PERIOD)
+    return before if before == _messages(process) else 0
+
+
+def _domain() -> int:
+    return 200 + next(_domains) % 30
+
+
+BENCHMARKS = (written, over_dds)

@@ -1,6 +1,6 @@
-"""Records a flood of ten topics from another process, and says what it took.
+"""Records a flood of topics from another process, and says what it took.
 
-python -m tests.benchmarks.receiver ours|rclpy <folder> <messages>
+python -m tests.benchmarks.receiver ours|rclpy <folder> <messages> <type> <topic>...
 
 `ours` is the program's recorder. `rclpy` is what one writes first: callbacks of a
 SingleThreadedExecutor that hand serialised messages to `mcap.Writer`.
@@ -9,9 +9,10 @@ SingleThreadedExecutor that hand serialised messages to `mcap.Writer`.
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mcap.writer import Writer
@@ -27,6 +28,7 @@ from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos
 from recorder.writer import BagWriter
 from scoring.protocol import Signal
+from tests.benchmarks.wire import ROOT
 from tests.madrob_console.ros_peer import FLOOD, TYPES, Taker, source
 
 TOPICS = 10
@@ -37,11 +39,11 @@ PATIENCE = 4.0
 """So long without a message the flood is over, s."""
 
 
-def ours(folder: Path, wanted: int) -> tuple[int, float]:
+def ours(folder: Path, wanted: int, kind: str, names: Sequence[str]) -> tuple[int, float]:
     """The messages recorded, and the CPU time of all threads, s."""
-    mappings = [TopicMapping(Signal.DOOR, name, HEADER, "stamp.sec") for name in NAMES]
+    mappings = [TopicMapping(Signal.DOOR, name, kind, "stamp.sec") for name in names]
     with Taker(source(*mappings)) as taker:
-        while sum(status.publishers for status in taker.source.status()) < TOPICS:
+        while sum(status.publishers for status in taker.source.status()) < len(names):
             taker.source.take(0.05)
         with BagWriter(folder / "bag", taker.source.topics(), {}) as writer:
 
@@ -55,7 +57,7 @@ def ours(folder: Path, wanted: int) -> tuple[int, float]:
         return sum(writer.close().counts.values()), time.process_time() - began
 
 
-def rclpy_executor(folder: Path, wanted: int) -> tuple[int, float]:
+def rclpy_executor(folder: Path, wanted: int, kind: str, names: Sequence[str]) -> tuple[int, float]:
     """The same with rclpy's executor and a bare writer."""
     rclpy = load_rclpy()
     context = rclpy.Context()
@@ -63,12 +65,12 @@ def rclpy_executor(folder: Path, wanted: int) -> tuple[int, float]:
     node = rclpy.create_node("recorder", context=context)
     executor = load_module("rclpy.executors").SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    kind = load_message_class(HEADER)
+    message_class = load_message_class(kind)
     count = 0
     with (folder / "baseline.mcap").open("wb") as file:
         writer = Writer(file, chunk_size=768 * 1024)
         writer.start(profile="ros2")
-        schema = writer.register_schema(HEADER, "ros2msg", TYPES.definition(HEADER).encode())
+        schema = writer.register_schema(kind, "ros2msg", TYPES.definition(kind).encode())
 
         def subscribe(name: str) -> None:
             channel = writer.register_channel(name, "cdr", schema)
@@ -79,11 +81,12 @@ def rclpy_executor(folder: Path, wanted: int) -> tuple[int, float]:
                 writer.add_message(channel, now, data, now)
                 count += 1
 
-            node.create_subscription(kind, name, record, qos_profile(Qos(), DEPTH), raw=True)
+            qos = qos_profile(Qos(), DEPTH)
+            node.create_subscription(message_class, name, record, qos, raw=True)
 
-        for name in NAMES:
+        for name in names:
             subscribe(name)
-        while any(node.count_publishers(name) == 0 for name in NAMES):
+        while any(node.count_publishers(name) == 0 for name in names):
             executor.spin_once(0.05)
         began = time.process_time()
 
@@ -110,11 +113,29 @@ def _until_over(take: Callable[[], int], wanted: int) -> None:
             newest = time.monotonic()
 
 
+def record(
+    which: str, folder: str, messages: int, kind: str, names: Sequence[str], env: Mapping[str, str]
+) -> tuple[int, float]:
+    """Have it recorded in a process: the messages received, and the CPU time of each, us."""
+    words = [which, folder, str(messages), kind, *names]
+    done = subprocess.run(
+        [sys.executable, "-m", __name__, *words],
+        cwd=ROOT,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    received, microseconds = done.stdout.split()
+    return int(received), float(microseconds)
+
+
 def main() -> None:
     """Record, and print how many messages were received and the CPU time a message, us."""
-    which, folder, wanted = sys.argv[1:]
-    record = {"ours": ours, "rclpy": rclpy_executor}[which]
-    received, used = record(Path(folder), int(wanted))
+    which, folder, wanted, kind, *names = sys.argv[1:]
+    recorder = {"ours": ours, "rclpy": rclpy_executor}[which]
+    received, used = recorder(Path(folder), int(wanted), kind, names)
     print(received, 1e6 * used / max(1, received))
 
 

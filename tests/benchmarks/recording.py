@@ -102,23 +102,17 @@ def _flooded(which: str, rate: int) -> tuple[int, float, int]:
     env = os.environ | {"ROS_DOMAIN_ID": str(100 + next(_domains) % 100)}
     flood = [sys.executable, "-m", ros_peer.__name__, str(receiver.TOPICS), str(each)]
     flood.append(str(rate / receiver.TOPICS))
-    with tempfile.TemporaryDirectory(prefix="madrob-") as folder:
-        record = [sys.executable, "-m", receiver.__name__, which, folder, str(sent)]
-        with subprocess.Popen(flood, cwd=ROOT, env=env, stderr=subprocess.DEVNULL) as sender:
-            try:
-                done = subprocess.run(
-                    record,
-                    cwd=ROOT,
-                    env=env,
-                    capture_output=True,
-                    text=True,
-                    timeout=120,
-                    check=True,
-                )
-            finally:
-                sender.kill()
-    received, microseconds = done.stdout.split()
-    return int(received), float(microseconds), sent
+    with (
+        tempfile.TemporaryDirectory(prefix="madrob-") as folder,
+        subprocess.Popen(flood, cwd=ROOT, env=env, stderr=subprocess.DEVNULL) as sender,
+    ):
+        try:
+            received, microseconds = receiver.record(
+                which, folder, sent, receiver.HEADER, receiver.NAMES, env
+            )
+        finally:
+            sender.kill()
+    return received, microseconds, sent
 
 
 BENCHMARKS = (writer_alone, over_dds)

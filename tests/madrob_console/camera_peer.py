@@ -39,7 +39,7 @@ from madrob_console.messages.codec import MessageTypes
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos, Reliability
-from tests.madrob_console.ros_peer import Peer
+from tests.madrob_console.ros_peer import MATCHED, Peer
 
 _ROOT = Path(__file__).parents[2]
 _TYPES = MessageTypes()
@@ -295,6 +295,7 @@ def publish(
         s.publisher.get_subscription_count() for s in senders.values()
     ):
         stop.wait(0.05)
+    stop.wait(MATCHED if wait else 0.0)
     begin = time.monotonic()
     # topics alike do not send all at once
     due = [(begin + n / len(senders) / s.rate, t) for n, (t, s) in enumerate(senders.items())]
@@ -329,6 +330,8 @@ def cameras(
             yield process
         finally:
             process.terminate()
+            if process.stdout is not None and not process.stdout.closed:
+                process.communicate()  # it still says what was sent
 
 
 def main() -> None:

@@ -32,7 +32,7 @@ RELIABLE = Qos()
 BEST_EFFORT = Qos(Reliability.BEST_EFFORT)
 KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 FLOOD = "/madrob/flood"
-_MATCHED = 0.5
+MATCHED = 0.5
 """The other side has found this one so long after this one has found it, s."""
 BOOL = "std_msgs/msg/Bool"
 TYPES = MessageTypes()
@@ -138,7 +138,7 @@ def flood(topics: int, messages: int, rate: float) -> None:
     with Peer(domain_id(None, os.environ)) as peer:
         publishers = [peer.publisher(f"{FLOOD}_{i}", header) for i in range(topics)]
         peer.until(lambda: all(p.get_subscription_count() for p in publishers), 30)
-        time.sleep(_MATCHED)
+        time.sleep(MATCHED)
         begin = time.monotonic()
         for number in range(messages):
             message = TYPES.make(header, frame_id=str(number))

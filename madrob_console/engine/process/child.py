@@ -30,6 +30,9 @@ LOOK_PERIOD = 1.0
 END_TIME = 2.0
 """One that is not needed any more is waited for so long, s."""
 
+_STOPPED = "T"
+"""State of a process that somebody has stopped."""
+
 _BUSY = ("R", "D")
 """States of a process that waits for the processor or a disk (proc(5))."""
 
@@ -139,12 +142,15 @@ class Child(Generic[_T]):
         return f"it ended with code {code}"
 
     def leave(self) -> str:
-        """Let it end by itself: it is waited for a little, and never ended; nothing to say."""
+        """Let it end by itself: it is waited for a little, and ended only if it was stopped."""
         self.link.close()
         while self.memories:
             os.close(self.memories.popleft())
-        with suppress(subprocess.TimeoutExpired):
+        try:
             self._process.wait(END_TIME)
+        except subprocess.TimeoutExpired:
+            if self._state()[:1] == [_STOPPED]:
+                return self.end()
         return ""
 
     def moved(self, now: float) -> float:
@@ -153,11 +159,19 @@ class Child(Generic[_T]):
             return self._moved
         self._looked = now
         with suppress(OSError):  # it has ended: its socket says so
-            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+            told = self._state()
             state, used = told[0], " ".join(told[11:13])
             if state in _BUSY or used != self._used:
                 self._moved, self._used = now, used
         return self._moved
+
+    def _state(self) -> list[str]:
+        """What the system says of it (proc(5)).
+
+        Raises:
+            OSError: it has ended.
+        """
+        return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
 
     def kill(self) -> None:
         """End it at once."""

@@ -272,7 +272,7 @@ class EvidenceProcess:
     def _hear(self, heard: EvidenceNews) -> None:
         self._heard, self._heard_at = heard, time.monotonic()
         if self._recording is not None:
-            self._recording.hear(heard)
+            self._recording.hear(heard, self._heard_at)
         self._trouble = ""
         self._tell()
 

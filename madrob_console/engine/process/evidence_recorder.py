@@ -27,6 +27,9 @@ SYNC_BYTES, SYNC_PERIOD = 4_000_000, 0.5
 """Brought to the disk after so much or so long, bytes and s: what the score syncs then waits for no
 large heap of ours."""
 
+WRITER_NICE = 10
+"""Niceness of the thread: what waits here waits in memory, what waits in DDS is lost."""
+
 _ROOM_PERIOD = 1.0
 """Free space is looked at this often, s."""
 
@@ -159,6 +162,8 @@ class EvidenceRecorder:
     # The writer's thread.
 
     def _work(self) -> None:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), WRITER_NICE)
         file: McapFile | None = None
         try:
             self._busy()

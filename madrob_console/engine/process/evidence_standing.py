@@ -74,11 +74,13 @@ class EvidenceRecording:
             place.least_free,
         )
 
-    def hear(self, heard: EvidenceNews) -> None:
+    def hear(self, heard: EvidenceNews, now: float) -> None:
         """What its process says; later ones say nothing of it any more."""
         written = heard.recordings.get(self.number)
         if written is not None and (self.goes_on or self.finishing):
             self._heard, self._written = heard, written
+        elif self.ended is not None and now - self.ended > SLOW_END:
+            self._given_up = True
 
     def lose_process(self, why: str) -> None:
         """Its process has ended."""

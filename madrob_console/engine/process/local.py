@@ -178,7 +178,8 @@ class LocalEngine:
         if engine.replay is None:
             run, folder = engine.run, engine.folder
             if not run.active:  # then a disk has other things to do
-                self._protests.look((engine.generation, run.issue, run.phase, run.protests))
+                seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
+                self._protests.look(seen)
             at_hand = "" if folder is None else str(folder.relative_to(self.results))
             others += self._protests.overdue(engine.now(), at_hand)
         self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)

@@ -147,7 +147,7 @@ class FileProtest(Act):
     @classmethod
     def _ask_words(cls, view: RunView, about: str, at: float | None) -> Ask[Asked]:
         run = view.run
-        own = run.setup.team if run.setup is not None else ""
+        own = "" if run.setup is None else run.setup.team or f"subject {run.setup.subject}"
         late = _lateness(run, view.time, view.protest_times)
         who = (Option("1", own, own),) if own.strip() else ()
         questions: list[Question] = [

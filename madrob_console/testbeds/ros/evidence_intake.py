@@ -28,8 +28,15 @@ from recorder.message import RawMessage
 MOST_TOPICS = 200
 """More are not recorded: each takes memory in DDS."""
 
-DEPTH = 32
-"""Messages of a topic that DDS keeps between two takes: their size is not known."""
+FIRST_DEPTH, LEAST_DEPTH, MOST_DEPTH = 32, 4, 512
+"""Messages of a topic that DDS keeps between two takes: before their size is known, and then."""
+
+DEPTH_BYTES = 16_000_000
+"""Memory that DDS may take for the messages of a topic, about."""
+
+MOST_TOO_LARGE = 3
+"""A topic of which so many messages in a row are too large is left alone until the next run: DDS
+would keep memory and processor busy for nothing."""
 
 MOST_AT_ONCE = 64
 """Of one topic in one take: a flood holds up no other topic."""
@@ -97,6 +104,7 @@ class EvidenceIntake:
         self._publishers = 0
         self._problem = ""
         self._largest_seen = 0
+        self._too_large = 0
         self._unknown = ""
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
@@ -141,7 +149,7 @@ class EvidenceIntake:
                 self._problem = f"its type has become {other}: not recorded before the next run"
         if self._handover is not None:
             self._handover.settle()
-        if not usable or not self._prepare(usable[0]):
+        if not usable or self.left_alone or not self._prepare(usable[0]):
             return
         qos = offered_by_all([info.qos_profile for info in usable])
         assert self._handover is not None
@@ -178,7 +186,7 @@ class EvidenceIntake:
             self.name,
             message_class,
             direct=self._direct,
-            depth=DEPTH,
+            depth=FIRST_DEPTH,
             absolute=True,
         )
         return True
@@ -202,11 +210,23 @@ class EvidenceIntake:
         self._losses.see((r.sequence for r in received), max(before, self._publishers))
         if received:
             self._size = max(len(each.data) for each in received)
+            handover.depth = _depth(self._size, handover.depth)
         taken = TakenEvidence(topic, self._limit)
         for each in received:
             self._sort(each, arrival(each.received_ns, now, wall), taken)
         self._count(taken.messages)
+        if self.left_alone:
+            handover.close()
         return taken
+
+    @property
+    def left_alone(self) -> bool:
+        """Whether it is not listened to, because its messages are too large."""
+        return self._too_large >= MOST_TOO_LARGE
+
+    def begin(self) -> None:
+        """A recording begins: it gets another chance."""
+        self._too_large = self._largest_seen = 0
 
     @property
     def _most(self) -> int:
@@ -215,7 +235,9 @@ class EvidenceIntake:
         return max(1, min(MOST_AT_ONCE, _TAKE_BYTES // size))
 
     def _sort(self, received: Received, at: int, taken: TakenEvidence) -> None:
-        if len(received.data) > self._largest:
+        too_large = len(received.data) > self._largest
+        self._too_large = self._too_large + 1 if too_large else 0
+        if too_large:
             taken.too_large += 1
             self._largest_seen = max(self._largest_seen, len(received.data))
         elif not self._thinning.passes(at):
@@ -246,6 +268,8 @@ class EvidenceIntake:
         if self._largest_seen and not problem:
             size, most = self._largest_seen / 1e6, self._largest / 1e6
             problem = f"messages of {size:.1f} MB are not recorded, the limit is {most:g} MB"
+            if self.left_alone:
+                problem += ": it is left alone until the next run"
         rate, byte_rate = self._meter.rates(time.monotonic())
         return TopicFlow(
             self.name,
@@ -344,8 +368,14 @@ class EvidenceIntakes:
             if (taken := intake.take(now_ns(), time.time_ns())) is not None:
                 yield taken
 
-    def kept(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
-        """What was said before and holds, of topics that are kept for late joiners."""
+    def begin(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
+        """A recording begins.
+
+        Returns:
+            What was said before and holds, of topics that are kept for late joiners.
+        """
+        for intake in self._intakes.values():
+            intake.begin()
         return [
             (intake.topic, self._choice.limit(intake.name), message)
             for intake in self._intakes.values()
@@ -362,6 +392,12 @@ class EvidenceIntakes:
         for intake in self._intakes.values():
             intake.close()
         self._connection.close()
+
+
+def _depth(size: int, depth: int) -> int:
+    """How many messages of a size DDS shall keep; only what matters is changed."""
+    fits = max(LEAST_DEPTH, min(MOST_DEPTH, DEPTH_BYTES // max(1, size)))
+    return fits if not depth / 4 < fits < depth * 4 else depth
 
 
 def _class_of(type_name: str) -> RosObject:

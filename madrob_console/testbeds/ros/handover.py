@@ -34,6 +34,9 @@ class Handover:
         direct: see `Inbox`.
         depth: messages that DDS keeps for it.
         absolute: see `Inbox`.
+
+    Attributes:
+        depth: what the next subscription shall have; another one than now brings one.
     """
 
     def __init__(
@@ -50,12 +53,12 @@ class Handover:
         self._name = name
         self._class = message_class
         self._direct = direct
-        self._depth = depth
+        self.depth = depth
         self._absolute = absolute
         self._inbox: Inbox | None = None
         self._former: Inbox | None = None
         self._ends = 0.0
-        self._recent: deque[tuple[int, int | None]] = deque(maxlen=depth)
+        self._recent: deque[tuple[int, int | None]] = deque(maxlen=max(depth, QUEUE_DEPTH))
         self._seen: set[tuple[int, int | None]] | None = None
 
     @property
@@ -85,7 +88,7 @@ class Handover:
         elif self._former is not None:
             if self._inbox.publishers >= publishers:
                 self._ends = min(self._ends, time.monotonic() + _OVERLAP)
-        elif self._inbox.qos != qos:
+        elif (self._inbox.qos, self._inbox.depth) != (qos, self.depth):
             self._former, self._inbox = self._inbox, self._open(qos)
             self._ends = time.monotonic() + _LONGEST_HANDOVER
             self._seen = set(self._recent)
@@ -123,7 +126,7 @@ class Handover:
             self._name,
             qos,
             direct=self._direct,
-            depth=self._depth,
+            depth=self.depth,
             absolute=self._absolute,
         )
 

@@ -83,6 +83,7 @@ class Inbox:
         absolute: bool = False,
     ) -> None:
         self.qos = qos
+        self.depth = depth
         self._reported = 0
         self._node = node
         self._class = message_class

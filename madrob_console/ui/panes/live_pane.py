@@ -10,6 +10,7 @@ from textual.containers import Horizontal, Vertical
 from madrob_console.ui.cells.lines import View
 from madrob_console.ui.panes.banner import Banner
 from madrob_console.ui.panes.door_gauge import DoorGauge
+from madrob_console.ui.panes.evidence_line import EvidenceLine
 from madrob_console.ui.panes.handle_gauge import HandleGauge
 from madrob_console.ui.panes.log_view import LogView
 from madrob_console.ui.panes.passage import Passage
@@ -40,7 +41,7 @@ class LivePane(Vertical):
             DoorGauge(),
             HandleGauge(),
         )
-        self._slow: tuple[View, ...] = (Provisional(), LogView())
+        self._slow: tuple[View, ...] = (Provisional(), EvidenceLine(), LogView())
         self._count = 0
 
     def compose(self) -> ComposeResult:

@@ -37,7 +37,19 @@ class QualityTable(View):
                 if text not in told
                 for row in paragraph(text, width, Tone.WARN)
             ),
+            *_evidence(snapshot, width),
         ]
+
+
+def _evidence(snapshot: Snapshot, width: int) -> Sequence[Line]:
+    """What was recorded beside the testbed's topics; nothing is scored from it."""
+    evidence = snapshot.run.evidence
+    if evidence is None:
+        return ()
+    return [
+        line(Span("evidence ", Tone.STRONG), Span(evidence.words)),
+        *(row for text in evidence.remarks() for row in paragraph(text, width, Tone.DIM)),
+    ]
 
 
 def _row(q: SignalQuality) -> Line:

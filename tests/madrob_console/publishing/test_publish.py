@@ -42,7 +42,7 @@ from tests.madrob_console.publishing.competition_runs import (
     publish,
     stamps,
 )
-from tests.madrob_console.run_folders import write
+from tests.madrob_console.run_folders import EPOCH, write
 
 
 class Page(HTMLParser):
@@ -148,6 +148,15 @@ def test_flags_voids_protests_doubts_and_reasons_are_told(results: Path) -> None
     assert "VOID" in three
     assert "3.9000?" in three
     assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
+
+
+def test_a_run_with_an_open_protest_is_not_final_on_every_page(results: Path) -> None:
+    write(results, of(2, 2, protest_due=EPOCH))
+    site = publish(results)
+    for name in ("index.html", "teams/002.html", "conditions/07.html"):
+        assert "NOT FINAL: a PROTEST is open" in (site / name).read_text(), name
+    assert "PROTEST open against run 2 of subject 2" in (site / "index.html").read_text()
+    assert "NOT FINAL: 1 PROTEST open" in (site / "teams/002.html").read_text()
 
 
 def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:

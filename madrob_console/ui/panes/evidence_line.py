@@ -1,0 +1,74 @@
+"""What is recorded as evidence, and what is lost of it, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from madrob_console.referee.preflight import duration_words
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
+
+if TYPE_CHECKING:
+    from madrob_console.engine.shown.snapshot import EvidenceTopicView, EvidenceView, Snapshot
+
+_GAP = "  "
+
+
+class EvidenceLine(View):
+    """All of it first, then its topics as far as there is room: what lacks something first."""
+
+    def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
+        """One row; none where no evidence is wanted."""
+        evidence = snapshot.evidence
+        if evidence is None:
+            return ()
+        spans = [Span("evidence", Tone.STRONG), *_whole(evidence)]
+        topics = sorted(evidence.topics, key=lambda topic: (not _is_poor(topic), topic.topic))
+        for number, topic in enumerate(topics):
+            shown = _topic(topic)
+            more = f"{_GAP}and {len(topics) - number} more"
+            rest = width - width_of(tuple(spans))
+            needed = width_of(shown) + (len(more) if number < len(topics) - 1 else 0)
+            if needed > rest:
+                spans.append(Span(more[:rest], Tone.DIM))
+                break
+            spans += shown
+        return [line(*spans)]
+
+
+def _whole(evidence: EvidenceView) -> list[Span]:
+    if evidence.problem is not None:
+        return [Span(f"{_GAP}{evidence.problem}", Tone.BAD)]
+    if not evidence.topics:
+        return [Span(f"{_GAP}none of its topics is there", Tone.WARN)]
+    byte_rate = sum(topic.byte_rate for topic in evidence.topics)
+    lost = sum(topic.lost for topic in evidence.topics)
+    spans = [Span(f"{_GAP}{byte_rate / 1e6:.1f} MB/s")]
+    if evidence.recording:
+        spans.append(Span(f" {evidence.size / 1e6:.0f} MB", Tone.DIM))
+    if evidence.room is not None:
+        spans.append(Span(f" room for {duration_words(evidence.room)}", Tone.DIM))
+    if lost:
+        spans.append(Span(f" {lost} lost", Tone.WARN))
+    return spans
+
+
+def _is_poor(topic: EvidenceTopicView) -> bool:
+    return bool(topic.lost or topic.problem)
+
+
+def _topic(topic: EvidenceTopicView) -> Line:
+    name = topic.topic.removeprefix("/")
+    spans = [
+        Span(f"{_GAP}{name} ", Tone.DIM),
+        Span(f"{topic.rate:.1f} Hz {_size(topic.byte_rate)}/s"),
+    ]
+    if topic.lost:
+        spans.append(Span(f", {topic.lost} lost", Tone.WARN))
+    if topic.problem:
+        spans.append(Span(f", {topic.problem}", Tone.WARN))
+    return tuple(spans)
+
+
+def _size(number: float) -> str:
+    return f"{number / 1e6:.1f} MB" if number >= 100_000 else f"{number / 1e3:.1f} kB"

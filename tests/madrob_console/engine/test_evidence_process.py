@@ -1,0 +1,274 @@
+"""Evidence over real DDS: publishers, recording process and this one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from madrob_console.clock import NS
+from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
+from madrob_console.engine.process.evidence_messages import ListenFor
+from madrob_console.engine.process.evidence_process import EvidenceProcess
+from madrob_console.referee.evidence_account import EvidenceLoss, RecordedTopic
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
+from recorder.bag import Durability, evidence_file_name
+from recorder.message import RawMessage
+from recorder.reader import read_bag
+from recorder.writer import BagWriter
+from tests.madrob_console.camera_peer import Kind, Misbehaviour, Stream, cameras
+from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, truth
+from tests.watching import until
+
+pytestmark = pytest.mark.machine
+
+CAMERAS = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
+LEFT = CAMERAS.topics[0]
+PLENTY = 10**12
+
+
+class Hall:
+    """A bag that is recorded, and evidence beside it.
+
+    Args:
+        folder: of the bag.
+        evidence: records it.
+    """
+
+    def __init__(self, folder: Path, evidence: EvidenceProcess) -> None:
+        self.folder = folder
+        self.evidence = evidence
+        self.steady_ns = 0
+
+    @property
+    def status(self) -> WitnessStatus:
+        return self.evidence.status
+
+    def until(self, look: Callable[[WitnessStatus], object]) -> WitnessStatus:
+        until(lambda: look(self.status))
+        return self.status
+
+    def topic(self, name: str = LEFT) -> RecordedTopic:
+        found = (one for one in self.status.account.topics if one.topic == name)
+        return next(found, RecordedTopic(name, ""))
+
+    def comes(self, *names: str, rate: float = 1.0) -> None:
+        """Until something comes on these topics."""
+        self.until(
+            lambda status: all(
+                any(t.topic == name and t.rate >= rate for t in status.topics) for name in names
+            )
+        )
+
+    @contextmanager
+    def recording(self, most_bytes: int = PLENTY) -> Iterator[None]:
+        """As an engine records a run: the bag is there first, and closed last."""
+        with BagWriter(self.folder, [], {}):
+            handle = os.open(self.folder, os.O_DIRECTORY)
+            self.steady_ns, monotonic = 1_700_000_000 * NS, time.monotonic_ns()
+            place = EvidencePlace(
+                handle, self.folder.name, self.steady_ns, monotonic, most_bytes, least_free=0
+            )
+            self.evidence.begin(place)
+            yield
+            self.evidence.end()
+        self.until(lambda status: not status.recording and not status.finishing)
+
+    def recorded(self) -> list[RawMessage]:
+        return list(read_bag(self.folder, evidence=True).messages())
+
+
+@contextmanager
+def hall(tmp_path: Path, domain: int, *topics: str, **more: object) -> Iterator[Hall]:
+    choice = EvidenceChoice(topics or ("/camera/**",), **more)  # type: ignore[arg-type]
+    evidence = EvidenceProcess(ListenFor(domain, choice, ("/madrob/own",), ()))
+    evidence.warm()
+    try:
+        yield Hall(tmp_path / "run", evidence)
+    finally:
+        evidence.close()
+
+
+def test_cameras_are_recorded_as_they_came_and_others_open_the_whole_bag(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(*CAMERAS.topics)
+        with here.recording():
+            here.until(lambda _: here.topic().messages >= 40)
+        messages = here.recorded()
+        account = here.status.account
+    assert account.problems == ()
+    assert account.remarks() == []
+    counts = Counter(message.topic for message in messages)
+    assert counts == {one.topic: one.messages for one in account.topics}
+    assert set(counts) == set(CAMERAS.topics)
+    assert {message.type for message in messages} == {CAMERAS.kind.type}
+    assert all(b"\xff\xd8\xff" in message.data for message in messages)
+    times = [message.receive_ns for message in messages if message.topic == LEFT]
+    span = (times[-1] - times[0]) / NS
+    assert times[0] >= here.steady_ns  # the engine's time, not this machine's
+    assert (len(times) - 1) / span == pytest.approx(CAMERAS.rate, rel=0.2)
+    with AnyReader([here.folder]) as reader:
+        seen = Counter(connection.topic for connection, _, _ in reader.messages())
+        connection = next(c for c in reader.connections if c.topic == LEFT)
+        _, _, raw = next(reader.messages([connection]))
+        picture = reader.deserialize(raw, connection.msgtype)
+    assert seen == counts
+    assert "jpeg" in str(picture)[:1000]
+
+
+def test_what_was_said_for_late_comers_before_the_start_is_in_every_recording(
+    ros_domain: int, tmp_path: Path, peer: Peer
+) -> None:
+    map_topic = "/hall/map_is_known"
+    latched = peer.publisher(map_topic, BOOL, KEPT)
+    latched.publish(truth(True))
+    peer.publisher("/madrob/own", BOOL).publish(truth(True))
+    with hall(tmp_path, ros_domain, "/hall/**", "/madrob/**") as here:
+        here.comes(map_topic, rate=0.1)
+        time.sleep(0.1)
+        for number in range(2):
+            here.folder = tmp_path / f"run_{number}"
+            with here.recording():
+                here.until(lambda _: here.topic(map_topic).messages)
+            (message,) = here.recorded()
+            assert message.data.startswith(truth(True))
+            assert message.receive_ns >= here.steady_ns
+            topics = read_bag(here.folder, evidence=True).topics()
+            (topic,) = (one for one in topics if one.name == map_topic)
+            assert topic.qos.durability is Durability.TRANSIENT_LOCAL
+
+
+def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of_its_own(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(LEFT)
+        with here.recording():
+            here.until(lambda _: here.topic().messages >= 10)
+            assert here.evidence.pid is not None
+            os.kill(here.evidence.pid, signal.SIGKILL)
+            here.until(lambda status: "SIGKILL" in (status.problem or ""))
+            before = here.topic().messages
+            moved = here.folder.rename(tmp_path / "moved")  # the handle stays good
+            here.until(lambda status: status.ready and status.problem is None)
+            here.until(lambda _: here.topic().messages >= before + 10)
+            moved.rename(here.folder)
+        (problem,) = here.status.account.problems
+    assert "ended by SIGKILL" in problem
+    assert "is missing" in problem
+    names = {path.name for path in here.folder.glob("*.mcap")}
+    assert {evidence_file_name("run", number) for number in range(2)} < names
+
+
+def test_a_process_that_hangs_is_told_ended_and_started_again(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(LEFT)
+        with here.recording():
+            stopped = here.evidence.pid
+            assert stopped is not None
+            os.kill(stopped, signal.SIGSTOP)
+            here.until(lambda status: "silent" in (status.problem or ""))
+            here.until(lambda status: "did not move" in (status.problem or ""))
+            here.until(lambda status: status.problem is None)
+            assert here.evidence.pid != stopped
+            here.until(lambda _: here.topic().messages >= 10)
+        begin = time.monotonic()
+        assert here.evidence.pid is not None
+        os.kill(here.evidence.pid, signal.SIGSTOP)
+        here.evidence.close()
+        assert time.monotonic() - begin < 6  # the end waits for nobody
+
+
+def test_types_that_are_not_installed_are_recorded_with_what_their_publisher_says(
+    ros_domain: int, tmp_path: Path, peer: Peer
+) -> None:
+    from madrob_console.testbeds.ros.foreign_type import foreign_class
+    from madrob_console.testbeds.ros.inbox import qos_profile
+
+    data = b"\x00\x01\x00\x00" + bytes(range(200))
+    foreign = foreign_class("hall_msgs/msg/Secret")
+    unknown = peer.own.create_publisher(foreign, "/hall/secret", qos_profile(KEPT, 10))
+    unknown.publish(data)
+    with hall(tmp_path, ros_domain, "/hall/**") as here:
+        here.comes("/hall/secret", rate=0.1)
+        with here.recording():
+            here.until(lambda _: here.topic("/hall/secret").messages)
+        (message,) = here.recorded()
+        told = here.topic("/hall/secret")
+    assert (message.type, message.data) == ("hall_msgs/msg/Secret", data)
+    assert "nobody knows what hall_msgs/msg/Secret is made of" in told.problem
+
+
+def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    def stream(name: str, wrong: Misbehaviour = Misbehaviour.NONE) -> Stream:
+        topic = f"/camera/{name}"
+        return Stream(Kind.JPEG, topic, 1, 10, 20_000, 0.0, True, wrong, 8.0)
+
+    small = (
+        stream("changed", Misbehaviour.OTHER_TYPE),
+        stream("flood", Misbehaviour.FLOOD),
+        stream("gone", Misbehaviour.VANISHES),
+        stream("garbage", Misbehaviour.GARBAGE),
+    )
+    huge = Stream(Kind.JPEG, "/camera/huge", 1, 10, 400_000, reliable=True)
+    good = stream("good")
+    limit = TopicLimit("/camera/flood", most_rate=20.0)
+    with (
+        cameras(*small),
+        cameras(huge),
+        cameras(good),
+        hall(tmp_path, ros_domain, limits=(limit,), largest=200_000) as here,
+    ):
+        here.comes(*(stream.topic for stream in (*small, good)))
+        with here.recording():
+            here.until(lambda _: "left alone" in here.topic("/camera/huge").problem)
+            here.until(lambda _: "std_msgs/msg/Header" in here.topic("/camera/changed").problem)
+            here.until(lambda _: here.topic("/camera/flood").left_out > 300)
+            before = here.topic("/camera/good").messages
+            here.until(lambda _: here.topic("/camera/good").messages >= before + 20)
+        topics = {one.topic.removeprefix("/camera/"): one for one in here.status.account.topics}
+        counts = Counter(message.topic for message in here.recorded())
+    assert topics["huge"].lost[EvidenceLoss.TOO_LARGE] >= 3
+    assert "messages of 0.4 MB are not recorded, the limit is 0.2 MB" in topics["huge"].problem
+    assert topics["good"].lost == {}
+    assert topics["garbage"].lost == {}
+    assert topics["flood"].left_out > 2 * topics["flood"].messages
+    assert counts == {f"/camera/{name}": n for name, one in topics.items() if (n := one.messages)}
+
+
+def test_a_budget_that_is_used_up_ends_the_evidence_and_says_so(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
+        here.comes(LEFT)
+        with here.recording(most_bytes=2_000_000):
+            here.until(lambda status: "budget is used up" in (status.problem or ""))
+            here.until(lambda _: here.topic().lost.get(EvidenceLoss.DISK))
+        file = here.folder / evidence_file_name("run", 0)
+        assert 2_000_000 < file.stat().st_size < 6_000_000
+        assert len(here.recorded()) == sum(one.messages for one in here.status.account.topics)
+
+
+def test_without_ros_it_is_said_and_nothing_is_started_again_and_again(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    misread = ListenFor(ros_domain, EvidenceChoice(("/**",)), (), ("-r", "nonsense"))
+    with hall(tmp_path, ros_domain) as other, closing(EvidenceProcess(misread)) as evidence:
+        evidence.warm()
+        assert "ROS does not understand" in until(lambda: evidence.status.problem or "")
+        pid = evidence.pid
+        other.until(lambda status: status.ready)
+        assert evidence.pid == pid
