@@ -29,7 +29,7 @@ from recorder.bag import is_left_of_evidence
 
 
 @dataclass(frozen=True, slots=True)
-class Thinning:
+class TidyLimits:
     """How much evidence is to stay beside what always stays.
 
     Attributes:
@@ -62,7 +62,7 @@ class RunEvidence:
     kept: str = ""
 
 
-def evidence_at(root: Path, limits: Thinning, now: float, free: float) -> list[RunEvidence]:
+def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list[RunEvidence]:
     """The evidence of all runs of a results folder, oldest run first, and what of it stays.
 
     Args:
@@ -205,7 +205,7 @@ def _always_kept(one: RunEvidence, place: int) -> str:
     return ""
 
 
-def _within(limits: Thinning, one: RunEvidence, newest: dict[str, int], now: float) -> str:
+def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: float) -> str:
     """Why the evidence of a run is to stay, by what was asked for; empty = it is not."""
     if newest[one.run.folder] <= limits.keep_runs:
         kind = "practice runs" if one.run.practice else "runs"

@@ -18,7 +18,7 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.thinning import RunEvidence, Thinning
+    from madrob_console.archive.thinning import RunEvidence, TidyLimits
 
 NOT_REMOVED = 1
 """Exit code where somebody said no."""
@@ -106,15 +106,15 @@ def main(arguments: argparse.Namespace) -> int:
     return _remove(going, root)
 
 
-def _limits(arguments: argparse.Namespace) -> Thinning:
-    from madrob_console.archive.thinning import Thinning
+def _limits(arguments: argparse.Namespace) -> TidyLimits:
+    from madrob_console.archive.thinning import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
     if keep is not None and keep < 0:
         raise MadrobError(f"--keep-runs {keep}: use 0 or more")
-    return Thinning(keep or 0, age or 0.0, free)
+    return TidyLimits(keep or 0, age or 0.0, free)
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
