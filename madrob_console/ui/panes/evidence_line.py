@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import EvidenceTopicView, EvidenceView, Snapshot
 
 _GAP = "  "
+_ROOMY = 100
+"""From this width on the size is shown, too."""
+
+_ENDINGS = ("/image_raw/compressed", "/image/compressed", "/compressed", "/image_raw", "/image")
 
 
 class EvidenceLine(View):
@@ -22,10 +26,13 @@ class EvidenceLine(View):
         evidence = snapshot.evidence
         if evidence is None:
             return ()
-        spans = [Span("evidence", Tone.STRONG), *_whole(evidence)]
+        spans = [Span("evidence", Tone.STRONG)]
+        for span in _whole(evidence, roomy=width >= _ROOMY):
+            spans.append(Span(span.text[: width - width_of(tuple(spans))], span.tone))
+        names = _short_names([topic.topic for topic in evidence.topics])
         topics = sorted(evidence.topics, key=lambda topic: (not _is_poor(topic), topic.topic))
         for number, topic in enumerate(topics):
-            shown = _topic(topic)
+            shown = _topic(topic, names[topic.topic])
             more = f"{_GAP}and {len(topics) - number} more"
             rest = width - width_of(tuple(spans))
             needed = width_of(shown) + (len(more) if number < len(topics) - 1 else 0)
@@ -36,7 +43,7 @@ class EvidenceLine(View):
         return [line(*spans)]
 
 
-def _whole(evidence: EvidenceView) -> list[Span]:
+def _whole(evidence: EvidenceView, *, roomy: bool) -> list[Span]:
     if evidence.problem is not None:
         return [Span(f"{_GAP}{evidence.problem}", Tone.BAD)]
     if not evidence.topics:
@@ -44,9 +51,9 @@ def _whole(evidence: EvidenceView) -> list[Span]:
     byte_rate = sum(topic.byte_rate for topic in evidence.topics)
     lost = sum(topic.lost for topic in evidence.topics)
     spans = [Span(f"{_GAP}{byte_rate / 1e6:.1f} MB/s")]
-    if evidence.recording:
+    if evidence.recording and roomy:
         spans.append(Span(f" {evidence.size / 1e6:.0f} MB", Tone.DIM))
-    if evidence.room is not None:
+    if evidence.room is not None and not evidence.recording:
         spans.append(Span(f" room for {duration_words(evidence.room)}", Tone.DIM))
     if lost:
         spans.append(Span(f" {lost} lost", Tone.WARN))
@@ -57,8 +64,19 @@ def _is_poor(topic: EvidenceTopicView) -> bool:
     return bool(topic.lost or topic.problem)
 
 
-def _topic(topic: EvidenceTopicView) -> Line:
-    name = topic.topic.removeprefix("/")
+def _short_names(topics: Sequence[str]) -> dict[str, str]:
+    """Names without what all cameras' topics end with, where that leaves them different."""
+    short = {topic: topic.removeprefix("/") for topic in topics}
+    for topic, name in short.items():
+        for ending in _ENDINGS:
+            cut = name.removesuffix(ending)
+            if cut and cut != name and cut not in short.values():
+                short[topic] = cut
+                break
+    return short
+
+
+def _topic(topic: EvidenceTopicView, name: str) -> Line:
     spans = [
         Span(f"{_GAP}{name} ", Tone.DIM),
         Span(f"{topic.rate:.1f} Hz {_size(topic.byte_rate)}/s"),

@@ -13,7 +13,9 @@ IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
 def camera(side: str, lost: int = 0, problem: str = "") -> EvidenceTopicView:
-    return EvidenceTopicView(f"/camera/{side}", IMAGE, 29.8, 6_100_000.0, lost, problem)
+    return EvidenceTopicView(
+        f"/camera/{side}/image/compressed", IMAGE, 29.8, 6_100_000.0, lost, problem
+    )
 
 
 def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
@@ -25,8 +27,10 @@ def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
 
 def test_the_line_says_what_comes_how_long_it_fits_and_what_is_lost() -> None:
     evidence = EvidenceView((camera("left", 12), camera("right")), True, 48_000_000, 11 * 3600.0)
+    before = replace(evidence, topics=(camera("left"),), recording=False)
+    assert drawn(before) == "evidence  6.1 MB/s room for 11 h  camera/left 29.8 Hz 6.1 MB/s"
     assert drawn(evidence) == (
-        "evidence  12.2 MB/s 48 MB room for 11 h 12 lost"
+        "evidence  12.2 MB/s 48 MB 12 lost"
         "  camera/left 29.8 Hz 6.1 MB/s, 12 lost  camera/right 29.8 Hz 6.1 MB/s"
     )
 
