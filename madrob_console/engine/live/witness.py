@@ -49,7 +49,7 @@ class WitnessStatus:
     """How the evidence stands.
 
     Attributes:
-        ready: whether somebody listens.
+        ready: whether somebody listens, and has had the time to find what there is.
         topics: what comes.
         account: of the recording that goes on, or was last.
         recording: whether one goes on.

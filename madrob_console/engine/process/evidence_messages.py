@@ -64,6 +64,7 @@ class EvidenceNews(msgspec.Struct, frozen=True, tag=True):
     """How things stand, told twice a second and when a recording ends.
 
     Attributes:
+        settled: whether all topics are connected, as far as can be told.
         flows: what comes.
         left_over: topics that are not listened to, because there are too many.
         recordings: by their numbers: what is being recorded, and what was and is being finished.
@@ -72,6 +73,7 @@ class EvidenceNews(msgspec.Struct, frozen=True, tag=True):
         problem: why nothing is heard, in words; empty = it is.
     """
 
+    settled: bool = False
     flows: tuple[TopicFlow, ...] = ()
     left_over: tuple[str, ...] = ()
     recordings: dict[int, EvidenceWritten] = {}

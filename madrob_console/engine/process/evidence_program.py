@@ -45,6 +45,9 @@ of what DDS hands over in shared memory; the thread that writes has 10 all the s
 TELL_PERIOD = 0.5
 """The engine hears how things stand this often, s."""
 
+SETTLING = 4.0
+"""Topics on which nothing comes for so long after the start are silent ones, s."""
+
 END_TIME = 20.0
 """So long it tries to finish its file when the engine has gone, s."""
 
@@ -122,6 +125,8 @@ class EvidenceDesk:
         self._lost_before: dict[str, int] = {}
         self._lost: dict[str, int] = {}
         self._problem = ""
+        self._began = time.monotonic()
+        self._settled = False
 
     def work(self) -> None:
         """Until the engine has gone.
@@ -228,8 +233,12 @@ class EvidenceDesk:
     def _tell(self) -> None:
         if self._current is not None:
             self._lost = self._lost_now()
+        flows = self._intakes.flows()
+        self._settled |= bool(flows) and all(flow.rate for flow in flows)
+        self._settled |= time.monotonic() - self._began > SETTLING
         heard = EvidenceNews(
-            flows=self._intakes.flows(),
+            settled=self._settled,
+            flows=flows,
             left_over=self._intakes.left_over,
             recordings={number: one.written for number, one in self._recorders.items()},
             left_out=+self._left_out,

@@ -140,7 +140,7 @@ def standing(
     account = EvidenceAccount() if recording is None else recording.account()
     lost = {topic.topic: sum(topic.lost.values()) for topic in account.topics}
     return WitnessStatus(
-        ready=heard is not None,
+        ready=heard is not None and heard.settled,
         topics=tuple(
             EvidenceTopicView(
                 flow.topic,

@@ -36,7 +36,7 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.acts.take_back import last_decision
-from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.protests import ProtestEnd, ProtestTimes
 from madrob_console.referee.run import Phase, TeamWord
 from madrob_console.report.sections import protests
 from madrob_console.standings.competition import CompetitionStandings, competition_standings
@@ -125,10 +125,12 @@ def test_a_protest_against_a_run_that_does_not_count_makes_its_row_not_final(
 
 
 def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk: Desk) -> None:
+    soon = ProtestTimes(decision=1.0)
+    desk.engine.config = replace(desk.engine.config, protest_times=soon)
     desk.act(CROSSED)
     assert not any("protest" in fault for fault in desk.engine.snapshot().faults)
     before = desk.engine.run
-    desk.wait(desk.engine.config.protest_times.decision + 90.0)
+    desk.wait(62.0)
     fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
     assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min, decide it (P)"
     assert desk.engine.run == before

@@ -1,0 +1,204 @@
+"""Evidence as the core sees it, with somebody who only says that it is recorded."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
+from madrob_console.engine.shown.snapshot import EvidenceTopicView
+from madrob_console.referee.acts import Start, Waive
+from madrob_console.referee.evidence_account import (
+    EvidenceAccount,
+    EvidenceLoss,
+    RecordedTopic,
+)
+from madrob_console.referee.journal import read_journal
+from madrob_console.referee.rebuild import rebuild
+from madrob_console.referee.run import CheckName
+from recorder.bag import evidence_file_name
+from tests.madrob_console.engine.drive import Drive, make_setup
+
+LEFT = "/camera/left"
+COMES = EvidenceTopicView(LEFT, "sensor_msgs/msg/CompressedImage", 30.0, 6e6)
+RECORDED = RecordedTopic(LEFT, COMES.type, 600, 120_000_000)
+HOUR = 3600.0
+
+
+class ToldWitness:
+    """Holds the folder's handle, and says what a test tells it to."""
+
+    def __init__(self) -> None:
+        self.status = WitnessStatus(ready=True, topics=(COMES,))
+        self.places: list[EvidencePlace] = []
+        self.held: list[bool] = []
+
+    def warm(self) -> None: ...
+
+    def begin(self, place: EvidencePlace) -> None:
+        os.close(place.folder_fd)
+        self.places.append(place)
+        self.status = replace(self.status, recording=True, account=EvidenceAccount((RECORDED,)))
+
+    def end(self) -> None:
+        self.status = replace(self.status, recording=False)
+
+    def hold(self, *, held: bool) -> None:
+        self.held.append(held)
+
+    def close(self) -> None: ...
+
+    def lose(self, number: int) -> None:
+        lost = replace(RECORDED, lost={EvidenceLoss.BEHIND: number})
+        self.status = replace(self.status, account=EvidenceAccount((lost,)))
+
+
+class Watched(Drive):
+    """A run with evidence."""
+
+    def __init__(self, results: Path, *, budget: int = 10**12, least_room: float = HOUR) -> None:
+        super().__init__(results)
+        self.witness = ToldWitness()
+        plan = EvidencePlan(budget, least_room)
+        config = replace(self.engine.config, evidence=plan)
+        types = self.engine._equipment.types
+        self.engine = Engine(self.source, self.clock, config, types, witness=self.witness)
+        self.engine.open()
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Watched:
+    return Watched(tmp_path / "runs")
+
+
+def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
+    drive: Watched,
+) -> None:
+    drive.start(make_setup())
+    (place,) = drive.witness.places
+    assert place.name == drive.folder.name
+    assert place.steady_ns >= drive.engine.run.countdown_began * 1e9 - 1e8  # type: ignore[operator]
+    assert drive.engine.snapshot().evidence is not None
+    assert drive.engine.snapshot().evidence.recording  # type: ignore[union-attr]
+    drive.finish()
+    assert not drive.witness.status.recording
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert stored["evidence"] == {
+        "topics": [
+            {
+                "topic": LEFT,
+                "type": COMES.type,
+                "messages": 600,
+                "bytes": 120_000_000,
+                "left_out": 0,
+                "lost": {},
+                "problem": "",
+            }
+        ],
+        "problems": [],
+    }
+    assert stored["quality"]["remarks"] == []
+    texts = [line.text for line in drive.engine.log.lines]
+    assert "evidence recorded: 1 topics, 600 messages, 120.0 MB" in texts
+
+
+def test_what_is_lost_is_told_once_when_it_begins_and_doubts_nothing(drive: Watched) -> None:
+    drive.start(make_setup())
+    for number in (3, 40, 500):
+        drive.witness.lose(number)
+        drive.wait(1.0)
+    drive.finish()
+    told = f"evidence: {LEFT}: messages are lost (behind)"
+    assert [line.text for line in drive.engine.log.lines].count(told) == 1
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert stored["evidence"]["topics"][0]["lost"] == {"behind": 500}
+    assert not [flag for flag in stored["flags"] if "camera" in json.dumps(flag)]
+    assert stored["quality"]["remarks"] == []
+    assert not any(indicator["doubts"] for indicator in stored["indicators"].values())
+
+
+def test_a_run_that_is_read_back_has_its_evidence(drive: Watched) -> None:
+    drive.whole_run(make_setup())
+    entries, _ = read_journal(drive.folder / "journal.jsonl")
+    assert rebuild(entries).evidence == EvidenceAccount((RECORDED,))
+    assert drive.engine.run.evidence == EvidenceAccount((RECORDED,))
+
+
+def test_what_goes_wrong_after_the_result_is_said_and_the_result_stands(drive: Watched) -> None:
+    drive.whole_run(make_setup())
+    before = (drive.folder / "result.json").read_bytes()
+    drive.witness.status = replace(drive.witness.status, problem="not complete on disk")
+    drive.wait(1.0)
+    assert "evidence: not complete on disk" in drive.engine.snapshot().faults
+    assert (drive.folder / "result.json").read_bytes() == before
+
+
+def test_the_check_says_how_long_evidence_can_be_recorded(drive: Watched) -> None:
+    drive.prepare(make_setup())
+    free = shutil.disk_usage(drive.engine.config.results.parent).free
+    said = drive.check(CheckName.EVIDENCE)
+    assert said.startswith("ok: 1 topics, room for ")
+    assert said.endswith(" at the rate of now")
+    room = drive.engine.snapshot().evidence.room  # type: ignore[union-attr]
+    assert room == pytest.approx(min(10**12, free) / COMES.byte_rate, rel=0.1)
+
+
+def test_too_little_room_blocks_a_start_and_can_be_waived(tmp_path: Path) -> None:
+    results = tmp_path / "runs"
+    drive = Watched(results, budget=6_000_000 * 600)
+    drive.prepare(make_setup())
+    said = drive.check(CheckName.EVIDENCE)
+    assert said.startswith("failed: room for 10 min at the rate of now, 60 min needed")
+    assert "evidence" in str(drive.engine.perform(Start()))
+    drive.act(Waive(CheckName.EVIDENCE, "the last run of the day"), Start())
+    drive.finish()
+    assert drive.witness.places[0].most_bytes == 6_000_000 * 600
+
+
+def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> None:
+    results = tmp_path / "runs"
+    first = Watched(results, budget=6_000_000 * 7200)
+    first.whole_run(make_setup())
+    with (first.folder / evidence_file_name(first.folder.name, 0)).open("wb") as file:
+        file.truncate(6_000_000 * 5400)  # a hole, of 32 GB
+    first.engine.close()
+    second = Watched(results, budget=6_000_000 * 7200)
+    second.prepare(make_setup(run_number=2))
+    assert second.check(CheckName.EVIDENCE).startswith("failed: room for 30 min")
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (WitnessStatus(), "no data: nobody listens yet"),
+        (WitnessStatus(ready=True), "no data: none of its topics is there"),
+        (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
+        (
+            WitnessStatus(ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),)),
+            "ok: 1 topics, nothing comes now; room for ",
+        ),
+    ],
+)
+def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, said: str) -> None:
+    drive.prepare(make_setup())
+    drive.witness.status = status
+    assert drive.check(CheckName.EVIDENCE).startswith(said)
+
+
+def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(
+    tmp_path: Path,
+) -> None:
+    plain = Drive(tmp_path / "plain")
+    plain.prepare(make_setup())
+    assert CheckName.EVIDENCE not in {check.name for check in plain.engine.snapshot().checks}
+    wished = replace(plain.engine.config, evidence=EvidencePlan(10**9, HOUR))
+    engine = Engine(plain.source, plain.clock, wished, plain.engine._equipment.types)
+    plain.engine = engine
+    assert plain.check(CheckName.EVIDENCE).startswith("ok: none: a testbed simulated in this")
+    assert engine.snapshot().evidence is None
