@@ -164,7 +164,10 @@ NO_PICTURES = RunPictures(PictureIndex())
 
 
 def moments_of(scored: Scored) -> tuple[Moment, ...]:
-    """Events, incidents and false starts of a run by time; of very many the first and the last."""
+    """What happened in a run, by time; of very many events the first and the last.
+
+    Events, incidents, false starts, and the instants that protests are about.
+    """
     result, run, start = scored.result, scored.run, scored.result.start
     events = result.events
     if len(events) > 2 * _MOST_EVENTS:
@@ -178,6 +181,11 @@ def moments_of(scored: Scored) -> tuple[Moment, ...]:
     for mark in run.false_starts[:_MOST_MARKS]:
         words, name = f"false start: {mark.event.words}", f"false_start_{mark.event}"
         found.append(Moment(name, words, mark.time, mark.time - start))
+    found += [
+        Moment(f"protest_{one.number}", one.title, one.at, one.at - start)
+        for one in run.protests[:_MOST_MARKS]
+        if one.at is not None
+    ]
     return tuple(sorted(found, key=lambda moment: moment.since_start))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from madrob_console.cameras.run_pictures import (
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.publishing.report_copy import report_copy
+from madrob_console.referee.protests import Protest
 from madrob_console.report.camera_pictures import MOST_EMBEDDED
 from madrob_console.report.markup import NOTHING
 from madrob_console.report.page import report_html
@@ -78,6 +80,23 @@ def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(run: 
     (incident,) = (e for e in index.pictures if e.event.startswith("inc") and e.topic == SIDE)
     assert incident.since_start == pytest.approx(INCIDENT_AT, abs=0.1)
     assert incident.words == "incident: collision"
+
+
+def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:
+    film(run, FRONT)
+    scored = score_opened(run)
+    filed = Protest(
+        1, scored.result.start + 60, "Delft", "not open", "step 3", scored.result.start + 4.2,
+        scored.result.start + 90, "", "R. Eferee",
+    )  # fmt: skip
+    unnamed = replace(filed, number=2, at=None)
+    seen = run_pictures(
+        run, replace(scored, run=replace(scored.run, protests=(filed, unnamed)))
+    ).index.pictures
+    (shown,) = (entry for entry in seen if entry.event.startswith("protest"))
+    assert (shown.event, shown.words) == ("protest_1", "protest 1 (step 3)")
+    assert shown.since_start == pytest.approx(4.2)
+    assert shown.file.endswith("_protest_1_camera_front_image_compressed.jpg")
 
 
 def test_a_run_without_evidence_is_as_it_was(run: Path) -> None:
