@@ -120,7 +120,7 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
     try:
         with _journal_held(folder) as journal, _opened(folder) as folder_fd:
             known = read_run_journal(folder)
-            if (why := _why_not_now(folder, known)) is not None:
+            if (why := _why_not_now(of, known)) is not None:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
             _list_without(folder, folder_fd, files, check_only=True)
@@ -198,7 +198,7 @@ def _always_kept(one: RunEvidence, place: int) -> str:
         return "it has no journal, which has to say so"
     if run.protested or ever_protested(one.folder):
         return "it was protested"
-    if not run.final:
+    if not (run.final or run.practice):  # practice counts for nothing: nobody signs it
         return "its result is not final"
     if place == 1:
         return "it is the last practice run" if run.practice else "it is the last run"
@@ -230,11 +230,11 @@ def _is_recorded(one: RunEvidence) -> bool:
     return False
 
 
-def _why_not_now(folder: Path, known: RunJournal) -> str | None:
+def _why_not_now(of: RunEvidence, known: RunJournal) -> str | None:
     """Why the evidence has to stay by what its journal says now, held; None = it has not."""
-    if known.run.phase is not Phase.FINAL:
+    if known.run.phase is not Phase.FINAL and not of.run.practice:
         return "its result is not final any more"
-    return "it was protested" if ever_protested(folder) else None
+    return "it was protested" if ever_protested(of.folder) else None
 
 
 def _is_told(known: RunJournal, files: Iterable[str]) -> bool:

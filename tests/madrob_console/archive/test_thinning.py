@@ -122,13 +122,20 @@ def test_an_old_final_run_may_go_and_the_last_ones_stay_with_a_reason(
     assert list(look(root).values()) == [
         "",
         "its result is not final",
-        "its result is not final",
+        "it is the last practice run",
     ]
     for other in (*root.glob("subject_*_009_*"), *root.glob("practice/subject_*")):
         shutil.rmtree(other)
     assert look(root) == {run.name: "it is the last run"}
     put_evidence(place(root, final(), 20, practice=True))
     assert list(look(root).values()) == ["it is the last run", "it is the last practice run"]
+
+
+def test_practice_is_signed_by_nobody_and_may_go_all_the_same(root: Path) -> None:
+    old = put_evidence(place(root, completed(), 30, practice=True))
+    assert look(root)[f"practice/{old.name}"] == ""
+    remove_evidence(the_one(root), NOW)
+    assert not list(old.glob("*_evidence_*"))
 
 
 def protested(root: Path) -> None:
