@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from madrob_console.preparing.doctor_evidence import look_at_evidence
+from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.testbeds.evidence_choice import EvidenceChoice
+from tests.madrob_console.camera_peer import Kind, Stream, cameras
+from tests.madrob_console.ros_peer import Peer
+
+HALL = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
+
+
+def looked(*topics: str, own: tuple[str, ...] = (), domain: int = 0) -> dict[str, Finding]:
+    choice = EvidenceChoice(topics)
+    found = look_at_evidence(choice, own, domain, 100 * 10**9, os.environ)
+    return {finding.subject: finding for finding in found}
+
+
+def test_without_a_wish_nothing_is_looked_for() -> None:
+    (finding,) = looked().values()
+    assert finding == Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
+
+
+@pytest.mark.machine
+def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
+    ros_domain: int, peer: Peer
+) -> None:
+    left, right = HALL.topics
+    with cameras(HALL):
+        peer.until(lambda: peer.own.count_publishers(left))
+        found = looked("/camera/**", own=(right,), domain=ros_domain)
+    assert right not in found  # it is recorded anyway
+    assert found[left].text.startswith(f"evidence, {HALL.kind.type}, ")
+    assert found[left].severity is Severity.OK
+    assert "1 topics, " in found["evidence"].text
+    assert " GB an hour, the budget of 100 GB is " in found["evidence"].text
+
+
+@pytest.mark.machine
+def test_patterns_that_match_nothing_are_said(ros_domain: int) -> None:
+    finding = looked("/camera/**", domain=ros_domain)["evidence"]
+    assert finding.severity is Severity.WARNING
+    assert finding.text.startswith("none of its topics is there")
