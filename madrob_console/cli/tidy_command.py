@@ -32,8 +32,9 @@ def add(commands: options.Commands) -> None:
         main,
         "make room: remove the evidence (cameras, other topics) of old runs",
         "Recordings of what is scored, results, reports and pictures stay. So does the evidence of "
-        "a run that was ever protested, is not final, goes on or is open in a console, and of the "
-        "last run and the last practice run. It says what goes and what stays and why, and asks. "
+        "a run that was ever protested, goes on or is open in a console, of an official one that "
+        "is not final, of the last run and of the last practice run. It says what goes and what "
+        "stays and why, and asks. "
         "Each run's journal and report say what was removed.",
         examples=(
             "madrob tidy --older-than 7d --dry-run",
