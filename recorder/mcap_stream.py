@@ -12,6 +12,7 @@ import io
 import struct
 import zlib
 from collections.abc import Iterator
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import BinaryIO, TypeAlias
 
@@ -21,6 +22,7 @@ from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
 from mcap.records import (
     Channel,
+    ChunkIndex,
     Footer,
     McapRecord,
     Message,
@@ -33,20 +35,25 @@ from mcap.writer import MCAP0_MAGIC
 
 from recorder.mcap_chunk import RECORD_LIMIT, unpack
 
-_FRAME = struct.Struct("<BQ")
+FRAME = struct.Struct("<BQ")
+"""What stands before each record: its opcode, and its length in bytes."""
+
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""What stands before the data of a message: channel, sequence, log time, publish time."""
+
 _CRC_SIZE = 4
 _PARSERS = {
     Opcode.FOOTER: Footer.read,
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
     Opcode.METADATA: Metadata.read,
     Opcode.METADATA_INDEX: MetadataIndex.read,
     Opcode.STATISTICS: Statistics.read,
 }
-_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK})
+_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
 _IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
 _MESSAGE = int(Opcode.MESSAGE)
-_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
 
 class DamageError(Exception):
@@ -114,15 +121,19 @@ def read_records(file: BinaryIO) -> Iterator[StreamItem]:
         else:
             yield _parse(frame)
         if frame.opcode == Opcode.FOOTER:
-            file.seek(frame.offset + _FRAME.size + len(frame.body))
+            file.seek(frame.offset + FRAME.size + len(frame.body))
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise DamageError("there is no end mark behind the footer", frame.offset)
             return
     raise DamageError(f"it ends at byte {size} without a footer", size)
 
 
-def read_summary(file: BinaryIO) -> Iterator[McapRecord]:
+def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord]:
     """The records of the summary and all metadata records, found by the footer; fast.
+
+    Args:
+        file: the recording.
+        chunks: with its chunk indexes, of which there are very many.
 
     Raises:
         DamageError: it has no summary that could be used.
@@ -142,7 +153,8 @@ def read_summary(file: BinaryIO) -> Iterator[McapRecord]:
     summary = file.read(size - len(MCAP0_MAGIC) - _CRC_SIZE - footer.summary_start)
     if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
         raise DamageError("the checksum of its summary is wrong")
-    for frame in _frames(io.BytesIO(summary), 0, start - footer.summary_start):
+    wanted = _WANTED | {Opcode.CHUNK_INDEX} if chunks else _WANTED
+    for frame in _frames(io.BytesIO(summary), 0, start - footer.summary_start, wanted):
         if frame.opcode == Opcode.CHUNK:
             raise DamageError("a chunk stands in its summary")
         record = _parse(frame)
@@ -164,7 +176,9 @@ def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
     raise DamageError(f"there is no record at byte {offset}")
 
 
-def _frames(stream: BinaryIO, offset: int, size: int) -> Iterator[_Frame]:
+def _frames(
+    stream: BinaryIO, offset: int, size: int, wanted: AbstractSet[Opcode] = _WANTED
+) -> Iterator[_Frame]:
     """The wanted records from `offset` to byte `size`, where one must end.
 
     Only a chunk is yielded when it is not whole; then it is the last frame.
@@ -174,19 +188,19 @@ def _frames(stream: BinaryIO, offset: int, size: int) -> Iterator[_Frame]:
     """
     while offset < size:
         stream.seek(offset)
-        frame = stream.read(_FRAME.size)
-        if len(frame) < _FRAME.size:
+        frame = stream.read(FRAME.size)
+        if len(frame) < FRAME.size:
             raise DamageError(f"it is torn at byte {offset}", offset)
-        opcode, length = _FRAME.unpack(frame)
+        opcode, length = FRAME.unpack(frame)
         if opcode == 0:
             raise DamageError(f"there are only zeros from byte {offset} on", offset)
-        following = offset + _FRAME.size + length
+        following = offset + FRAME.size + length
         if following > size:
             if opcode == Opcode.CHUNK:
                 rest = min(size - stream.tell(), RECORD_LIMIT)
                 yield _Frame(opcode, offset, stream.read(rest), whole=False)
             raise DamageError(f"it is torn at byte {offset}", offset)
-        if opcode in _WANTED:
+        if opcode in wanted:
             if length > RECORD_LIMIT:
                 raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
             yield _Frame(opcode, offset, stream.read(length), whole=True)
@@ -197,14 +211,14 @@ def _chunk(frame: _Frame) -> Iterator[StreamItem]:
     content = unpack(frame.body)
     problem = content.problem
     try:
-        yield from _records_in(content.records)
+        yield from records_in(content.records)
     except DamageError:
         problem = problem or "has a damaged record"
     if problem is not None and frame.whole:
         yield Gap(f"a chunk {problem} (byte {frame.offset})")
 
 
-def _records_in(records: bytes) -> Iterator[McapRecord]:
+def records_in(records: bytes) -> Iterator[McapRecord]:
     """The records of a chunk; messages, of which there are many, are parsed on the spot.
 
     Raises:
@@ -212,18 +226,18 @@ def _records_in(records: bytes) -> Iterator[McapRecord]:
     """
     end, size = 0, len(records)
     while end < size:
-        start = end + _FRAME.size
+        start = end + FRAME.size
         if start > size:
             raise DamageError("it is torn")
-        opcode, length = _FRAME.unpack_from(records, end)
+        opcode, length = FRAME.unpack_from(records, end)
         end = start + length
         if opcode == 0 or end > size:
             raise DamageError("it is torn")
         if opcode == _MESSAGE:
-            if length < _MESSAGE_HEAD.size:
+            if length < MESSAGE_HEAD.size:
                 raise DamageError("a message is damaged")
-            channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, start)
-            data = records[start + _MESSAGE_HEAD.size : end]
+            channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(records, start)
+            data = records[start + MESSAGE_HEAD.size : end]
             yield Message(channel, log_time, data, publish_time, sequence)
         elif opcode in _IN_CHUNKS:
             yield _parse(_Frame(opcode, start, records[start:end], whole=True))

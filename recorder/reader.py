@@ -121,7 +121,7 @@ class Bag:
         """
         for path in self._files:
             try:
-                with _open(path) as file:
+                with open_recording(path) as file:
                     for item in read_items(file):
                         if isinstance(item, RawMessage):
                             yield item
@@ -183,7 +183,7 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
 
 def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
     """What a file holds, by its summary or else by reading it, and what was found wrong."""
-    with _open(path) as file:
+    with open_recording(path) as file:
         try:
             catalogue = Catalogue(read_summary(file))
             if catalogue.whole:
@@ -205,7 +205,13 @@ def _catalogue(path: Path) -> tuple[Catalogue, str | None]:
         return catalogue, problem
 
 
-def _open(path: Path) -> BinaryIO:
+def open_recording(path: Path) -> BinaryIO:
+    """A file for reading, which is no pipe and no folder.
+
+    Raises:
+        ForeignError: it is not a file.
+        OSError: it cannot be read.
+    """
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
@@ -250,7 +256,7 @@ def bag_information(folder: Path) -> dict[str, Any]:
         OSError: it cannot be read.
         YAML_PROBLEMS: it is damaged.
     """
-    with _open(folder / METADATA_FILE) as file:
+    with open_recording(folder / METADATA_FILE) as file:
         return information_in(file.read(METADATA_LIMIT))
 
 

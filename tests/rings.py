@@ -29,6 +29,7 @@ class Ring(StrEnum):
 FOLDERS: Mapping[str, Ring] = {
     "benchmarks": Ring.PURE,
     "madrob_console/archive": Ring.PURE,
+    "madrob_console/cameras": Ring.PURE,
     "madrob_console/cli": Ring.PURE,
     "madrob_console/config": Ring.PURE,
     "madrob_console/engine": Ring.PURE,

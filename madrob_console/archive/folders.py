@@ -39,6 +39,12 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
+PICTURES_FOLDER = "pictures"
+"""In a run folder: what its cameras saw."""
+
+PICTURES_INDEX = "index.json"
+"""In that folder: which picture is of what."""
+
 INDEX_PAGE = "index.html"
 """Where the pages of a competition begin; a run has one of its own among them."""
 
@@ -109,6 +115,16 @@ def named_by_recording(names: Iterable[str]) -> str | None:
     """
     stems = (name.removesuffix("_0.mcap") for name in names if name.endswith("_0.mcap"))
     return next((stem for stem in stems if parse_folder_name(stem) is not None), None)
+
+
+def pictures_in(folder: str) -> int:
+    """How many pictures there are of what a run's cameras saw; 0 where that cannot be told."""
+    place = f"{folder}/{PICTURES_FOLDER}"
+    try:
+        names = os.listdir(place)  # noqa: PTH208  as below
+    except OSError:
+        return 0
+    return sum(name.endswith(".jpg") for name in names) if PICTURES_INDEX in names else 0
 
 
 def run_folder_names(root: Path) -> list[str]:

@@ -29,7 +29,7 @@ from recorder.bag import is_left_of_evidence
 
 
 @dataclass(frozen=True, slots=True)
-class Thinning:
+class TidyLimits:
     """How much evidence is to stay beside what always stays.
 
     Attributes:
@@ -62,7 +62,7 @@ class RunEvidence:
     kept: str = ""
 
 
-def evidence_at(root: Path, limits: Thinning, now: float, free: float) -> list[RunEvidence]:
+def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list[RunEvidence]:
     """The evidence of all runs of a results folder, oldest run first, and what of it stays.
 
     Args:
@@ -120,7 +120,7 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
     try:
         with _journal_held(folder) as journal, _opened(folder) as folder_fd:
             known = read_run_journal(folder)
-            if (why := _why_not_now(folder, known)) is not None:
+            if (why := _why_not_now(of, known)) is not None:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
             _list_without(folder, folder_fd, files, check_only=True)
@@ -198,14 +198,14 @@ def _always_kept(one: RunEvidence, place: int) -> str:
         return "it has no journal, which has to say so"
     if run.protested or ever_protested(one.folder):
         return "it was protested"
-    if not run.final:
+    if not (run.final or run.practice):  # practice counts for nothing: nobody signs it
         return "its result is not final"
     if place == 1:
         return "it is the last practice run" if run.practice else "it is the last run"
     return ""
 
 
-def _within(limits: Thinning, one: RunEvidence, newest: dict[str, int], now: float) -> str:
+def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: float) -> str:
     """Why the evidence of a run is to stay, by what was asked for; empty = it is not."""
     if newest[one.run.folder] <= limits.keep_runs:
         kind = "practice runs" if one.run.practice else "runs"
@@ -230,11 +230,11 @@ def _is_recorded(one: RunEvidence) -> bool:
     return False
 
 
-def _why_not_now(folder: Path, known: RunJournal) -> str | None:
+def _why_not_now(of: RunEvidence, known: RunJournal) -> str | None:
     """Why the evidence has to stay by what its journal says now, held; None = it has not."""
-    if known.run.phase is not Phase.FINAL:
+    if known.run.phase is not Phase.FINAL and not of.run.practice:
         return "its result is not final any more"
-    return "it was protested" if ever_protested(folder) else None
+    return "it was protested" if ever_protested(of.folder) else None
 
 
 def _is_told(known: RunJournal, files: Iterable[str]) -> bool:

@@ -38,7 +38,11 @@ def main() -> int:
 
 
 def _page(file: Path) -> None:
-    """Write a report without reading and scoring the run again, and without SciPy and pandas."""
+    """Write a report without reading and scoring the run again, and without SciPy and pandas.
+
+    What its cameras saw is found and decoded here: whatever they sent, it costs this process.
+    """
+    from madrob_console.cameras.run_pictures import renewed_pictures
     from madrob_console.cli.problems import BAD_INPUT, complain
     from madrob_console.errors import MadrobError
     from madrob_console.files.whole import atomic_write
@@ -48,8 +52,9 @@ def _page(file: Path) -> None:
 
     try:
         scored = pickle.load(sys.stdin.buffer)
+        seen = renewed_pictures(file.parent, scored)
         place = Surroundings().place_of(file.parent, scored)
-        atomic_write(file, report_html(scored, software_version(), place).encode())
+        atomic_write(file, report_html(scored, software_version(), place, seen).encode())
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not

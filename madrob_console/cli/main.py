@@ -18,8 +18,8 @@ from scoring.errors import ScoringError
 
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
-    *("score", "eurobench", "report", "plan", "standings", "publish", "export", "table", "schema"),
-    *("recover", "tidy", "calibrate", "doctor", "settings", "completion"),
+    *("score", "eurobench", "report", "pictures", "plan", "standings", "publish", "export"),
+    *("table", "schema", "recover", "tidy", "calibrate", "doctor", "settings", "completion"),
 )
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
 

@@ -54,11 +54,13 @@ def renew_report(folder: Path, around: Surroundings) -> None:
 
 
 def _write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+    from madrob_console.cameras.run_pictures import renewed_pictures
     from madrob_console.files.whole import atomic_write
     from madrob_console.report.page import report_html
     from madrob_console.version import software_version
 
-    page = report_html(scored, software_version(), around.place_of(folder, scored))
+    seen = renewed_pictures(folder, scored)
+    page = report_html(scored, software_version(), around.place_of(folder, scored), seen)
     atomic_write(folder / REPORT_FILE, page.encode())
 
 

@@ -97,6 +97,7 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
     with imports_kept():
         from madrob_console.archive.folders import REPORT_FILE
         from madrob_console.archive.scored import score_opened
+        from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
         from madrob_console.report.page import report_html
         from madrob_console.report.surroundings import NOWHERE
         from madrob_console.version import software_version
@@ -108,7 +109,8 @@ def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[Nam
     scored = score_opened(path)
     target = _target(path, output, REPORT_FILE)
     place = around.place_of(path, scored) if output is None else NOWHERE
-    yield target, report_html(scored, software_version(), place).encode()
+    seen = (renewed_pictures if output is None else run_pictures)(path, scored)
+    yield target, report_html(scored, software_version(), place, seen).encode()
 
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:

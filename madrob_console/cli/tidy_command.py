@@ -18,7 +18,7 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.thinning import RunEvidence, Thinning
+    from madrob_console.archive.thinning import RunEvidence, TidyLimits
 
 NOT_REMOVED = 1
 """Exit code where somebody said no."""
@@ -32,8 +32,9 @@ def add(commands: options.Commands) -> None:
         main,
         "make room: remove the evidence (cameras, other topics) of old runs",
         "Recordings of what is scored, results, reports and pictures stay. So does the evidence of "
-        "a run that was ever protested, is not final, goes on or is open in a console, and of the "
-        "last run and the last practice run. It says what goes and what stays and why, and asks. "
+        "a run that was ever protested, goes on or is open in a console, of an official one that "
+        "is not final, of the last run and of the last practice run. It says what goes and what "
+        "stays and why, and asks. "
         "Each run's journal and report say what was removed.",
         examples=(
             "madrob tidy --older-than 7d --dry-run",
@@ -106,15 +107,15 @@ def main(arguments: argparse.Namespace) -> int:
     return _remove(going, root)
 
 
-def _limits(arguments: argparse.Namespace) -> Thinning:
-    from madrob_console.archive.thinning import Thinning
+def _limits(arguments: argparse.Namespace) -> TidyLimits:
+    from madrob_console.archive.thinning import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
     if keep is not None and keep < 0:
         raise MadrobError(f"--keep-runs {keep}: use 0 or more")
-    return Thinning(keep or 0, age or 0.0, free)
+    return TidyLimits(keep or 0, age or 0.0, free)
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.result_document import SCHEMA_FILE
 from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE
@@ -68,7 +69,8 @@ def readme(
         texts.append("UNDER ANOTHER NAME\n" + _lines(renamed))
     texts.append(_WHOLE.format(sums=SUMS_FILE))
     if any(run.has("report.html") for run in runs):
-        texts.append(_REPORT)
+        pictured = any(run.has(f"{PICTURES_FOLDER}/{PICTURES_INDEX}") for run in runs)
+        texts.append(_REPORT + (_PICTURES if pictured else ""))
     if computed := [run for run in runs if run.has(run.table)]:
         texts.append(_PANDAS.format(table=f"{computed[0].folder}/{computed[0].table}"))
     texts.append(_RESULT.format(schema=SCHEMA_FILE))
@@ -99,6 +101,9 @@ IS EVERYTHING WHOLE?
 _REPORT = """\
 THE REPORT
 Open report.html of a run in any browser, also on a phone; it prints well."""
+
+_PICTURES = f"""
+The folder {PICTURES_FOLDER} has what the cameras saw at each event, larger than the page."""
 
 _PANDAS = """\
 THE DATA, IN PYTHON

@@ -56,6 +56,34 @@ def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> Non
         atomic_writes(part, files)
 
 
+def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Make a folder with these files in place of one with others.
+
+    It is there with all of them; where that is cut off, as it was before or not at all.
+
+    Args:
+        path: of the folder.
+        files: by name.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    old, new = (path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for _ in range(2))
+    write_new_folder(new, files)
+    try:
+        with suppress(FileNotFoundError):
+            path.rename(old)
+        new.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        with suppress(OSError):  # what was there comes back, unless the new one is in its place
+            old.rename(path)
+        raise _refused(path, error) from None
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """A folder to be filled; it is there with all that was put into it or not at all.

@@ -21,7 +21,9 @@ LARGEST_REPORT = 20_000_000
 
 _LINK = re.compile(r'<a href="([^"#][^"]*)">')
 _FILES = re.compile(
-    r'<section id="files">.*?</section>\s*|<a href="#files">[^<]*</a>\s*', re.DOTALL
+    r'<section id="files">.*?</section>\s*|<a href="#files">[^<]*</a>\s*'
+    r'|<span class="beside">[^<]*</span>',
+    re.DOTALL,
 )
 
 

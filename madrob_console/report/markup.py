@@ -27,7 +27,7 @@ NOTHING = Markup()
 
 _MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
 _ELEMENT = re.compile("<[^>]*>")
-_VOID = frozenset({"br", "meta"})
+_VOID = frozenset({"br", "img", "meta"})
 _INLINE = frozenset({"a", "b", "bdi", "del", "small", "span", "strong"})
 
 

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.history import OUTCOME_WORDS, VOID
 from madrob_console.archive.scored import Scored
+from madrob_console.cameras.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.referee.flags import FlagKind, undecided
 from madrob_console.report import sections
+from madrob_console.report.camera_pictures import anchors, pictures
 from madrob_console.report.explanations import (
     INVALID,
     PRACTICE,
@@ -25,7 +27,12 @@ from madrob_console.report.ways import files, other_runs
 from madrob_console.report.where_time_went import phases
 
 
-def report_html(scored: Scored, software: str = "", place: PagePlace = NOWHERE) -> str:
+def report_html(
+    scored: Scored,
+    software: str = "",
+    place: PagePlace = NOWHERE,
+    seen: RunPictures = NO_PICTURES,
+) -> str:
     """The report of a run.
 
     The same run in the same place gives the same text.
@@ -34,16 +41,19 @@ def report_html(scored: Scored, software: str = "", place: PagePlace = NOWHERE) 
         scored: the run, its result and its data.
         software: the version that makes the report; empty = the one that recorded the run.
         place: what it can link to and compare with.
+        seen: what the cameras saw.
     """
     from madrob_console.report.pictures import figures  # it loads matplotlib
 
     run, result = scored.run, scored.result
-    measured = element("div", sections.steps(result), sections.events(result), class_="pair")
+    happened = sections.events(result, anchors(seen))
+    measured = element("div", sections.steps(result), happened, class_="pair")
     parts: tuple[tuple[str, str, Content], ...] = (
         ("protests", "protests", sections.protests(run)),
         ("time", "time", phases(scored, place)),
         ("indicators", "indicators", sections.indicators(result)),
         ("steps", "steps and events", measured),
+        ("pictures", "pictures", pictures(seen, beside=bool(place.files))),
         ("figures", "figures", figures(scored)),
         ("decisions", "decisions", sections.decisions(run)),
         ("word", "the team's word", sections.team_word(run)),

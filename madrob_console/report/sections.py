@@ -19,6 +19,7 @@ from madrob_console.referee.run import (
     Voiding,
     Waiver,
 )
+from madrob_console.report.camera_pictures import Anchors
 from madrob_console.report.explanations import (
     DOUBTS_NOTE,
     LOCKED_BY,
@@ -45,7 +46,7 @@ from madrob_console.report.markup import (
 from madrob_console.report.meanings import anchor
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.procedure import Ruling, StepRecord
-from scoring.result import Indicator, Result, uncertainty_text, value_text
+from scoring.result import EventRecord, Indicator, Result, uncertainty_text, value_text
 from scoring.rulesets import ruleset
 
 _MOST_EVENTS = 30
@@ -160,9 +161,20 @@ def steps(result: Result) -> Markup:
     )
 
 
-def events(result: Result) -> Markup:
-    """What happened and when; of a door that flickers the first and the last."""
-    times = [(f"{event.since_start:.2f}", event.event.words) for event in result.events]
+def events(result: Result, pictured: Anchors) -> Markup:
+    """What happened and when; of a door that flickers the first and the last.
+
+    Args:
+        result: of the run.
+        pictured: where on the page there are pictures of an event.
+    """
+
+    def row(event: EventRecord) -> tuple[Content, Content]:
+        place = pictured.get((event.time, event.event.value))
+        words = event.event.words
+        return f"{event.since_start:.2f}", link(f"#{place}", words) if place else words
+
+    times = [row(event) for event in result.events]
     left_out = len(times) - 2 * _MOST_EVENTS
     if left_out > 0:
         between = (NONE, f"{left_out} more, in the csv file of the events")

@@ -28,6 +28,7 @@ from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import (
     ExportDossier,
     ExportTeam,
+    GiveFrames,
     OpenRun,
     Perform,
     TakeOver,
@@ -76,6 +77,17 @@ LATEST = 1.0
 
 _WIDTHS = [(0, "-tiny-width"), (60, "-narrow"), (78, "-usual"), (110, "-wide")]
 _HEIGHTS = [(0, "-tiny-height"), (18, "-short"), (32, "-tall")]
+
+
+def _said_when_done(command: TakeOver | PlaybackCommand | ExportTeam | ExportDossier) -> str | None:
+    """Nothing of what bar and snapshot show."""
+    match command:
+        case TakeOver():
+            return "This console has the right to act now."
+        case PlaybackCommand():
+            return ""
+        case ExportTeam() | ExportDossier():
+            return None
 
 
 def run_beside(words: Sequence[str]) -> int:
@@ -466,14 +478,27 @@ class MadrobApp(App[None], inherit_bindings=False):
                 await self._ask(key, asked, lambda now: key.refusal(now) or asked)
             case OpenRun():
                 await self._open_run(intent)
-            case TakeOver():
-                await self._request(intent, "This console has the right to act now.")
-            case (
-                PlaybackCommand() | ExportTeam() | ExportDossier()
-            ):  # bar and snapshot show what became of it
-                await self._request(intent, "" if isinstance(intent, PlaybackCommand) else None)
+            case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
+                await self._request(intent, _said_when_done(intent))
+            case GiveFrames():
+                await self._give_frames(intent)
             case Act():
                 await self._act(intent, name)
+
+    async def _give_frames(self, request: GiveFrames) -> None:
+        """Have what the cameras saw written, and say where it is."""
+        if request.name in self._awaited:
+            self._refuse(request.name, "those before are not there yet")
+            return
+        self._awaited[request.name] = False
+        try:
+            self._console.frames = await self._link.answer(request)
+        except MadrobError as error:
+            self._refuse(request.name, str(error))
+        else:
+            self._console.say(f"y copies where they are: {self._console.frames}", Tone.GOOD)
+        finally:
+            del self._awaited[request.name]
 
     async def _act(self, act: Act, name: str) -> None:
         durable = not act.at_once

@@ -127,7 +127,8 @@ def record(
         timeout=120,
         check=True,
     )
-    received, microseconds = done.stdout.split()
+    last = done.stdout.splitlines()[-1]  # the middleware may have said something, too
+    received, microseconds = last.split()
     return int(received), float(microseconds)
 
 

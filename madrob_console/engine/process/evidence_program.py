@@ -151,7 +151,7 @@ class EvidenceDesk:
             self._intakes.rest(_PERIOD)
 
     def close(self) -> None:
-        """FinishFile what is recorded."""
+        """Finish what is recorded."""
         end = time.monotonic() + END_TIME
         for recorder in self._recorders.values():
             recorder.hold(held=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,12 @@ from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.process.turns import Done, Turn, fail
 from madrob_console.engine.shown.client import awaited
 from madrob_console.engine.shown.curves import Curves
-from madrob_console.engine.shown.playback import PlaybackCommand
+from madrob_console.engine.shown.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.shown.requests import (
     ExportDossier,
     ExportTeam,
     GiveCurves,
+    GiveFrames,
     GivePlan,
     NextRunNumber,
     OpenRun,
@@ -237,10 +239,11 @@ class LocalEngine:
                 return self._open_run(folder, deadline, invalid=invalid)
             case ExportTeam() | ExportDossier():
                 return core(lambda done: done(self._export(request)))
-            case GiveCurves():
-                return engine.read(self._curves, first=first)
-            case GivePlan():
-                return engine.read(self._progress, first=first)
+            case GiveCurves() | GivePlan():
+                curves = isinstance(request, GiveCurves)
+                return engine.read(self._curves if curves else self._progress, first=first)
+            case GiveFrames():
+                return self._frames()
             case PlaybackCommand():
                 return core(lambda done: done(engine.control(request)))
             case TakeOver():
@@ -283,6 +286,25 @@ class LocalEngine:
                     return f"{folder!r} is no run folder"
                 self._reporting.export_dossier(self.results / folder, folder)
         return None
+
+    def _frames(self) -> Future[str]:
+        """They are found and decoded in a process beside this one."""
+        replay, shown = self._engine.replay, self.snapshot().playback
+        if replay is None or shown is None:
+            raise MadrobError(f"{NO_REPLAY}: `madrob pictures` has the frames of a run")
+        if self._reporting is None:
+            raise MadrobError("nobody looks for frames here: use `madrob pictures`")
+        answer: Future[str] = Future()
+
+        def done(folder: str, why: str) -> None:
+            if why:
+                fail(answer, why)
+            else:
+                with suppress(InvalidStateError):  # it was given up
+                    answer.set_result(folder)
+
+        self._reporting.frames(replay.source.path, shown.position, done)
+        return answer
 
     def _curves(self) -> Curves | None:
         scored = self._engine.scored  # immutable: may be read from any thread

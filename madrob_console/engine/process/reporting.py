@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import NamedTuple
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
@@ -15,6 +16,9 @@ from madrob_console.names import terminal_safe
 
 PAGE = "page"
 """The chore that writes a report: its file follows, the scored run comes on standard input."""
+
+PICTURES = "pictures"
+"""The command that writes what cameras saw: a run, an instant and a folder follow."""
 
 REPAIR = "repair"
 """The chore that makes results again that are not what their journals say: a folder follows."""
@@ -64,6 +68,7 @@ class Reporting:
         self._reports = reports
         self._publish = tuple(publish)
         self._background = Background(command, busy, pause)
+        self._frames: Path | None = None
 
     def report(self, folder: Path, scored: bytes | memoryview) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
@@ -147,6 +152,30 @@ class Reporting:
 
         self.exported = wanted
         self._background.ask(name, ["export", *options, *self._options], done)
+
+    def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
+        """Write what the cameras saw at an instant of a run.
+
+        Args:
+            run: its folder.
+            at: s from the start of the run.
+            done: told the folder with the files and why there are none, one of which is empty; in
+                the thread of the chores.
+        """
+        instant = f"{at:.3f}"
+        if self._frames is None:
+            try:
+                self._frames = Path(mkdtemp(prefix="madrob_frames_"))
+            except OSError as error:
+                done("", f"no folder for the frames ({error.strerror}): make room in /tmp")
+                return
+        folder = self._frames / f"{run.absolute().name}_{instant}_s"
+
+        def told(finished: Finished) -> None:
+            done("" if finished.code else str(folder), _why(finished) if finished.code else "")
+
+        arguments = [PICTURES, str(run.absolute()), f"--at={instant}", f"--output={folder}"]
+        self._background.ask(f"frames at {instant}", arguments, told)
 
     @property
     def problem(self) -> str | None:

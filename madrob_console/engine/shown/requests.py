@@ -143,6 +143,13 @@ class GiveCurves(Request[Curves | None], frozen=True):
     """What do the figures show of the run with a result? None without one."""
 
 
+class GiveFrames(Request[str], frozen=True):
+    """What did the cameras see at the instant that a replay shows? The folder of the files."""
+
+    name: ClassVar[str] = "the cameras' frames"
+    timeout: ClassVar[float] = 60.0
+
+
 class GivePlan(Request[PlanProgress], frozen=True):
     """How much of the competition's plan is done? As the results folder says now."""
 

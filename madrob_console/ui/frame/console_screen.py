@@ -101,6 +101,7 @@ class ConsoleScreen(Screen[None]):
     Attributes:
         pane: the name of the pane shown.
         dialogs: those that are open, the front one last.
+        frames: the folder of the cameras' frames that were asked for last; empty = none were.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
@@ -135,6 +136,7 @@ class ConsoleScreen(Screen[None]):
         self._status = StatusLine(defaults.hint, monotonic, wall)
         self._keys = KeyLine()
         self._latest: Snapshot | None = None
+        self.frames = ""
         self._timer: Timer | None = None
         self._count = 0
         self._was_active = False
@@ -220,7 +222,9 @@ class ConsoleScreen(Screen[None]):
         elif self.pane == "plan":
             row = panes.plan.copied
         zipped = now.export.path if now.export is not None else ""
-        return ask_copy(row, result, folder, zipped, f"{user}@{self._defaults.host}")
+        pictures = panes.results.pictures if self.pane == "results" else ""
+        host = f"{user}@{self._defaults.host}"
+        return ask_copy(row, result, folder, zipped, host, self.frames or pictures)
 
     async def ask_about_unfinished(self) -> None:
         """The first run that was cut off, where the referee may decide about it."""

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from madrob_console.archive.folders import lies_in_practice
 from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand
-from madrob_console.engine.shown.requests import ExportDossier, ExportTeam, OpenRun, TakeOver
+from madrob_console.engine.shown.requests import (
+    ExportDossier,
+    ExportTeam,
+    GiveFrames,
+    OpenRun,
+    TakeOver,
+)
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
 from madrob_console.referee.acts import Act
@@ -88,8 +94,8 @@ class RunMeant:
 
 
 Intent: TypeAlias = (
-    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | Leave | Copy"
-    " | OtherName | Ask[Intent] | str"
+    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
+    " | Copy | OtherName | Ask[Intent] | str"
 )
 """What a key or the answers to a dialog bring about: maybe one more question; a text says why
 nothing."""
@@ -158,7 +164,9 @@ def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
     )
 
 
-def ask_copy(row: str, result: str, folder: str, zipped: str, host: str) -> Ask[Copy] | str:
+def ask_copy(
+    row: str, result: str, folder: str, zipped: str, host: str, pictures: str = ""
+) -> Ask[Copy] | str:
     """What to copy of what there is; empty = there is none.
 
     Args:
@@ -167,6 +175,7 @@ def ask_copy(row: str, result: str, folder: str, zipped: str, host: str) -> Ask[
         folder: whole path of the run's folder.
         zipped: whole path of the last zip.
         host: from where somebody else copies the files, as `user@host`.
+        pictures: whole path of the folder with what cameras saw.
     """
 
     def scp(path: str, option: str = "") -> str:
@@ -177,6 +186,8 @@ def ask_copy(row: str, result: str, folder: str, zipped: str, host: str) -> Ask[
         ("r", "the result as text", result),
         ("p", "the run's folder", folder),
         ("s", "a line that fetches it", scp(folder, "-r ")),
+        ("f", "the folder of the pictures", pictures),
+        ("g", "a line that fetches it", scp(pictures, "-r ")),
         ("z", "the zip", zipped),
         ("l", "a line that fetches it", scp(zipped)),
     )

@@ -22,7 +22,7 @@ from madrob_console.engine.shown.playback import (
     Skip,
     Slower,
 )
-from madrob_console.engine.shown.requests import ExportDossier, ExportTeam, TakeOver
+from madrob_console.engine.shown.requests import ExportDossier, ExportTeam, GiveFrames, TakeOver
 from madrob_console.referee import acts
 from madrob_console.referee.questions import Ask
 from madrob_console.ui.keys import asks
@@ -258,6 +258,11 @@ PLAYBACK_KEYS = (
     Key(
         "jump", "j", "j", " Jump", "to a time of the run",
         PlaybackCommand.name, lambda _s, _k: asks.JUMP, where=_PLAYED,
+    ),
+    Key(
+        "frames", "o", "o", " Frames",
+        "what the cameras saw at the instant that is shown, as files; y copies where",
+        PlaybackCommand.name, lambda _s, _k: GiveFrames(), where=_PLAYED,
     ),
 )  # fmt: skip
 """Keys of a replay; anywhere else they are not there, and left to the panes."""

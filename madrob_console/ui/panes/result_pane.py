@@ -9,6 +9,7 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Container, VerticalScroll
 
+from madrob_console.archive.folders import PICTURES_FOLDER, pictures_in
 from madrob_console.archive.history import earlier_runs
 from madrob_console.errors import MadrobError
 from madrob_console.ui.cells.lines import View, plain
@@ -28,6 +29,7 @@ _BESIDE = 114
 """Cells that indicators and steps take beside each other, with what is between them."""
 
 
+_LOOKS_EVERY = 3.0  # s
 _COPIED = 100
 """Columns of the result as text."""
 
@@ -47,11 +49,14 @@ class ResultsPane(VerticalScroll):
         self._load = load
         self._shown: _Shown = (None, 0, None)
         self._indicators = IndicatorTable()
+        self._marks = RunMarks()
+        self._folder = ""
+        self._looking = False
         self._views: tuple[View, ...] = (
             ResultHead(),
             self._indicators,
             StepTable(of_result=True),
-            RunMarks(),
+            self._marks,
             QualityTable(),
         )
 
@@ -62,6 +67,15 @@ class ResultsPane(VerticalScroll):
         yield Container(indicators, steps, classes="columns")
         yield marks
         yield quality
+
+    def on_mount(self) -> None:
+        """A report is made some time after the result, and its pictures with it."""
+        self.set_interval(_LOOKS_EVERY, self._look_for_pictures)
+
+    @property
+    def pictures(self) -> str:
+        """The folder with what the cameras saw of the run that is shown; empty = there is none."""
+        return f"{self._folder}/{PICTURES_FOLDER}" if self._marks.pictures else ""
 
     def on_resize(self, _event: events.Resize) -> None:
         """Side by side only where both tables are whole."""
@@ -84,6 +98,10 @@ class ResultsPane(VerticalScroll):
             official = snapshot.result is not None and snapshot.playback is None
             if official and setup is not None:
                 self._compare(snapshot, setup)
+        folder = "" if result is None else snapshot.folder or ""
+        if folder != self._folder:
+            self._folder, self._marks.pictures = folder, 0
+            self._look_for_pictures()
         for view in self._views:
             view.show(snapshot)
 
@@ -112,6 +130,24 @@ class ResultsPane(VerticalScroll):
             self.call_later(self._show_earlier, shown, runs)
 
         self.run_worker(look_up, thread=True, exclusive=True)
+
+    def _look_for_pictures(self) -> None:
+        """Off the loop: a disk may hang. Then nobody looks again."""
+        folder = self._folder
+        if not folder or self._looking:
+            return
+        self._looking = True
+
+        def look() -> None:
+            self.call_later(self._show_pictures, folder, pictures_in(folder))
+
+        self.run_worker(look, thread=True, group="pictures")
+
+    def _show_pictures(self, folder: str, count: int) -> None:
+        self._looking = False
+        if folder == self._folder and count != self._marks.pictures:
+            self._marks.pictures = count
+            self._marks.redraw()
 
     def _show_earlier(self, of: _Shown, runs: Sequence[RunSummary]) -> None:
         if of == self._shown:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
+from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.run import Run
@@ -18,7 +19,15 @@ if TYPE_CHECKING:
 
 
 class RunMarks(View):
-    """One row each, by kind, the newest first; then the folder (y copies it whole)."""
+    """One row each, by kind, the newest first; then the folder (y copies it whole).
+
+    Attributes:
+        pictures: how many there are in the run's folder of what cameras saw.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pictures = 0
 
     def draw(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         """The rows; none before there is a result."""
@@ -30,7 +39,11 @@ class RunMarks(View):
         )
         rows = [*doubts, *run_marks(snapshot.run)] or [("marks", "none")]
         lines = [text for name, words in rows for text in _entry(name, words, width)]
-        return [*lines, *_path("files", snapshot.folder or "not known", width)]
+        lines += _path("files", snapshot.folder or "not known", width)
+        if self.pictures and snapshot.folder:
+            kind = f"{self.pictures} pictures"
+            lines += _path(kind, f"{snapshot.folder}/{PICTURES_FOLDER}", width)
+        return lines
 
 
 def run_marks(run: Run) -> Iterator[tuple[str, str]]:

@@ -22,7 +22,7 @@ from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.thinning import (
     RunEvidence,
-    Thinning,
+    TidyLimits,
     evidence_at,
     remove_evidence,
     run_going_on,
@@ -81,13 +81,13 @@ def list_files(folder: Path) -> None:
     os.close(fd)
 
 
-def look(root: Path, limits: Thinning = Thinning(), free: float = 0.0) -> dict[str, str]:  # noqa: B008
+def look(root: Path, limits: TidyLimits = TidyLimits(), free: float = 0.0) -> dict[str, str]:  # noqa: B008
     """By folder why the evidence stays."""
     return {one.run.folder: one.kept for one in evidence_at(root, limits, NOW, free)}
 
 
 def the_one(root: Path) -> RunEvidence:
-    return next(one for one in evidence_at(root, Thinning(), NOW, 0.0) if not one.kept)
+    return next(one for one in evidence_at(root, TidyLimits(), NOW, 0.0) if not one.kept)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -122,13 +122,20 @@ def test_an_old_final_run_may_go_and_the_last_ones_stay_with_a_reason(
     assert list(look(root).values()) == [
         "",
         "its result is not final",
-        "its result is not final",
+        "it is the last practice run",
     ]
     for other in (*root.glob("subject_*_009_*"), *root.glob("practice/subject_*")):
         shutil.rmtree(other)
     assert look(root) == {run.name: "it is the last run"}
     put_evidence(place(root, final(), 20, practice=True))
     assert list(look(root).values()) == ["it is the last run", "it is the last practice run"]
+
+
+def test_practice_is_signed_by_nobody_and_may_go_all_the_same(root: Path) -> None:
+    old = put_evidence(place(root, completed(), 30, practice=True))
+    assert look(root)[f"practice/{old.name}"] == ""
+    remove_evidence(the_one(root), NOW)
+    assert not list(old.glob("*_evidence_*"))
 
 
 def protested(root: Path) -> None:
@@ -196,23 +203,23 @@ def test_the_newest_runs_of_each_kind_stay_and_the_young_ones(root: Path) -> Non
     for number, age in days.items():
         put_evidence(place(root, final(), age, number=number))
         put_evidence(place(root, final(), age + 1, number=number, practice=True))
-    kept = look(root, Thinning(keep_runs=3))
+    kept = look(root, TidyLimits(keep_runs=3))
     gone = [name.partition("_run_")[2][:3] for name, why in kept.items() if not why]
     assert gone == ["005", "005", "004", "004", "003", "003"]
     assert [why for why in kept.values() if why][:4] == [
         *("it is one of the last 3 practice runs", "it is one of the last 3 runs") * 2
     ]
-    old = list(look(root, Thinning(older_than=25 * DAY)).values())
+    old = list(look(root, TidyLimits(older_than=25 * DAY)).values())
     assert (old.count("it is not old enough"), old.count("")) == (4, 6)
 
 
 def test_no_more_goes_than_it_takes_and_the_oldest_first(root: Path) -> None:
     runs = [put_evidence(place(root, final(), 50 - n, number=n)) for n in range(1, 5)]
-    sizes = [one.size for one in evidence_at(root, Thinning(), NOW, 0.0)][:4]
-    wanted = Thinning(until_free=1000.0 + sizes[0] + 1)
+    sizes = [one.size for one in evidence_at(root, TidyLimits(), NOW, 0.0)][:4]
+    wanted = TidyLimits(until_free=1000.0 + sizes[0] + 1)
     kept = look(root, wanted, free=1000.0)
     assert [kept[run.name] for run in runs] == ["", "", *["there is room enough"] * 2]
-    assert not any(why == "" for why in look(root, Thinning(until_free=5.0), free=10.0).values())
+    assert not any(why == "" for why in look(root, TidyLimits(until_free=5.0), free=10.0).values())
 
 
 def test_what_is_scored_stays_to_the_byte_and_the_journal_says_what_went(

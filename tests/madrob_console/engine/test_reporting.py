@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 import time
 from contextlib import closing, suppress
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.scored import score_opened
+from madrob_console.cameras.run_pictures import run_pictures
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.engine.process.reporting import Reporting
@@ -34,9 +36,11 @@ from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
 from scoring.protocol import Step
+from tests.madrob_console.cameras.frames import film
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
 
@@ -72,6 +76,44 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     assert later.open(left) is None
     later.engine.close()
     assert told[6:] == [(cut_off, 1)]
+
+
+@pytest.mark.machine
+def test_an_engines_page_shows_what_the_cameras_saw(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    film(folder, "/camera/front")
+    scored = score_opened(folder)
+    reporting = Reporting(aside.COMMAND, lambda: False)
+    reporting.report(folder, pickle.dumps(scored))
+    assert reporting.wait(60.0)
+    assert reporting.problem is None
+    reporting.close()
+    place, seen = Surroundings().place_of(folder, scored), run_pictures(folder, scored)
+    page = (folder / "report.html").read_text()
+    assert page == report_html(scored, software_version(), place, seen)
+    assert page.count("<img ") == len(seen.files) == len(list((folder / "pictures").glob("*.jpg")))
+
+
+@pytest.mark.machine
+def test_the_frames_of_an_instant_are_written_beside_the_engine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    told: list[tuple[str, str]] = []
+    reporting = Reporting(aside.COMMAND, lambda: False)
+    reporting.frames(folder, 5.0, lambda *words: told.append(words))
+    assert reporting.wait(60.0)
+    film(folder, "/camera/front", "/camera/side")
+    reporting.frames(folder, 5.0, lambda *words: told.append(words))
+    assert reporting.wait(60.0)
+    reporting.close()
+    (nowhere, why), (place, nothing) = told
+    assert nowhere == nothing == ""
+    assert "holds no evidence" in why
+    assert Path(place).name == f"{folder.name}_5.000_s"
+    assert len(list(Path(place).glob("*.jpg"))) == 2
+    assert Path(place).parent.stat().st_mode & 0o777 == 0o700
 
 
 @pytest.mark.machine

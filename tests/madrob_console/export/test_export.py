@@ -204,6 +204,21 @@ def test_recordings_can_be_left_out(root: Path) -> None:
     assert "They were left out" in text
 
 
+def test_what_the_cameras_saw_goes_along(root: Path, tmp_path: Path) -> None:
+    run = folders(root)[0]
+    (run / "report.html").write_text("page")
+    assert "cameras" not in text_in(export(root))
+    (run / "pictures").mkdir()
+    for name in ("index.json", "01_door_opens_camera.jpg"):
+        (run / "pictures" / name).write_bytes(name.encode())
+    made = export(root, bags=False)
+    there = unpacked(made.path, tmp_path / "there") / run.name / "pictures"
+    assert {path.name: path.read_bytes() for path in there.iterdir()} == {
+        path.name: path.read_bytes() for path in (run / "pictures").iterdir()
+    }
+    assert "what the cameras saw at each event" in text_in(made)
+
+
 FRAMES = strings(["a picture", "another"])
 
 

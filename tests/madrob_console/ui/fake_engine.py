@@ -16,6 +16,7 @@ from madrob_console.engine.shown.requests import (
     ExportDossier,
     ExportTeam,
     GiveCurves,
+    GiveFrames,
     GivePlan,
     NextRunNumber,
     OpenRun,
@@ -112,7 +113,9 @@ class FakeEngine:
     """Subjects; below 0 where practice runs were asked for."""
     export: ExportView | None = None
     playback: PlaybackView | None = None
-    commands: list[PlaybackCommand] = field(default_factory=list)
+    commands: list[PlaybackCommand | GiveFrames] = field(default_factory=list)
+    frames: str = ""
+    """The folder of what the cameras saw; empty = they saw nothing."""
     figures: Curves | None = None
     provisional: dict[str, float] = field(default_factory=dict)
     provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -202,7 +205,7 @@ class FakeEngine:
     def ask(self, request: Request[T]) -> T:
         return self.begin(request).result()
 
-    def _carry_out(self, request: Request[Any]) -> object:
+    def _carry_out(self, request: Request[Any]) -> object:  # noqa: C901  one case a request
         match request:
             case Perform(name, details):
                 return self.act(act_named(name, details))
@@ -218,6 +221,11 @@ class FakeEngine:
                 self.commands.append(request)
             case GiveCurves():
                 return self.figures
+            case GiveFrames():
+                self.commands.append(request)
+                if not self.frames:
+                    raise MadrobError("it holds no evidence")
+                return self.frames
             case GivePlan():
                 return plan_progress(self.plan, self.history, "Autumn Cup")
             case TakeOver():

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.archive.folders import pictures_in
 from madrob_console.engine.shown.snapshot import ExportView
-from madrob_console.ui.keys.asks import ask_copy
+from madrob_console.ui.keys.asks import Copy, ask_copy
 from madrob_console.ui.keys.clipboard import clipboard_sequences
 from madrob_console.ui.look.words import cut_inside, wrapped
 from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.run_marks import RunMarks
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import DEFAULTS, driving
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
@@ -119,3 +121,41 @@ def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> 
         rows = wrapped(f"Packed: {path}", width)
         assert "".join(rows).replace(" ", "") == f"Packed:{path}"
         assert all(row[-1] in "/_:" for row in rows[:-1])
+
+
+def test_a_result_tells_how_many_pictures_there_are_and_y_copies_where(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.madrob_console.ui.fake_engine.FOLDER", str(tmp_path))
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("01_door_opens_camera.jpg", "02_door_closes_camera.jpg", "index.json"):
+        (pictures / name).touch()
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.finish()
+            await driver.settle()
+            marks = driver.app.query_one(RunMarks)
+            while not marks.pictures:  # they are looked for in a thread
+                await driver.settle()
+            await driver.settle()
+            shown = "".join(span.text for line in marks.lines(200) for span in line)
+            assert f"2 pictures        {pictures}" in shown
+            asked = driver.console.ask_copy("ada")
+            assert not isinstance(asked, str)
+            copy = asked.make("f")
+            assert isinstance(copy, Copy)
+            assert copy.text == str(pictures)
+
+    asyncio.run(drive())
+
+
+def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
+    assert pictures_in(str(tmp_path)) == 0
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "mine.jpg").touch()
+    assert pictures_in(str(tmp_path)) == 0
+    (tmp_path / "pictures" / "index.json").touch()
+    assert pictures_in(str(tmp_path)) == 1

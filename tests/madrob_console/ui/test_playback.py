@@ -19,6 +19,7 @@ from madrob_console.engine.shown.playback import (
     Skip,
     Slower,
 )
+from madrob_console.engine.shown.requests import GiveFrames
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.run import seconds_of
@@ -192,3 +193,25 @@ def test_the_keys_move_a_replay_and_nothing_else() -> None:
         assert "REPLAY  " not in driver.text
 
     run(engine, drive)
+
+
+def test_o_has_the_cameras_frames_of_the_shown_instant_written_and_y_copies_where() -> None:
+    engine = replaying()
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.press("f3", "o")
+            assert engine.commands == [GiveFrames()]
+            assert "it holds no evidence" in driver.console.status
+            engine.frames = "/tmp/madrob_frames_1/run_12.340_s"
+            await driver.press("o")
+            assert f"y copies where they are: {engine.frames}" in driver.console.status
+            asked = driver.console.ask_copy("ada")
+            assert not isinstance(asked, str)
+            offered = asked.make("f"), asked.make("g")
+            assert [copy.text for copy in offered] == [
+                engine.frames,
+                f"scp -r ada@:{engine.frames} .",
+            ]
+
+    asyncio.run(drive())

@@ -1,0 +1,401 @@
+"""The pictures of a run: at each event and each mark of the referee the nearest of each camera."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
+from madrob_console.archive.scored import Scored
+from madrob_console.cameras import SIDE
+from madrob_console.cameras.nearest_frames import (
+    FARTHEST,
+    Camera,
+    CameraFrame,
+    Cameras,
+    has_evidence,
+)
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_all
+from madrob_console.files.whole import replaced_folder
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.names import terminal_safe
+from recorder.errors import RecorderError
+
+if TYPE_CHECKING:
+    from madrob_console.cameras.picture import Jpeg
+    from recorder.message import RawMessage
+
+INDEX_FORMAT: Final = 1
+"""Version of the layout of the index."""
+
+MOST_PICTURES = 200
+"""Of a run; what happens later has none."""
+
+WORKING_TIME = 60.0
+"""Finding and decoding takes so long at most, s; what is left then has no picture."""
+
+_MOST_EVENTS = 20  # from the beginning, and from the end: a door may flicker
+_MOST_MARKS = 20
+_LONGEST_NAME = 60
+_LARGEST_INDEX = 4_000_000
+_LARGEST_PICTURE = 1_000_000
+_NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Something that happened in a run.
+
+    Attributes:
+        name: as it stands in file names.
+        words: what happened, for people.
+        time: s since the epoch.
+        since_start: s since the start of the run.
+        logged: its time is a log time, as the referee's marks have it; else the testbed's.
+    """
+
+    name: str
+    words: str
+    time: float
+    since_start: float
+    logged: bool = False
+
+
+class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera in the index.
+
+    Attributes:
+        topic: its name.
+        type: of its messages.
+        clock_offset: how far its clock is ahead of the testbed's at the first moment, s; null =
+            too few stamps to tell.
+        clock_spread: how far that may be off for what varies, s; a constant delay on the way
+            cannot be told.
+        clock_drift: by how much it gains on the testbed's, s/s.
+        clock_steps: how often it was stepped.
+    """
+
+    topic: str
+    type: str
+    clock_offset: float | None = None
+    clock_spread: float | None = None
+    clock_drift: float | None = None
+    clock_steps: int | None = None
+
+
+class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture in the index, or why there is none.
+
+    Attributes:
+        moment: its number in the run, from 1.
+        event: what happened, as file names have it.
+        words: the same for people.
+        time: when, s since the epoch.
+        since_start: when, s since the start of the run.
+        topic: of the camera.
+        file: beside the index; empty = there is none.
+        width, height: of the file, pixels.
+        stamp: of the frame's header, s since the epoch; null = it has none.
+        log_time: when the frame was logged, s since the epoch.
+        difference: how much later the frame is than the moment, by the testbed's clock, s.
+        clock: how its time was told from the camera's clock, in words.
+        problem: why there is no picture, in words.
+    """
+
+    moment: int
+    event: str
+    words: str
+    time: float
+    since_start: float
+    topic: str
+    file: str = ""
+    width: int = 0
+    height: int = 0
+    stamp: float | None = None
+    log_time: float | None = None
+    difference: float | None = None
+    clock: str = ""
+    problem: str = ""
+
+
+class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
+    """What `index.json` says.
+
+    Attributes:
+        cameras: by topic.
+        pictures: by moment and topic.
+        problems: what else is wrong with the evidence, in words.
+        format: version of the layout.
+    """
+
+    cameras: tuple[CameraEntry, ...] = ()
+    pictures: tuple[PictureEntry, ...] = ()
+    problems: tuple[str, ...] = ()
+    format: int = INDEX_FORMAT
+
+
+@dataclass(frozen=True, slots=True)
+class RunPictures:
+    """The pictures of a run with their index.
+
+    Attributes:
+        index: which is of what.
+        files: JPEG by name.
+    """
+
+    index: PictureIndex
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to be told."""
+        return bool(self.index.pictures or self.index.problems)
+
+
+NO_PICTURES = RunPictures(PictureIndex())
+"""Of a run without evidence."""
+
+
+def moments_of(scored: Scored) -> tuple[Moment, ...]:
+    """What happened in a run, by time; of very many events the first and the last.
+
+    Events, incidents, false starts, and the instants that protests are about.
+    """
+    result, run, start = scored.result, scored.run, scored.result.start
+    events = result.events
+    if len(events) > 2 * _MOST_EVENTS:
+        events = (*events[:_MOST_EVENTS], *events[-_MOST_EVENTS:])
+    found = [Moment(e.event.value, e.event.words, e.time, e.since_start) for e in events]
+    for incident in run.incidents[:_MOST_MARKS]:
+        words = f"incident: {incident.kind}"
+        name = f"incident_{_plain(incident.kind)}"
+        since = incident.time - start
+        found.append(Moment(name, words, incident.time, since, logged=True))
+    for mark in run.false_starts[:_MOST_MARKS]:
+        words, name = f"false start: {mark.event.words}", f"false_start_{mark.event}"
+        found.append(Moment(name, words, mark.time, mark.time - start))
+    found += [
+        Moment(f"protest_{one.number}", one.title, one.at, one.at - start)
+        for one in run.protests[:_MOST_MARKS]
+        if one.at is not None
+    ]
+    return tuple(sorted(found, key=lambda moment: moment.since_start))
+
+
+def pictures_of(
+    folder: Path,
+    moments: Sequence[Moment],
+    mappings: Sequence[TopicMapping],
+    cameras: str = "*",
+    side: int = SIDE,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> RunPictures:
+    """The nearest frame of each camera at each moment, decoded; none without evidence.
+
+    What a camera says wrongly of its pictures is told in one line, and harms nothing else.
+
+    Args:
+        folder: of the run.
+        moments: by time.
+        mappings: which topics carry the testbed's signals.
+        cameras: a pattern for the names of their topics.
+        side: the most pixels in a row and in a column.
+        monotonic: real time, s.
+    """
+    if not has_evidence(folder):
+        return NO_PICTURES
+
+    def wanted(topic: str) -> bool:
+        return fnmatchcase(topic, cameras)
+
+    try:
+        with Cameras(folder, mappings, wanted) as found:
+            return _Maker(found, side, monotonic).pictures(moments)
+    except MadrobError as error:
+        return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
+
+
+def stored_pictures(folder: Path) -> RunPictures:
+    """The pictures that were made of a run before; none where there are none that can be read."""
+    place = folder / PICTURES_FOLDER
+    try:
+        index = msgspec.json.decode(
+            read_all(place / PICTURES_INDEX, _LARGEST_INDEX), type=PictureIndex, strict=True
+        )
+    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        return NO_PICTURES
+    files = {}
+    for entry in index.pictures[:MOST_PICTURES]:
+        if entry.file and Path(entry.file).name == entry.file:
+            try:
+                files[entry.file] = read_all(place / entry.file, _LARGEST_PICTURE)
+            except OSError:
+                continue
+    return RunPictures(index, files)
+
+
+def run_pictures(folder: Path, scored: Scored) -> RunPictures:
+    """The pictures of a run of the results folder.
+
+    They are made of its evidence. Where that is not there any more, those that were made before
+    are all there is.
+    """
+    made = pictures_of(folder, moments_of(scored), scored.record.mappings)
+    return made or stored_pictures(folder)
+
+
+def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
+    """The same, put into a folder of their own in the run's, in place of those before.
+
+    Raises:
+        MadrobError: the disk refuses, or something else has that name.
+    """
+    made = pictures_of(folder, moments_of(scored), scored.record.mappings)
+    if not made:
+        return stored_pictures(folder)
+    _write(folder / PICTURES_FOLDER, made)
+    return made
+
+
+def _write(place: Path, pictures: RunPictures) -> None:
+    if place.is_symlink() or (place.exists() and not (place / PICTURES_INDEX).is_file()):
+        raise MadrobError(f"{place}: is no folder of pictures; move it away")
+    index = msgspec.json.format(msgspec.json.encode(pictures.index), indent=2)
+    replaced_folder(place, {**pictures.files, PICTURES_INDEX: index + b"\n"})
+
+
+class _Maker:
+    """Finds and decodes, until all is made or the time is up."""
+
+    def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
+        self._cameras = cameras
+        self._side = side
+        self._names = _file_names([camera.topic for camera in cameras.cameras])
+        self._monotonic = monotonic
+        self._until = monotonic() + WORKING_TIME
+        self._made: dict[tuple[int, int, int], Jpeg | str] = {}
+        self._files: dict[str, bytes] = {}
+        self._left_out = 0
+
+    def pictures(self, moments: Sequence[Moment]) -> RunPictures:
+        entries = [entry for one in enumerate(moments, start=1) for entry in self._at(*one)]
+        problems = [terminal_safe(problem) for problem in self._cameras.problems]
+        if self._left_out:
+            problems.append(
+                f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
+                f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
+            )
+        first = moments[0].time if moments else 0.0
+        described = tuple(_described(camera, first) for camera in self._cameras.cameras)
+        index = PictureIndex(cameras=described, pictures=tuple(entries), problems=tuple(problems))
+        return RunPictures(index, self._files)
+
+    def _at(self, number: int, moment: Moment) -> Iterator[PictureEntry]:
+        time = self._cameras.of_testbed(moment.time) if moment.logged else moment.time
+        for camera in self._cameras.cameras:
+            if len(self._files) >= MOST_PICTURES or self._monotonic() > self._until:
+                self._left_out += 1
+                continue
+            entry = PictureEntry(
+                moment=number,
+                event=moment.name,
+                words=moment.words,
+                time=moment.time,
+                since_start=moment.since_start,
+                topic=camera.topic,
+            )
+            try:
+                frame = self._cameras.nearest(camera, time)
+            except RecorderError as error:
+                yield msgspec.structs.replace(entry, problem=terminal_safe(str(error)))
+                continue
+            yield entry if frame is None else self._of_frame(entry, frame)
+
+    def _of_frame(self, entry: PictureEntry, frame: CameraFrame) -> PictureEntry:
+        known = msgspec.structs.replace(
+            entry,
+            stamp=frame.stamp,
+            log_time=frame.log,
+            difference=frame.difference,
+            clock=frame.clock_words,
+        )
+        made = self._picture(frame)
+        if isinstance(made, str):
+            return msgspec.structs.replace(known, problem=made)
+        name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}.jpg"
+        self._files[name] = made.data
+        return msgspec.structs.replace(known, file=name, width=made.width, height=made.height)
+
+    def _picture(self, frame: CameraFrame) -> Jpeg | str:
+        """A frame as JPEG with its size, or why there is none; each is decoded once."""
+        if frame.found.key not in self._made:
+            self._made[frame.found.key] = self._decode(frame)
+        return self._made[frame.found.key]
+
+    def _decode(self, frame: CameraFrame) -> Jpeg | str:
+        from madrob_console.cameras.picture import (
+            MOST_BYTES,
+            MOST_MESSAGE,
+            PictureError,
+            decoded,
+            jpeg,
+        )
+
+        try:
+            message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
+            most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
+            return jpeg(decoded(message, self._side), most)
+        except (PictureError, RecorderError) as error:
+            return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
+
+
+def nothing_near(entry: PictureEntry) -> str:
+    """Why there is no picture, in words; empty where there is one."""
+    if entry.file:
+        return ""
+    return entry.problem or f"no frame within {FARTHEST:g} s"
+
+
+def difference_words(entry: PictureEntry) -> str:
+    """How far a frame is from its moment: `-12 ms`, where it is earlier."""
+    ms = round(1000 * (entry.difference or 0.0))
+    return f"{ms:+d} ms" if ms else "0 ms"
+
+
+def _described(camera: Camera, at: float) -> CameraEntry:
+    clock = camera.clock
+    if clock is None:
+        return CameraEntry(topic=camera.topic, type=camera.type)
+    return CameraEntry(
+        topic=camera.topic,
+        type=camera.type,
+        clock_offset=clock.offset(at),
+        clock_spread=clock.spread(at),
+        clock_drift=clock.drift,
+        clock_steps=clock.camera.steps,
+    )
+
+
+def _file_names(topics: Sequence[str]) -> dict[str, str]:
+    """A plain name for each topic, of no other one."""
+    names: dict[str, str] = {}
+    for topic in topics:
+        name = plain = _plain(topic)
+        number = 1
+        while name in names.values():
+            number += 1
+            name = f"{plain}_{number}"
+        names[topic] = name
+    return names
+
+
+def _plain(text: str) -> str:
+    """Letters, digits and underscores of it, so that any system takes it for a file name."""
+    return _NOT_PLAIN.sub("_", text).strip("_")[:_LONGEST_NAME] or "unnamed"

@@ -1,0 +1,178 @@
+"""`madrob pictures`: what a run's cameras saw, at its events or at any instant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.cli import options
+from madrob_console.cli.problems import BAD_INPUT, Complaints
+from madrob_console.errors import MadrobError
+from madrob_console.names import terminal_safe
+from scoring.imports import imports_kept
+
+if TYPE_CHECKING:
+    from madrob_console.cameras.run_pictures import Moment, RunPictures
+    from madrob_console.messages.codec import TopicMapping
+
+_WIDEST = 6000
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "pictures",
+        main,
+        "what the cameras saw: the nearest frame of each at every event, or at one instant",
+        "Without --at it makes the folder `pictures` of the run anew, as a report does. Each line "
+        "says how far a frame is from what was asked for (-12 ms: it is earlier), and how the "
+        "camera's clock stands against the testbed's.",
+        examples=(
+            "madrob pictures my_run",
+            "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
+        ),
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
+    parser.add_argument(
+        "--at",
+        action="append",
+        default=[],
+        metavar="TIME|EVENT",
+        help="s from the start (12.5, 1:05), or an event as its file has it; may be given again",
+    )
+    parser.add_argument(
+        "--camera", default="*", metavar="GLOB", help="the topics of these cameras only"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=None,
+        metavar="DIR",
+        help="where the files go; with --at else the current folder",
+    )
+    parser.add_argument(
+        "--width",
+        type=_width,
+        default=None,
+        metavar="PIXELS",
+        help="the most pixels in a row and in a column; 960 if not given",
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Find the frames and write them; what cannot be shown is named."""
+    with imports_kept():
+        from madrob_console.cameras.run_pictures import difference_words, nothing_near
+
+    run: Path = arguments.run
+    with Complaints() as bad:
+        try:
+            made, folder, begin = _made(run, arguments)
+        except MadrobError as error:
+            bad.add(error, run)
+            return BAD_INPUT
+        for problem in made.index.problems:
+            bad.add(problem, run)
+        for entry in made.index.pictures:
+            if why := nothing_near(entry):
+                bad.add(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
+                continue
+            path = folder / f"{begin}{entry.file}"
+            print(terminal_safe(f"{path}: {difference_words(entry)}; {entry.clock}"))
+    return 0 if made.files else BAD_INPUT
+
+
+def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, str]:
+    """The pictures, where they were written, and how their names begin there."""
+    from madrob_console.archive.folders import PICTURES_FOLDER
+    from madrob_console.archive.scored import score_opened
+    from madrob_console.cameras import SIDE
+    from madrob_console.cameras.nearest_frames import has_evidence
+    from madrob_console.cameras.run_pictures import (
+        moments_of,
+        pictures_of,
+        renewed_pictures,
+    )
+    from madrob_console.files.whole import atomic_writes
+
+    if not has_evidence(run):
+        raise MadrobError(
+            f"{run}: holds no evidence: choose the folder of a run that was recorded with cameras"
+        )
+    output: Path | None = arguments.output
+    if not arguments.at and output is None:
+        if arguments.camera != "*" or arguments.width is not None:
+            raise MadrobError(f"{run}: some pictures are not all: say where to by --output DIR")
+        made = renewed_pictures(run, score_opened(run))
+        return _with_cameras(made, run, "*"), run / PICTURES_FOLDER, ""
+    if arguments.at:
+        moments, mappings = _asked(run, arguments.at)
+    else:
+        scored = score_opened(run)
+        moments, mappings = moments_of(scored), scored.record.mappings
+    made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
+    _with_cameras(made, run, arguments.camera)
+    folder, begin = output or Path(), f"{run.absolute().name}_"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MadrobError(
+            f"{folder}: cannot be made ({error.strerror}): choose another --output"
+        ) from None
+    atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
+    return made, folder, begin
+
+
+def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
+    """The same, if there is anything to be told.
+
+    Raises:
+        MadrobError: there is no such camera.
+    """
+    if not made:
+        raise MadrobError(f"{run}: no camera {wanted} in its evidence: see `ros2 bag info`")
+    return made
+
+
+def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
+    """The instants that were asked for: times, and events by their names."""
+    from madrob_console.archive.scored import read_recorded_run, score_opened
+    from madrob_console.cameras.run_pictures import Moment, moments_of
+    from madrob_console.referee.run import seconds_of
+    from recorder.errors import RecorderError
+
+    known: Sequence[Moment] = ()
+    times = [seconds_of(text) for text in at]
+    if None in times:  # an event: only scoring tells when it was
+        scored = score_opened(run)
+        known, start = moments_of(scored), scored.result.start
+        mappings = scored.record.mappings
+    else:
+        try:
+            recorded = read_recorded_run(run)
+        except RecorderError as error:
+            raise MadrobError(str(error)) from None
+        mappings = recorded.record.mappings
+        assert recorded.run.start is not None
+        start = recorded.run.start
+    found: list[Moment] = []
+    for text, time in zip(at, times, strict=True):
+        if time is not None:
+            words = f"{time:.3f} s"
+            found.append(Moment(f"at_{words}", words, start + time, time))
+            continue
+        there = [one for one in known if text in (one.name, one.words)]
+        if not there:
+            names = ", ".join(dict.fromkeys(one.name for one in known))
+            raise MadrobError(f"{run}: {text!r} is no time and no event of this run: {names}")
+        found += there
+    return found, mappings
+
+
+def _width(text: str) -> int:
+    if not text.isdecimal() or not 16 <= int(text) <= _WIDEST:
+        raise argparse.ArgumentTypeError(f"{text!r}: use 16 to {_WIDEST} pixels")
+    return int(text)

@@ -1,0 +1,127 @@
+"""What the cameras saw at each event, in a page: small pictures, and what is known of them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+
+from madrob_console.archive.folders import PICTURES_FOLDER
+from madrob_console.cameras.run_pictures import (
+    PictureEntry,
+    RunPictures,
+    difference_words,
+    nothing_near,
+)
+from madrob_console.report.markup import (
+    NOTHING,
+    Content,
+    Markup,
+    element,
+    link,
+    listed,
+    said,
+    section,
+)
+
+MOST_EMBEDDED = 2_000_000
+"""Characters that pictures take in a page, all together."""
+
+_WIDEST = 60_000  # bytes of one
+_SIDES = ((20_000, 480), (9_000, 320), (0, 240))  # from so many bytes for each: pixels
+
+_TOLD = (
+    "The frame of each camera that is nearest to what happened, and how far it is from it: -12 ms "
+    "is earlier. Nothing is scored from pictures. Cameras have clocks of their own; how far one is "
+    "ahead of the testbed's (+) is estimated from stamps and reception, and put right. A delay "
+    "that is always there, as between lens and stamp, looks like a clock that is off."
+)
+
+Anchors = Mapping[tuple[float, str], str]
+"""Where on the page the pictures of an event are, by its time and name."""
+
+
+def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
+    """The pictures by moment; nothing for a run without any.
+
+    Args:
+        shown: the pictures.
+        beside: their folder lies beside the page, so that it can link to them.
+    """
+    if not shown:
+        return NOTHING
+    entries = shown.index.pictures
+    share = MOST_EMBEDDED * 3 // 4 // max(1, len(shown.files))
+    moments = [
+        _moment(list(group), shown, share, beside=beside)
+        for _, group in groupby(entries, key=lambda entry: entry.moment)
+    ]
+    problems = listed(map(said, shown.index.problems), "") if shown.index.problems else NOTHING
+    kept = element("span", f" Larger ones are in the folder {PICTURES_FOLDER}.", class_="beside")
+    told = element("p", element("small", _TOLD, kept if beside and shown.files else NOTHING))
+    return section("What the cameras saw", told, problems, moments, name="pictures")
+
+
+def anchors(shown: RunPictures) -> Anchors:
+    """Where the pictures of each event are."""
+    return {
+        (entry.time, entry.event): _anchor(entry)
+        for entry in shown.index.pictures
+        if entry.file in shown.files
+    }
+
+
+def _moment(entries: list[PictureEntry], shown: RunPictures, share: int, *, beside: bool) -> Markup:
+    first = entries[0]
+    title = element("h3", f"{first.since_start:.2f} s: {first.words}")
+    figures = [_figure(entry, shown, share, beside=beside) for entry in entries]
+    return element(
+        "div", title, element("div", figures, class_="shots"), class_="moment", id=_anchor(first)
+    )
+
+
+def _anchor(entry: PictureEntry) -> str:
+    return f"moment-{entry.moment}"
+
+
+def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool) -> Markup:
+    data = shown.files.get(entry.file)
+    small = None if data is None else _embedded(entry, data, share)
+    if small is None:
+        why = nothing_near(entry) or f"the file {entry.file} cannot be read"
+        words: Content = (said(entry.topic), f": no picture, {why}.")
+        return element("figure", element("p", words, class_="missing"))
+    if beside:
+        small = link(f"{PICTURES_FOLDER}/{entry.file}", small)
+    return element("figure", small, element("figcaption", list(_caption(entry))))
+
+
+def _caption(entry: PictureEntry) -> Iterator[Content]:
+    yield element("b", difference_words(entry)), " ", said(entry.topic)
+    yield element("small", entry.clock)
+
+
+def _embedded(entry: PictureEntry, data: bytes, share: int) -> Markup | None:
+    """The picture within the page; None where the file holds none any more."""
+    from madrob_console.cameras.picture import PictureError, jpeg, opened  # it loads Pillow
+
+    side = next(side for least, side in _SIDES if share >= least)
+    try:
+        small = jpeg(opened(data, side), max(1000, min(_WIDEST, share)))
+    except PictureError:
+        return None
+    coded = base64.b64encode(small.data).decode()
+    return element(
+        "img",
+        src=f"data:image/jpeg;base64,{coded}",
+        alt=_spoken(entry),
+        width=str(small.width),
+        height=str(small.height),
+    )
+
+
+def _spoken(entry: PictureEntry) -> str:
+    """The picture in words, for those who cannot see it."""
+    ms = round(1000 * abs(entry.difference or 0.0))
+    far = f"{ms} ms {'before' if (entry.difference or 0.0) < 0 else 'after'} it" if ms else "at it"
+    return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; taken {far}."

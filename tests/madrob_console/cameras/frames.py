@@ -1,0 +1,115 @@
+"""What cameras send: frames of a moving pattern, with a clock of their own."""
+
+from __future__ import annotations
+
+import io
+from functools import cache
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from madrob_console.messages.message_types import standard_types
+from recorder.message import RawMessage
+from recorder.reader import read_bag
+from tests.recorder.samples import add_evidence
+
+COMPRESSED, RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
+NS = 1_000_000_000
+
+
+@cache
+def pattern(number: int, size: tuple[int, int] = (160, 120)) -> Image.Image:
+    """A frame whose bright bar moves with its number."""
+    picture = Image.new("RGB", size, (40, 90, 140))
+    draw = ImageDraw.Draw(picture)
+    left = number * 4 % size[0]
+    draw.rectangle((left, 0, left + size[0] // 10, size[1]), fill=(250, 220, 60))
+    draw.text((4, 4), f"frame {number}", fill=(255, 255, 255))
+    return picture
+
+
+def packed(picture: Image.Image, kind: str = "JPEG") -> bytes:
+    file = io.BytesIO()
+    picture.save(file, kind)
+    return file.getvalue()
+
+
+def header(stamp: float) -> object:
+    types = standard_types()
+    sec, rest = divmod(round(stamp * NS), NS)
+    time = types.make("builtin_interfaces/msg/Time", sec=sec, nanosec=rest)
+    return types.make("std_msgs/msg/Header", stamp=time, frame_id="camera")
+
+
+def compressed(topic: str, data: bytes, stamp: float, log: float, told: str = "jpeg") -> RawMessage:
+    fields = {
+        "header": header(stamp),
+        "format": told,
+        "data": np.frombuffer(data, dtype=np.uint8),
+    }
+    types = standard_types()
+    message = types.encode(COMPRESSED, types.make(COMPRESSED, **fields))
+    return RawMessage(topic, COMPRESSED, message, round(log * NS), round(log * NS))
+
+
+def raw(
+    data: bytes,
+    encoding: str,
+    width: int,
+    height: int,
+    step: int,
+    *,
+    topic: str = "/camera/raw",
+    stamp: float = 1.0,
+    log: float = 1.0,
+    big: bool = False,
+) -> RawMessage:
+    fields = {
+        "header": header(stamp),
+        "height": height,
+        "width": width,
+        "encoding": encoding,
+        "is_bigendian": int(big),
+        "step": step,
+        "data": np.frombuffer(data, dtype=np.uint8),
+    }
+    types = standard_types()
+    message = types.encode(RAW, types.make(RAW, **fields))
+    return RawMessage(topic, RAW, message, round(log * NS), round(log * NS))
+
+
+def span(folder: Path) -> tuple[float, float]:
+    """The first and the last log time of a recording, s since the epoch."""
+    times = [message.receive_ns for message in read_bag(folder).messages()]
+    return min(times) / NS, max(times) / NS
+
+
+def stream(
+    topic: str,
+    begin: float,
+    end: float,
+    *,
+    offset: float = 0.132,
+    rate: float = 15.0,
+    jitter: float = 0.004,
+    size: tuple[int, int] = (160, 120),
+) -> list[RawMessage]:
+    """The frames of a camera whose clock is `offset` s ahead."""
+    random = Random(topic)
+    messages = []
+    for number in range(int((end - begin) * rate)):
+        taken = begin + number / rate
+        log = taken + 0.003 + random.expovariate(1 / jitter)
+        data = packed(pattern(number % 40, size))
+        messages.append(compressed(topic, data, taken + offset, log))
+    return messages
+
+
+def film(folder: Path, *topics: str, offset: float = 0.132) -> Path:
+    """Give a recorded run the evidence of cameras."""
+    begin, end = span(folder)
+    messages = [one for topic in topics for one in stream(topic, begin, end, offset=offset)]
+    messages.sort(key=lambda message: message.receive_ns)
+    return add_evidence(folder, messages)

@@ -1,0 +1,121 @@
+"""`madrob pictures`: frames of a run's cameras as files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from madrob_console.cli.main import main
+from tests.madrob_console.cameras.frames import film, span, stream
+from tests.madrob_console.recorded_runs import completed
+from tests.recorder.samples import add_evidence, strings
+
+FRONT, SIDE = "/camera/front", "/camera/side"
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(completed(), tmp_path / completed().name))
+
+
+@pytest.fixture
+def run(bare: Path) -> Path:
+    film(bare, FRONT, SIDE)
+    return bare
+
+
+def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "frames"
+    assert main(["pictures", str(run), "--at", "5.25", "--output", str(output)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        path, _, told = line.partition(": ")
+        assert Path(path).parent == output
+        assert Path(path).name.startswith(f"{run.name}_01_at_5_250_s_camera_")
+        assert re.fullmatch(
+            r"[-+]?\d+ ms; camera clock \+0\.1\d\d s \+- 0\.0\d\d s against the testbed's", told
+        )
+        with Image.open(path) as picture:
+            picture.load()
+    assert len(list(output.iterdir())) == 2
+    assert not (run / "pictures").exists()
+
+
+def test_an_instant_may_be_an_event_and_cameras_may_be_chosen(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    at = ["--at", "door_opens", "--at", "0:03"]
+    assert main(["pictures", str(run), *at, "--camera", "*fro*"]) == 0
+    names = [line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()]
+    assert names == [
+        f"{run.name}_01_door_opens_camera_front.jpg",
+        f"{run.name}_02_at_3_000_s_camera_front.jpg",
+    ]
+    assert all((tmp_path / name).is_file() for name in names)
+
+
+def test_without_an_instant_the_run_s_own_pictures_are_made_anew(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["pictures", str(run)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    files = {line.partition(": ")[0] for line in lines}
+    assert files == {str(path) for path in (run / "pictures").glob("*.jpg")}
+
+
+def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) -> None:
+    begin, end = span(bare)
+    add_evidence(bare, stream(FRONT, begin, end, rate=2, size=(1920, 1080)))
+    for width, size in ((None, (960, 540)), (1920, (1920, 1080)), (64, (64, 36))):
+        output = tmp_path / f"{width}"
+        given = [] if width is None else ["--width", str(width)]
+        assert main(["pictures", str(bare), "--at", "1", "--output", str(output), *given]) == 0
+        with Image.open(next(output.iterdir())) as picture:
+            assert picture.size == size
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--at", "nothing"], "'nothing' is no time and no event of this run: benchmark_start, "),
+        (["--at", "900"], "/camera/front at 900.00 s: no frame within 1 s"),
+        (["--at", "nan"], "no frame within 1 s"),
+        (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
+        (["--camera", "*front"], "some pictures are not all: say where to by --output DIR"),
+    ],
+)
+def test_what_cannot_be_shown_is_named(
+    run: Path, arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["pictures", str(run), *arguments]) == 2
+    told = capsys.readouterr()
+    assert why in told.err
+    assert told.out == ""
+
+
+@pytest.mark.parametrize("width", ["0", "x", "7000", "-5"])
+def test_a_width_that_makes_no_picture_is_refused(
+    run: Path, width: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["pictures", str(run), f"--width={width}"])
+    assert "use 16 to 6000 pixels" in capsys.readouterr().err
+
+
+def test_a_run_without_evidence_is_named_with_what_to_do(
+    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in (bare, tmp_path / "nowhere"):
+        assert main(["pictures", str(path)]) == 2
+        assert f"{path}: holds no evidence: choose the folder" in capsys.readouterr().err
+    add_evidence(bare, strings(["no camera"]))
+    assert main(["pictures", str(bare)]) == 2
+    assert "no camera * in its evidence" in capsys.readouterr().err
