@@ -122,7 +122,6 @@ COMMANDS = {
     "samples": ["table", "samples", "RESULTS", "--output", "NEW"],
     "standings": ["standings", "--practice", "RESULTS"],
     "publish": ["publish", "--practice", "NEW", "RESULTS"],
-    "report": ["report", "RESULTS"],
 }
 
 
@@ -136,6 +135,12 @@ def test_no_command_that_lists_or_scores_opens_evidence(
         assert main([places.get(word, word) for word in COMMANDS[name]]) == 0
     assert opened
     assert not [path for path in opened if "_evidence_" in path]
+
+
+def test_a_report_is_made_beside_evidence_that_is_no_recording(results: Path) -> None:
+    assert main(["report", str(results)]) == 0
+    (page,) = results.glob("*/report.html")
+    assert "capability level" in page.read_text()
 
 
 def test_the_history_neither_opens_evidence_nor_differs_by_it(results: Path) -> None:

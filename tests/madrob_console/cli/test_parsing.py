@@ -87,7 +87,7 @@ def test_a_help_says_the_real_defaults_and_the_choices(
         ("run --speed -1", "--speed: -1: use 0 to 1000"),
         ("run --speed nan", "--speed: nan: use 0 to 1000"),
         ("run --team Delft", "--team: 'Delft' is no whole number"),
-        ("export", "--subject is required"),
+        ("recover", "the following arguments are required: PATH"),
     ],
 )
 def test_a_wrong_word_is_named_with_what_was_meant(
