@@ -151,6 +151,20 @@ def test_evidence_that_left_the_disk_to_the_score_is_written_when_the_bag_is_clo
     assert not drive.witness.held[-1]
 
 
+def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
+    drive: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive.whole_run(make_setup())
+    # as where no handle of a file is left
+    monkeypatch.setattr("madrob_console.engine.live.recording._handle_of", lambda _folder: None)
+    drive.whole_run(make_setup(run_number=2))
+    assert len(drive.witness.places) == 1
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert stored["setup"]["run_number"] == 2
+    assert stored["evidence"]["topics"] == []
+    assert stored["evidence"]["problems"][0].startswith("nothing was recorded")
+
+
 def test_the_check_says_how_long_evidence_can_be_recorded(drive: Watched) -> None:
     drive.prepare(make_setup())
     free = shutil.disk_usage(drive.engine.config.results.parent).free
