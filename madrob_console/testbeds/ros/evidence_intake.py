@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from madrob_console.errors import MadrobError
@@ -109,6 +110,7 @@ class EvidenceIntake:
         self._largest_seen = 0
         self._too_large = 0
         self._unknown = ""
+        self._failure = ""
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
@@ -136,6 +138,8 @@ class EvidenceIntake:
             infos: what ROS says of each of them.
             recording: whether its type must stay what it is.
         """
+        if self._failure:
+            return
         types = {str(info.topic_type) for info in infos}
         if self.type and types and self.type not in types and not recording:
             self.close()
@@ -228,7 +232,16 @@ class EvidenceIntake:
 
     def begin(self) -> None:
         """A recording begins: it gets another chance."""
+        self._failure = ""
         self._too_large = self._largest_seen = 0
+
+    def fail(self, error: Exception) -> None:
+        """Listen no more until the next recording: what went wrong is of this topic alone."""
+        words = terminal_safe((str(error) or repr(error)).partition("\n")[0])[:200]
+        self._failure = f"not recorded before the next run, ROS refuses it: {words}"
+        with suppress(Exception):  # the same may be wrong with its end
+            self.close()
+        self._handover, self._topic = None, None
 
     @property
     def _most(self) -> int:
@@ -266,7 +279,7 @@ class EvidenceIntake:
     @property
     def flow(self) -> TopicFlow:
         """What comes, for people."""
-        problem = self._problem
+        problem = self._failure or self._problem
         if self._largest_seen and not problem:
             size, most = self._largest_seen / 1e6, self._largest / 1e6
             problem = f"messages of {size:.1f} MB are not recorded, the limit is {most:g} MB"
@@ -346,7 +359,11 @@ class EvidenceIntakes:
                     direct=self._direct,
                 )
             if name in self._intakes:
-                self._intakes[name].discover(infos, recording=recording)
+                intake = self._intakes[name]
+                try:
+                    intake.discover(infos, recording=recording)
+                except Exception as error:  # noqa: BLE001  what strangers publish
+                    intake.fail(error)
         self.left_over = tuple(name for name, _ in wanted if name not in self._intakes)
         if not recording:
             there = {name for name, _ in wanted}
@@ -367,7 +384,12 @@ class EvidenceIntakes:
             now_ns: steady time.
         """
         for intake in self._intakes.values():
-            if (taken := intake.take(now_ns(), time.time_ns())) is not None:
+            try:
+                taken = intake.take(now_ns(), time.time_ns())
+            except Exception as error:  # noqa: BLE001  one topic, not all of the evidence
+                intake.fail(error)
+                continue
+            if taken is not None:
                 yield taken
 
     def begin(self) -> list[tuple[Topic, TopicLimit, RawMessage]]:
