@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -46,6 +47,7 @@ from madrob_console.standings.web_page import standings_html
 from madrob_console.tidy.run_rows import rows_of
 from madrob_console.tidy.run_tables import RUNS
 from scoring.protocol import Step
+from tests.madrob_console.cameras.frames import film
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.recorder.samples import add_evidence, strings
@@ -222,6 +224,19 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     for one, content in files.items():
         if one not in (README_FILE, SUMS_FILE):
             assert hashlib.sha256(content).hexdigest() in readme, one
+
+
+def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:
+    desk.act(CROSSED)
+    film(desk.run_folder, "/camera/left")
+    assert not (desk.run_folder / "report.html").exists()
+    files = dossier(desk)
+    name = desk.run_folder.name
+    page = files[f"{name}/report.html"].decode()
+    shown = set(re.findall(r'href="(pictures/[^"]+[.]jpg)"', page))
+    assert shown
+    assert {f"{name}/{picture}" for picture in shown} <= set(files)
+    assert not (desk.run_folder / "pictures").exists()
 
 
 def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:
