@@ -187,6 +187,19 @@ def test_a_replay_knows_its_events_by_name_and_refuses_others_with_words(desk: D
         replay.instant("protest")
 
 
+@pytest.mark.parametrize("time", [None, "soon", [1], {}])
+def test_an_event_without_a_time_is_none_of_a_replay(desk: Desk, time: object) -> None:
+    journal = desk.run_folder / "journal.jsonl"
+    lines = [json.loads(line) for line in journal.read_text().splitlines()]
+    for line in lines:
+        if line["details"].get("event") == "door_opens":
+            line["details"]["time"] = time
+    journal.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    replay = Replay(desk.run_folder, MessageTypes())
+    with pytest.raises(MadrobError, match="no such event in this run"):
+        replay.instant("door_opens")
+
+
 # ---------------------------------------------------------------- the dossier
 
 
