@@ -50,12 +50,12 @@ def make_dossier(
 
     run = _run(arguments, settings)
     check_dossier(run)
-    page, problems = _page(run)
+    made, problems = _page(run)
     with _tables(run, (run / JOURNAL_FILE).stat().st_mtime) as (tables, why):
         return export_dossier(
             run,
             arguments.output or dossier_target(run),
-            page=page,
+            made=made,
             tables=tables,
             problems=(*problems, *why),
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
@@ -71,14 +71,16 @@ def _run(arguments: argparse.Namespace, settings: Settings) -> Path:
     return options.results_folder(arguments, settings) / named
 
 
-def _page(run: Path) -> tuple[bytes | None, list[str]]:
+def _page(run: Path) -> tuple[dict[str, bytes], list[str]]:
     """The report, where the one in the folder is missing or not of this result; and what is wrong.
 
-    It is made as `madrob report` makes it, and only the zip has it.
+    It is made as `madrob report` makes it, with its pictures where there are none yet, and only the
+    zip has it. The files are named as in the run's folder.
     """
     with imports_kept():
-        from madrob_console.archive.folders import REPORT_FILE
+        from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
         from madrob_console.archive.scored import score_opened
+        from madrob_console.cameras.run_pictures import run_pictures, stored_pictures
         from madrob_console.report.old_reports import report_is_old
         from madrob_console.report.page import report_html
         from madrob_console.report.surroundings import Surroundings
@@ -86,14 +88,19 @@ def _page(run: Path) -> tuple[bytes | None, list[str]]:
 
     there = (run / REPORT_FILE).is_file()
     if there and not report_is_old(run):
-        return None, []
+        return {}, []
     try:
         scored = score_opened(run)
     except MadrobError as error:
         state = "not of this result" if there else "missing"
-        return None, [f"{REPORT_FILE}: {state}, and it cannot be made: {error}"]
+        return {}, [f"{REPORT_FILE}: {state}, and it cannot be made: {error}"]
     place = Surroundings().place_of(run, scored)
-    return report_html(scored, software_version(), place).encode(), []
+    seen, new = stored_pictures(run), {}
+    if not seen:
+        seen = run_pictures(run, scored)
+        new = {f"{PICTURES_FOLDER}/{name}": data for name, data in seen.files.items()}
+    page = report_html(scored, software_version(), place, seen).encode()
+    return {REPORT_FILE: page, **new}, []
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
@@ -78,7 +79,7 @@ def export_dossier(
     run: Path,
     target: Path,
     *,
-    page: bytes | None = None,
+    made: Mapping[str, bytes] = MappingProxyType({}),
     tables: Path | None = None,
     problems: Sequence[str] = (),
     parts: BagParts = WHOLE_BAGS,
@@ -89,7 +90,8 @@ def export_dossier(
     Args:
         run: its folder.
         target: the zip.
-        page: its report as it is now; None = the one in its folder counts.
+        made: what is not in its folder, or not as it should be: its report as it is now, and what
+            belongs to that; by name.
         tables: a folder with its samples as tables; None = there are none.
         problems: why something of that is missing, in words.
         parts: what is packed of the recording.
@@ -102,16 +104,17 @@ def export_dossier(
     check_dossier(run)
     at = _stamp(run)
     bag = PackedBag.of(run, parts)
-    if page is not None:
-        bag = bag.but(REPORT_FILE)
+    for name in made:
+        bag = bag.but(name)
     tell_size(*size_of(run, bag))
     before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
         archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
-        add_run(archive, run, run.name, bag)
-        if page is not None:
-            archive.add(f"{run.name}/{REPORT_FILE}", page, at)
+        there = add_run(archive, run, run.name, bag)
+        for name, data in made.items():
+            if (called := f"{run.name}/{name}") not in there:
+                archive.add(called, data, at)
         if tables is not None:
             archive.add_folder(tables, TABLES_FOLDER)
         archive.add(SCHEMA_FILE, schema_text(), at)

@@ -62,7 +62,8 @@ class PackedBag:
     @classmethod
     def _of(cls, run: Path, parts: BagParts) -> Self:
         names = os.listdir(run)  # noqa: PTH208  of the names only
-        evidence = set(filter(is_evidence, names))
+        # a file that was made just before a power cut holds nothing
+        evidence = {name for name in filter(is_evidence, names) if (run / name).lstat().st_size}
         if not parts.recording:
             return cls(
                 lambda name: ".mcap" in name or METADATA_FILE in name,

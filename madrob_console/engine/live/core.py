@@ -427,7 +427,8 @@ class Engine:
     def _advance(self) -> None:
         now, at_hand = self.now(), self._at_hand
         self._acting.durable.look()
-        if self._recorder.recording:
+        if not 0 <= now - self._watched < WATCH_PERIOD:
+            self._watched = now
             self._watch(now)
         at_hand.go_on(*self._observation.advance(at_hand.run, now, self._backlog.seen(now)))
         over = at_hand.decided is not None and now >= at_hand.decided + POST_ROLL
@@ -439,10 +440,11 @@ class Engine:
         self._result.look(now, busy=at_hand.run.active)
 
     def _watch(self, now: float) -> None:
-        """Look at the topics, ten times a second."""
-        if 0 <= now - self._watched < WATCH_PERIOD:
+        """Look at the disk, and at the topics that are recorded, ten times a second."""
+        # also while a bag is closed and then: evidence that was held is let go again
+        self._witness.hold(held=self._recorder.silent > DISK_WAITS)
+        if not self._recorder.recording:
             return
-        self._watched = now
         self._recorder.look()
         troubles: dict[tuple[str, Trouble], str] = dict(
             self._sensors.troubles(self.source.status(), self._sensors_now)
@@ -454,7 +456,6 @@ class Engine:
         if (behind := self._backlog.problem) is not None:
             troubles["engine", Trouble.BEHIND] = behind
         self._at_hand.note_troubles(troubles, now)
-        self._witness.hold(held=self._recorder.silent > DISK_WAITS)
         if (status := self._witness.status) is not None:
             self._at_hand.note_evidence(status.troubles, now)
 

@@ -124,7 +124,8 @@ class Replay:
             known["stop"] = run.stop
         events = [entry.details for entry in self.recorded.entries if entry.what == Change.EVENT]
         for details in reversed(events):
-            known[str(details.get("event"))] = float(details.get("time", math.nan))
+            if isinstance(time := details.get("time"), int | float):  # a journal may be hostile
+                known[str(details.get("event"))] = time
         of = (*open_protests(run.protests), *reversed(run.protests))
         if of:
             known[PROTEST] = start if of[0].at is None else of[0].at

@@ -260,8 +260,8 @@ class RunAtHand:
         """The bag is closed."""
         self._missing = missing
         self._equipment.clock.release()
-        if (status := self._equipment.witness.status) is not None:
-            self._note_account(status.account)
+        if (account := self.recorder.evidence) is not None:
+            self._note_account(account)
         self.run = replace(self.run, issue=1)
         self.score()
 

@@ -20,11 +20,16 @@ from madrob_console.engine.live.witness import EvidencePlace
 from madrob_console.engine.shown.snapshot import RecorderView
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
 from madrob_console.referee.transitions import begin_countdown
 from recorder.message import RawMessage
 from recorder.stats import BagSummary
+
+_NO_FOLDER = EvidenceAccount(
+    problems=("nothing was recorded: the run's folder could not be opened a second time",)
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +75,7 @@ class RunRecorder:
         self._closing: Recording | None = None
         self._closed_view = RecorderView("closed")
         self._lost_before: dict[str, int] = {}
+        self._has_evidence = False
 
     @property
     def recording(self) -> bool:
@@ -134,7 +140,9 @@ class RunRecorder:
             self._recording.add_topics(self._source.topics())
             self.put([replace(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
-        if (folder := opened.recording.take_evidence_folder()) is not None:
+        folder = opened.recording.take_evidence_folder()
+        self._has_evidence = folder is not None
+        if folder is not None:
             place = EvidencePlace(
                 folder,
                 opened.recording.folder.name,
@@ -188,6 +196,14 @@ class RunRecorder:
         """How long the disk has taken nothing of what is recorded, s. From any thread."""
         recording = self._recording or self._closing
         return 0.0 if recording is None else recording.silent
+
+    @property
+    def evidence(self) -> EvidenceAccount | None:
+        """What was recorded beside the testbed's topics; None = nothing is wanted."""
+        status = self._witness.status
+        if status is None:
+            return None
+        return status.account if self._has_evidence else _NO_FOLDER
 
     def view(self) -> RecorderView:
         """As screens show it."""

@@ -44,6 +44,7 @@ class EvidenceRecording:
         self._heard = _NOTHING
         self._written: EvidenceWritten | None = None
         self._given_up = False
+        self._in_account = ""
 
     @property
     def goes_on(self) -> bool:
@@ -79,6 +80,8 @@ class EvidenceRecording:
         written = heard.recordings.get(self.number)
         if written is not None and (self.goes_on or self.finishing):
             self._heard, self._written = heard, written
+            if self.goes_on:
+                self._in_account = written.problem
         elif self.ended is not None and now - self.ended > SLOW_END:
             self._given_up = True
 
@@ -108,9 +111,14 @@ class EvidenceRecording:
         return EvidenceAccount(topics, tuple(problems))
 
     def problem(self, now: float) -> str:
-        """What is wrong now, in words; empty = nothing."""
-        if self._written is not None and self._written.problem:
-            return self._written.problem
+        """What is wrong now, in words; empty = nothing.
+
+        What ended a recording that is over stands in its account: it says nothing of the next one.
+        """
+        written = self._written
+        if written is not None and written.problem:
+            over = not self.goes_on and written.finished
+            return "" if over and written.problem == self._in_account else written.problem
         if self.ended is not None and self.finishing and now - self.ended > SLOW_END:
             return f"not complete on disk {now - self.ended:.0f} s after the end of the recording"
         return ""

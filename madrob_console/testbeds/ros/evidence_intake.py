@@ -39,6 +39,9 @@ MOST_AT_ONCE = 64
 _KEPT, _KEPT_BYTES = 100, 4_000_000
 """Of a topic whose publishers keep messages for late joiners: what a recording begins with."""
 
+_NAMELESS = "_NODE_NAME_UNKNOWN_"
+"""So ROS calls a publisher of which it has not heard whose it is, or that is none of ROS."""
+
 _TAKE_BYTES = 8_000_000
 """Of a topic in one take, about: large messages are taken one by one."""
 
@@ -160,8 +163,7 @@ class EvidenceIntake:
             return True
         type_hash = str(info.topic_type_hash)
         type_hash = type_hash if type_hash.startswith("RIHS") else ""
-        who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-        definition = self._words.find(self.type, type_hash, who)
+        definition = self._words.find(self.type, type_hash, _node_of(info))
         if definition is None:
             return False
         topic = Topic(self.name, self.type, definition.text, definition.type_hash or type_hash)
@@ -287,6 +289,13 @@ class EvidenceIntake:
             self._handover.close()
         self._handover, self._topic = None, None
         self._kept.clear()
+
+
+def _node_of(info: RosObject) -> str:
+    """The full name of a publisher's node; empty where ROS does not know it, or not yet."""
+    if info.node_name == _NAMELESS:
+        return ""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _class_of(type_name: str) -> RosObject:

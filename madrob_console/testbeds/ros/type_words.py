@@ -20,7 +20,7 @@ _LARGEST = 256_000
 
 @dataclass(slots=True)
 class _Asked:
-    client: RosObject
+    client: RosObject  # None = nobody yet, for who publishes it has no name
     until: float
     future: RosObject = None
 
@@ -53,7 +53,7 @@ class TypeWords:
         Args:
             type_name: `pkg/msg/Type`.
             type_hash: as a publisher says; empty = it does not.
-            who: full name of the node that publishes it.
+            who: full name of the node that publishes it; empty = not known yet, or not at all.
 
         Returns:
             One without text where nobody knows.
@@ -68,7 +68,7 @@ class TypeWords:
         key = (type_name, type_hash)
         if key in self._told:
             return self._told[key]
-        if key not in self._asked:
+        if key not in self._asked or (who and self._asked[key].client is None):
             self._ask(key, who)
         if key in self._asked and not self._answered(key, self._asked[key]):
             return None
@@ -80,21 +80,25 @@ class TypeWords:
         except ModuleNotFoundError:
             self._told[key] = Definition("", key[1])
             return
-        client = self._node.create_client(service, f"{who}/get_type_description")
+        client = None
+        if who:
+            client = self._node.create_client(service, f"{who}/get_type_description")
         self._asked[key] = _Asked(client, time.monotonic() + PATIENCE)
 
     def _answered(self, key: tuple[str, str], asked: _Asked) -> bool:
         """Whether there is an answer, or none is waited for any more."""
-        if asked.future is None and asked.client.service_is_ready():
-            kind = asked.client.srv_type
+        client = asked.client
+        if client is not None and asked.future is None and client.service_is_ready():
+            kind = client.srv_type
             request = kind.Request(type_name=key[0], type_hash=key[1], include_type_sources=True)
-            asked.future = asked.client.call_async(request)
+            asked.future = client.call_async(request)
         done = asked.future is not None and asked.future.done()
         if not done and time.monotonic() < asked.until:
             return False
         del self._asked[key]
         answer = asked.future.result() if done else None
-        self._node.destroy_client(asked.client)
+        if client is not None:
+            self._node.destroy_client(client)
         text = "" if answer is None or not answer.successful else _text(key[0], answer.type_sources)
         self._told[key] = Definition(text, key[1])
         return True

@@ -136,6 +136,7 @@ def test_practice_is_signed_by_nobody_and_may_go_all_the_same(root: Path) -> Non
     assert look(root)[f"practice/{old.name}"] == ""
     remove_evidence(the_one(root), NOW)
     assert not list(old.glob("*_evidence_*"))
+    assert [run.problem for run in History(root).refresh()] == [None, None, None]
 
 
 def protested(root: Path) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.core import DISK_WAITS, Engine
+from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
 from madrob_console.referee.acts import Start, Waive
@@ -137,6 +138,31 @@ def test_what_goes_wrong_after_the_result_is_said_and_the_result_stands(drive: W
     drive.wait(1.0)
     assert "evidence: not complete on disk" in drive.engine.snapshot().faults
     assert (drive.folder / "result.json").read_bytes() == before
+
+
+def test_evidence_that_left_the_disk_to_the_score_is_written_when_the_bag_is_closed(
+    drive: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive.start(make_setup())
+    monkeypatch.setattr(Recording, "silent", property(lambda _self: 2 * DISK_WAITS))
+    drive.finish()
+    assert True in drive.witness.held
+    drive.wait(1.0)
+    assert not drive.witness.held[-1]
+
+
+def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
+    drive: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive.whole_run(make_setup())
+    # as where no handle of a file is left
+    monkeypatch.setattr("madrob_console.engine.live.recording._handle_of", lambda _folder: None)
+    drive.whole_run(make_setup(run_number=2))
+    assert len(drive.witness.places) == 1
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert stored["setup"]["run_number"] == 2
+    assert stored["evidence"]["topics"] == []
+    assert stored["evidence"]["problems"][0].startswith("nothing was recorded")
 
 
 def test_the_check_says_how_long_evidence_can_be_recorded(drive: Watched) -> None:

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -46,6 +47,7 @@ from madrob_console.standings.web_page import standings_html
 from madrob_console.tidy.run_rows import rows_of
 from madrob_console.tidy.run_tables import RUNS
 from scoring.protocol import Step
+from tests.madrob_console.cameras.frames import film
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.recorder.samples import add_evidence, strings
@@ -185,6 +187,19 @@ def test_a_replay_knows_its_events_by_name_and_refuses_others_with_words(desk: D
         replay.instant("protest")
 
 
+@pytest.mark.parametrize("time", [None, "soon", [1], {}])
+def test_an_event_without_a_time_is_none_of_a_replay(desk: Desk, time: object) -> None:
+    journal = desk.run_folder / "journal.jsonl"
+    lines = [json.loads(line) for line in journal.read_text().splitlines()]
+    for line in lines:
+        if line["details"].get("event") == "door_opens":
+            line["details"]["time"] = time
+    journal.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    replay = Replay(desk.run_folder, MessageTypes())
+    with pytest.raises(MadrobError, match="no such event in this run"):
+        replay.instant("door_opens")
+
+
 # ---------------------------------------------------------------- the dossier
 
 
@@ -222,6 +237,19 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     for one, content in files.items():
         if one not in (README_FILE, SUMS_FILE):
             assert hashlib.sha256(content).hexdigest() in readme, one
+
+
+def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: Desk) -> None:
+    desk.act(CROSSED)
+    film(desk.run_folder, "/camera/left")
+    assert not (desk.run_folder / "report.html").exists()
+    files = dossier(desk)
+    name = desk.run_folder.name
+    page = files[f"{name}/report.html"].decode()
+    shown = set(re.findall(r'href="(pictures/[^"]+[.]jpg)"', page))
+    assert shown
+    assert {f"{name}/{picture}" for picture in shown} <= set(files)
+    assert not (desk.run_folder / "pictures").exists()
 
 
 def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:

@@ -293,6 +293,7 @@ def test_evidence_that_nobody_can_open_is_named_and_not_packed(root: Path, tmp_p
     run = folders(root)[0]
     bag_of(run, 0)
     (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage")
+    (run / evidence_file_name(run.name, 2)).touch()  # cut off before the first byte
     (run / f"{evidence_file_name(run.name, 0)}.torn").write_bytes(b"torn")
     made = export(root)
     (problem,) = made.problems

@@ -65,6 +65,25 @@ def test_a_type_that_nobody_knows_has_no_words_after_a_while(peer: Peer) -> None
     assert found(peer) == Definition("", HASH)
 
 
+def test_who_publishes_a_type_is_asked_as_soon_as_ros_knows_its_name(peer: Peer) -> None:
+    serve(peer)
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    assert words.find(TYPE, HASH, "") is None
+    who = peer.own.get_fully_qualified_name()
+    peer.until(lambda: words.find(TYPE, HASH, who))
+    definition = words.find(TYPE, HASH, who)
+    assert definition is not None
+    assert definition.text.startswith(SOURCES[TYPE])
+
+
+def test_a_type_whose_publisher_stays_without_a_name_has_no_words_after_a_while(
+    peer: Peer,
+) -> None:
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    peer.until(lambda: words.find(TYPE, HASH, "") == Definition("", HASH))
+    assert not words.pending
+
+
 def test_what_is_no_message_definition_is_not_taken_for_one(peer: Peer) -> None:
     serve(peer, encoding="idl")
     assert found(peer) == Definition("", HASH)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
+from madrob_console.engine.process.evidence_messages import EvidenceNews
+from madrob_console.engine.process.evidence_recorder import EvidenceWritten
+from madrob_console.engine.process.evidence_standing import EvidenceRecording, standing
+
+USED_UP = "the budget is used up"
+WRITTEN = EvidenceWritten({}, {}, {}, {}, 0, 0, 0.0, "", False)
+
+
+class Recorded:
+    """A recording of which its process tells; s of a monotonic clock."""
+
+    def __init__(self) -> None:
+        self.recording = EvidenceRecording(1, EvidencePlace(-1, "run", 0, 0, 10**9, 0))
+        self.recording.next_file()
+
+    def says(self, at: float, problem: str, *, finished: bool = False) -> WitnessStatus:
+        written = replace(WRITTEN, problem=problem, finished=finished)
+        news = EvidenceNews(settled=True, recordings={1: written})
+        self.recording.hear(news, at)
+        return standing(at, news, at, "", self.recording)
+
+
+def test_what_ended_a_recording_is_told_while_it_goes_on_and_holds_up_no_run_after_it() -> None:
+    run = Recorded()
+    assert run.says(1.0, USED_UP).problem == USED_UP
+    run.recording.ended = 2.0
+    over = run.says(2.5, USED_UP, finished=True)
+    assert over.problem is None
+    assert over.account.problems == (USED_UP,)
+
+
+def test_what_goes_wrong_after_a_recording_is_told_until_the_next_one() -> None:
+    run = Recorded()
+    assert run.says(1.0, "").problem is None
+    run.recording.ended = 2.0
+    assert run.says(2.5, "it could not be finished", finished=True).problem is not None
+    assert run.says(9.5, "it could not be finished", finished=True).problem is not None
