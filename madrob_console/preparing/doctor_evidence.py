@@ -10,7 +10,7 @@ from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.preparing.overheard import overheard
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.evidence_flow import TopicFlow
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros.evidence_domain import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
 
 LISTENS = 4.0

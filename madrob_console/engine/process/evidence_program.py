@@ -32,7 +32,7 @@ from madrob_console.engine.process.evidence_recorder import EvidenceRecorder
 from madrob_console.engine.shown.wire import frame
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros.evidence_domain import EvidenceIntakes
 from madrob_console.testbeds.ros.referee_watch import console_name
 
 FIRST_TO_GO = 800

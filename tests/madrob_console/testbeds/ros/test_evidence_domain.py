@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros.evidence_domain import EvidenceIntakes
 from madrob_console.testbeds.ros.handover import Handover
 from madrob_console.testbeds.ros.inbox import Received
 from madrob_console.testbeds.ros.loading import load_message_class
