@@ -98,6 +98,8 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     )
     from madrob_console.files.whole import atomic_writes
 
+    if not run.is_dir():
+        raise MadrobError(f"{run}: no such run folder: name the folder of a run")
     if not has_evidence(run):
         raise MadrobError(
             f"{run}: holds no evidence: choose the folder of a run that was recorded with cameras"
@@ -162,7 +164,8 @@ def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[Top
     for text, time in zip(at, times, strict=True):
         if time is not None:
             words = f"{time:.3f} s"
-            found.append(Moment(f"at_{words}", words, start + time, time))
+            name = f"at_{'minus_' if time < 0 else ''}{abs(time):.3f} s"  # a file keeps no sign
+            found.append(Moment(name, words, start + time, time))
             continue
         there = [one for one in known if text in (one.name, one.words)]
         if not there:

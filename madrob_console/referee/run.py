@@ -514,11 +514,12 @@ def relative_text(at: float | None, start: float | None) -> str:
 
 
 def seconds_of(text: str) -> float | None:
-    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else."""
+    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else, `nan` too."""
     minutes, colon, rest = text.strip().rpartition(":")
     sign = -1.0 if minutes.startswith("-") else 1.0
     try:
         whole = abs(int(minutes)) if colon else 0
-        return sign * (60.0 * whole + float(rest))
-    except ValueError:
+        typed = sign * (60.0 * whole + float(rest))
+    except (ValueError, OverflowError):
         return None
+    return typed if math.isfinite(typed) else None

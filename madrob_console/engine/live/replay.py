@@ -131,7 +131,7 @@ class Replay:
             known[PROTEST] = start if of[0].at is None else of[0].at
         if (at := known.get(named)) is not None and math.isfinite(at):
             return at - start
-        if (typed := seconds_of(named)) is not None and math.isfinite(typed):
+        if (typed := seconds_of(named)) is not None:
             return typed
         there = ", ".join(sorted(terminal_safe(name) for name in known))
         raise MadrobError(f"no such event in this run: give seconds, or one of {there}")

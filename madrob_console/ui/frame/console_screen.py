@@ -304,8 +304,9 @@ class ConsoleScreen(Screen[None]):
         for dialog in self.dialogs:
             dialog.look_again()
         if before is None or (
-            snapshot.run.phase is Phase.IDLE and snapshot.unfinished != before.unfinished
-        ):  # a slow disk tells of them after the first look
+            snapshot.run.phase is Phase.IDLE
+            and (snapshot.unfinished != before.unfinished or before.pulse.gone)
+        ):  # a slow disk tells of them after the first look; an engine that starts asks again
             self.call_later(self.ask_about_unfinished)
         self._tell_export(before, snapshot)
         self._tell_lists(before, snapshot)

@@ -48,6 +48,17 @@ def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
     assert not (run / "pictures").exists()
 
 
+def test_a_file_of_an_instant_before_the_start_says_so_in_its_name(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "frames"
+    assert main(["pictures", str(run), "--at", "-0.25", "--output", str(output)]) == 0
+    found = [item.name for item in output.iterdir()]
+    assert found
+    assert all(name.startswith(f"{run.name}_01_at_minus_0_250_s_camera_") for name in found)
+    capsys.readouterr()
+
+
 def test_an_instant_may_be_an_event_and_cameras_may_be_chosen(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,7 +98,7 @@ def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) 
     [
         (["--at", "nothing"], "'nothing' is no time and no event of this run: benchmark_start, "),
         (["--at", "900"], "/camera/front at 900.00 s: no frame within 1 s"),
-        (["--at", "nan"], "no frame within 1 s"),
+        (["--at", "nan"], "'nan' is no time and no event of this run: benchmark_start, "),
         (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
         (["--camera", "*front"], "some pictures are not all: say where to by --output DIR"),
     ],
@@ -113,9 +124,11 @@ def test_a_width_that_makes_no_picture_is_refused(
 def test_a_run_without_evidence_is_named_with_what_to_do(
     bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for path in (bare, tmp_path / "nowhere"):
+    assert main(["pictures", str(bare)]) == 2
+    assert f"{bare}: holds no evidence: choose the folder" in capsys.readouterr().err
+    for path in (bare / "result.json", tmp_path / "nowhere"):
         assert main(["pictures", str(path)]) == 2
-        assert f"{path}: holds no evidence: choose the folder" in capsys.readouterr().err
+        assert f"{path}: no such run folder: name the folder" in capsys.readouterr().err
     add_evidence(bare, strings(["no camera"]))
     assert main(["pictures", str(bare)]) == 2
     assert "no camera * in its evidence" in capsys.readouterr().err

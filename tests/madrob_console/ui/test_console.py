@@ -574,6 +574,26 @@ def test_a_run_that_was_cut_off_is_asked_about_once_when_a_slow_disk_tells_of_it
     asyncio.run(drive())
 
 
+def test_a_run_that_was_cut_off_is_asked_about_again_when_the_engine_starts_again(
+    engine: FakeEngine,
+) -> None:
+    engine.unfinished = (CUT_OFF,)
+
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
+            engine.pulse = Pulse(gone="the engine has ended")
+            await driver.settle()
+            await driver.press("enter")
+            await driver.settle()
+            assert not driver.console.dialogs
+            engine.pulse = Pulse()
+            await driver.settle()
+            assert "A RUN WAS CUT OFF: run 2 of subject 3 Delft" in driver.text
+
+    asyncio.run(drive())
+
+
 @pytest.mark.parametrize(
     ("key", "opened"), [("s", ["folder"]), ("i", ["folder invalid"]), ("l", []), ("escape", [])]
 )

@@ -97,6 +97,7 @@ def test_a_step_of_one_sample_shows() -> None:
     [
         ("12.5", 12.5), ("-3", -3.0), (" 1:05.2 ", 65.2), ("-0:30", -30.0), ("0", 0.0),
         ("", None), ("abc", None), ("1:2:3", None), (":5", None), ("5:", None),
+        ("nan", None), ("1:inf", None), ("1" * 400 + ":0", None),
     ],
 )  # fmt: skip
 def test_a_time_can_be_typed_in_seconds_or_minutes(typed: str, seconds: float | None) -> None:
