@@ -19,7 +19,10 @@ from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import JournalMark
 
-_BESIDE = {Change.EVENT, Change.EVIDENCE, Change.RESULT_WRITTEN, Change.WITHDRAWN}
+_BESIDE = {
+    *(Change.EVENT, Change.EVIDENCE, Change.EVIDENCE_REMOVED),
+    *(Change.RESULT_WRITTEN, Change.WITHDRAWN),
+}
 """From these no result changes; where they stand among the others may differ."""
 
 _OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)
