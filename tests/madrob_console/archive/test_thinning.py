@@ -90,6 +90,10 @@ def the_one(root: Path) -> RunEvidence:
     return next(one for one in evidence_at(root, TidyLimits(), NOW, 0.0) if not one.kept)
 
 
+def evidence_left(folder: Path) -> list[str]:
+    return [item.name for item in folder.iterdir() if "_evidence_" in item.name]
+
+
 def files_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -245,12 +249,18 @@ def test_what_is_scored_stays_to_the_byte_and_the_journal_says_what_went(
     assert open_by_others(run) == open_by_others(final())
 
 
-def test_lists_and_checks_find_the_run_as_it_was(root: Path) -> None:
-    shutil.copytree(final(), root / final().name)
-    run = put_evidence(root / final().name)
-    before = next(one for one in History(root).refresh() if one.folder == run.name)
+@pytest.mark.parametrize(("source", "place"), [(final, "."), (completed, "practice")])
+def test_lists_and_checks_find_the_run_as_it_was(
+    root: Path, source: Callable[[], Path], place: str
+) -> None:
+    run = root / place / source().name
+    shutil.copytree(source(), run)
+    put_evidence(run)
+    folder = str(run.relative_to(root))
+    before = next(one for one in History(root).refresh() if one.folder == folder)
     remove_evidence(the_one(root), NOW)
-    after = next(one for one in History(root).refresh() if one.folder == run.name)
+    after = next(one for one in History(root).refresh() if one.folder == folder)
+    assert not evidence_left(run)
     assert after == before
     assert check_run(RunPath(run)).found == ()
     assert repair(run) is None
