@@ -19,6 +19,7 @@ from madrob_console.testbeds.ros.handover import Handover
 from madrob_console.testbeds.ros.inbox import Received, arrival, offered_by_all
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
 from madrob_console.testbeds.ros.losses import LossCounter
+from madrob_console.testbeds.ros.referee_watch import NAMELESS
 from madrob_console.testbeds.ros.type_words import TypeWords
 from recorder.bag import Durability, Topic, topic_problem
 from recorder.message import RawMessage
@@ -38,9 +39,6 @@ MOST_AT_ONCE = 64
 
 _KEPT, _KEPT_BYTES = 100, 4_000_000
 """Of a topic whose publishers keep messages for late joiners: what a recording begins with."""
-
-_NAMELESS = "_NODE_NAME_UNKNOWN_"
-"""So ROS calls a publisher of which it has not heard whose it is, or that is none of ROS."""
 
 _TAKE_BYTES = 8_000_000
 """Of a topic in one take, about: large messages are taken one by one."""
@@ -293,7 +291,7 @@ class EvidenceIntake:
 
 def _node_of(info: RosObject) -> str:
     """The full name of a publisher's node; empty where ROS does not know it, or not yet."""
-    if info.node_name == _NAMELESS:
+    if info.node_name in NAMELESS:
         return ""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 

@@ -16,7 +16,9 @@ from madrob_console.testbeds.ros.connection import in_namespace
 from madrob_console.testbeds.ros.loading import RosObject
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
-_NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
+NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
+"""So ROS calls publishers of which it has not heard whose they are, or that are none of ROS."""
+
 _REMEDY = "end it, or use another ROS domain"
 
 
@@ -101,7 +103,7 @@ def _is_gone(name: str) -> bool:
 
 
 def _in_words(namespace: str, name: str) -> str:
-    if name in _NAMELESS:
+    if name in NAMELESS:
         return "a program that has not told its name"  # yet: names come after publishers
     full = terminal_safe(f"{namespace.rstrip('/')}/{name}")[:100]
     found = _OURS.fullmatch(name)
