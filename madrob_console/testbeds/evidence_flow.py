@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from recorder.message import RawMessage
 
 RATE_WINDOW = 5.0
 """Over so long rates are told, s."""
+
+SILENT_AFTER = 2.0
+"""A topic that came steadily is silent when nothing has come for longer, s."""
 
 _SHORTEST = 1.0
 """What has come for less than this is told as if it were spread over it, s."""
@@ -36,6 +40,53 @@ class TopicFlow:
     byte_rate: float
     lost: int
     problem: str = ""
+
+
+class SilenceWatch:
+    """Notices when a topic that came steadily stops; what comes now and then may be silent.
+
+    Steady is what has come for `SILENT_AFTER` without as long a pause. Times are steady ones
+    (protocol section 8), ns since the epoch.
+    """
+
+    def __init__(self) -> None:
+        self._first: int | None = None  # of what came without a pause
+        self._last = 0
+        self._steady = False
+        self._longest: tuple[int, int] | None = None
+
+    def begin(self) -> None:
+        """A recording begins: what was before is none of it."""
+        self._longest = None
+
+    def came(self, at_ns: int) -> None:
+        """A message has come."""
+        if self._first is None:
+            self._first = at_ns
+        elif at_ns - self._last > SILENT_AFTER * NS:
+            pause = self._last, at_ns
+            if self._steady and (self._longest is None or _length(pause) > _length(self._longest)):
+                self._longest = pause
+            self._first = at_ns
+        self._last = at_ns
+        self._steady |= at_ns - self._first >= SILENT_AFTER * NS
+
+    def words(self, now_ns: int) -> str:
+        """Since when it is silent, or the longest silence since `begin`; empty = there is none."""
+        if self._steady and now_ns - self._last > SILENT_AFTER * NS:
+            return f"silent since {_time_of_day(self._last)}"
+        if self._longest is not None:
+            begin, end = map(_time_of_day, self._longest)
+            return f"silent from {begin} to {end}"
+        return ""
+
+
+def _length(pause: tuple[int, int]) -> int:
+    return pause[1] - pause[0]
+
+
+def _time_of_day(time_ns: int) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(time_ns / NS))
 
 
 class RateLimit:

@@ -9,19 +9,21 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from madrob_console.engine.process.evidence_queue import EvidenceQueue
-from recorder.bag import Topic
-from recorder.errors import remedy
+from recorder.bag import Topic, is_evidence
+from recorder.errors import RecorderError, remedy
 from recorder.listing import put_listing
 from recorder.mcap_file import McapFile
 from recorder.message import RawMessage
+from recorder.recovery import recover_evidence
 
 QUEUE_BYTES = 96_000_000
 """Memory of what waits for the disk: some seconds of four cameras."""
 
 BATCH_BYTES = 1_000_000
-"""EvidenceWritten between two looks at whether the score needs the disk."""
+"""Written between two looks at whether the score needs the disk."""
 
 SYNC_BYTES, SYNC_PERIOD = 4_000_000, 0.5
 """Brought to the disk after so much or so long, bytes and s: what the score syncs then waits for no
@@ -179,11 +181,21 @@ class EvidenceRecorder:
             self._fail(f"no more evidence is recorded: {cause}; {hint}", saved)
         if file is not None:
             self._finish(file)
-        with suppress(OSError):
-            os.close(self._fd)
         with self._changed:
             self._finished = True
             self._busy_since = None
+        self._repair()
+        with suppress(OSError):
+            os.close(self._fd)
+
+    def _repair(self) -> None:
+        """Make whole what a process that was ended left of the same run; nobody waits for it."""
+        try:
+            names = os.listdir(self._fd)  # noqa: PTH208  of a handle
+            if any(is_evidence(name) and name != self._name for name in names):
+                recover_evidence(Path(f"/proc/self/fd/{self._fd}"))
+        except (OSError, RecorderError):
+            pass  # `madrob recover` says what is wrong with it
 
     def _write(self, file: McapFile) -> bool:
         """Write the next batch; False when it was the last, or no more may be written."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.testbeds.evidence_choice import TopicLimit
-from madrob_console.testbeds.evidence_flow import FlowMeter, RateLimit, TopicFlow
+from madrob_console.testbeds.evidence_flow import FlowMeter, RateLimit, SilenceWatch, TopicFlow
 from madrob_console.testbeds.ros.foreign_type import foreign_class
 from madrob_console.testbeds.ros.handover import Handover
 from madrob_console.testbeds.ros.inbox import Received, arrival, offered_by_all
@@ -105,6 +106,8 @@ class EvidenceIntake:
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
+        self._silence = SilenceWatch()
+        self._now = 0  # steady time, ns
 
     @property
     def topic(self) -> Topic | None:
@@ -193,6 +196,7 @@ class EvidenceIntake:
             now: steady time, ns.
             wall: the same, as the system's clock has it.
         """
+        self._now = now
         topic, handover = self._topic, self._handover
         if topic is None or handover is None or handover.qos is None:
             return None
@@ -222,6 +226,7 @@ class EvidenceIntake:
     def begin(self) -> None:
         """A recording begins: it gets another chance."""
         self._too_large = self._largest_seen = 0
+        self._silence.begin()
 
     @property
     def _most(self) -> int:
@@ -230,6 +235,7 @@ class EvidenceIntake:
         return max(1, min(MOST_AT_ONCE, _TAKE_BYTES // size))
 
     def _sort(self, received: Received, at: int, taken: TakenEvidence) -> None:
+        self._silence.came(at)
         too_large = len(received.data) > self._largest
         self._too_large = self._too_large + 1 if too_large else 0
         if too_large:
@@ -273,12 +279,14 @@ class EvidenceIntake:
             rate,
             byte_rate,
             self.lost,
-            problem or self._unknown,
+            problem or self._silence.words(self._now) or self._unknown,
         )
 
     def refuse(self, why: str) -> None:
         """Listen no more until its publishers are looked at again; ROS fails on it."""
-        self.close()
+        with suppress(Exception):  # the same may be wrong with its end
+            self.close()
+        self._handover, self._topic = None, None
         self._problem = why
 
     def close(self) -> None:

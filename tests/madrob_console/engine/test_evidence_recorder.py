@@ -30,12 +30,12 @@ def message(topic: Topic, number: int, size: int = 100_000) -> RawMessage:
 
 @contextmanager
 def recording(
-    folder: Path, most_bytes: int = 10**12, least_free: int = 0
+    folder: Path, most_bytes: int = 10**12, least_free: int = 0, name: str = NAME
 ) -> Iterator[EvidenceRecorder]:
     with BagWriter(folder, [], {}):
         recorder = EvidenceRecorder(
             os.open(folder, os.O_DIRECTORY),
-            NAME,
+            name,
             most_bytes=most_bytes,
             least_free=least_free,
             capacity=CAPACITY,
@@ -109,3 +109,25 @@ def test_the_room_that_the_score_needs_is_left_alone(tmp_path: Path) -> None:
     written = finished(recorder)
     assert "the score keeps" in written.problem
     assert written.refused == {LEFT.name: 1}
+
+
+def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "run"
+    with BagWriter(tmp_path / "of another process", [LEFT], {}) as writer:
+        for number in range(20):
+            assert writer.put(message(LEFT, number))
+    (whole,) = writer.folder.glob("*.mcap")
+    with recording(folder, name=evidence_file_name("run", 1)) as recorder:
+        torn = folder / evidence_file_name("run", 0)
+        torn.write_bytes(whole.read_bytes()[:1_000_000])
+        recorder.put(message(RIGHT, 20), RIGHT, 0)
+    assert finished(recorder).problem == ""
+    bag = read_bag(folder, evidence=True)
+    kept = [m.publish_ns for m in bag.messages() if m.topic == LEFT.name]
+    assert 5 <= len(kept) < 20
+    assert kept == list(range(1, len(kept) + 1))
+    assert set(map(str.strip, (folder / "metadata.yaml").read_text().splitlines())) >= {
+        f"- {evidence_file_name('run', number)}" for number in (0, 1)
+    }

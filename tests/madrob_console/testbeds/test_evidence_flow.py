@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from madrob_console.clock import NS
-from madrob_console.testbeds.evidence_flow import FlowMeter, RateLimit
+from madrob_console.testbeds.evidence_flow import FlowMeter, RateLimit, SilenceWatch
 from recorder.message import RawMessage
 
 
@@ -33,3 +35,31 @@ def test_rates_are_those_of_the_last_seconds() -> None:
     assert byte_rate == pytest.approx(30_000, rel=0.05)
     assert meter.rates(12.5)[0] == pytest.approx(15, rel=0.05)
     assert meter.rates(20.0) == (0.0, 0.0)
+
+
+def silence(came: Sequence[float], now: float, begin: float | None = None) -> str:
+    """Of a topic on which messages came at these times, s, in a recording from `begin` on."""
+    watch = SilenceWatch()
+    for at in came:
+        if begin is not None and at >= begin:
+            watch.begin()
+            begin = None
+        watch.came(round(at * NS))
+    return watch.words(round(now * NS))
+
+
+STEADY = [number / 10 for number in range(50)]  # until 4.9 s
+
+
+def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again() -> None:
+    assert silence(STEADY, 6.8) == ""
+    assert silence(STEADY, 7.0).startswith("silent since ")
+    again = [*STEADY, *(9 + at for at in STEADY)]
+    assert silence(again, 14.0).startswith("silent from ")
+    assert silence([*again, 20.0], 20.1) == silence([*again, 20.0], 21.9)
+    assert silence(again, 14.0, begin=9.05) == ""
+
+
+@pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
+def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
+    assert silence(came, 1000.0) == ""
