@@ -102,7 +102,8 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
         raise MadrobError(f"{run}: no such run folder: name the folder of a run")
     if not has_evidence(run):
         raise MadrobError(
-            f"{run}: holds no evidence: choose the folder of a run that was recorded with cameras"
+            f"{run}: holds no evidence (`madrob tidy` may have removed it): choose the folder of a "
+            "run that was recorded with cameras"
         )
     output: Path | None = arguments.output
     if not arguments.at and output is None:

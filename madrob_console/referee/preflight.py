@@ -260,7 +260,8 @@ def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
     text = f"room for {duration_words(e.lasts)} at the rate of now"
     if e.lasts < e.least:
         needed = duration_words(e.least)
-        return CheckState.FAILED, f"{text}, {needed} needed: make room, see `recording.budget`"
+        more = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
+        return CheckState.FAILED, f"{text}, {needed} needed: {more}"
     return CheckState.OK, f"{e.topics} topics, {text}"
 
 

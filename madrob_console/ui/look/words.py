@@ -87,8 +87,8 @@ def export_text(export: ExportView) -> str:
             runs = "" if export.dossier else "the runs of "
             return f"Packing {runs}{export.what} in the background ..."
         return f"No zip of {export.what}: {export.problem}"
-    missing = f"; not all: {export.problem}" if export.problem else ""
-    return f"Packed: {export.path}{missing} (y copies it)"
+    missing = f", but not all ({export.problem})" if export.problem else ""
+    return f"Packed{missing}: {export.path} (y copies it)"
 
 
 def fitted(text: str, width: int) -> str:

@@ -125,7 +125,10 @@ def test_a_run_without_evidence_is_named_with_what_to_do(
     bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["pictures", str(bare)]) == 2
-    assert f"{bare}: holds no evidence: choose the folder" in capsys.readouterr().err
+    assert (
+        f"{bare}: holds no evidence (`madrob tidy` may have removed it): choose"
+        in capsys.readouterr().err
+    )
     for path in (bare / "result.json", tmp_path / "nowhere"):
         assert main(["pictures", str(path)]) == 2
         assert f"{path}: no such run folder: name the folder" in capsys.readouterr().err

@@ -28,7 +28,7 @@ ZIP = "/results/exports/team_003_Delft_20261121_182139.zip"
         (ExportView(3, "/home/a.zip"), "Packed: /home/a.zip (y copies it)"),
         (
             ExportView(3, "/home/a.zip", "b.csv: cannot be read"),
-            "Packed: /home/a.zip; not all: b.csv: cannot be read (y copies it)",
+            "Packed, but not all (b.csv: cannot be read): /home/a.zip (y copies it)",
         ),
         (ExportView(3, "", "the disk is full"), "No zip of subject 3: the disk is full"),
     ],
