@@ -23,15 +23,18 @@ ASKED = FileProtest("we were through earlier", "Delft", "step 4: cross the thres
 
 
 @contextmanager
-def window(*words: str) -> Iterator[Tmux]:
-    """A console in tmux; its engines end with it."""
+def window(*named: str, at: str | None = None) -> Iterator[Tmux]:
+    """A console in tmux; the engine that these options name, and no other, ends with it."""
     needs_tmux()
     with tempfile.TemporaryDirectory(prefix="madrob-") as own:
         env = {"XDG_RUNTIME_DIR": own, "XDG_CONFIG_HOME": own}
-        with Tmux([*MADROB, *words], columns=120, lines=36, env=env) as tmux:
-            yield tmux
-        stop = [*MADROB, "engine", "stop", "--all", "--force"]
-        subprocess.run(stop, env=os.environ | env, check=False, capture_output=True)
+        words = ["console", *named, *([] if at is None else ["--at", at])]
+        try:
+            with Tmux([*MADROB, *words], columns=120, lines=36, env=env) as tmux:
+                yield tmux
+        finally:
+            stop = [*MADROB, "engine", "stop", "--force", *named]
+            subprocess.run(stop, env=os.environ | env, check=False, capture_output=True)
 
 
 def protested(results: Path) -> Path:
@@ -44,7 +47,7 @@ def protested(results: Path) -> Path:
 
 def test_at_shows_the_instant_in_question_and_stands_still(tmp_path: Path) -> None:
     run = protested(tmp_path / "results")
-    with window("console", "--testbed", "replay", str(run), "--at", "protest") as tmux:
+    with window("--testbed", "replay", str(run), at="protest") as tmux:
         tmux.wait_for("PAUSED 1x 0:06.50", timeout=STARTING)
         tmux.press("F10")
         assert tmux.wait_exit() == 0
@@ -53,7 +56,7 @@ def test_at_shows_the_instant_in_question_and_stands_still(tmp_path: Path) -> No
 def test_r_replays_the_marked_run_on_the_same_terminal_and_comes_back(tmp_path: Path) -> None:
     results = tmp_path / "results"
     protested(results)
-    with window("console", "--testbed", "simulated", "--results", str(results)) as tmux:
+    with window("--testbed", "simulated", "--results", str(results)) as tmux:
         tmux.wait_for("SIMULATED", timeout=STARTING)
         for key, words in (("F3", "F10"), ("h", "1 PROTEST open")):
             time.sleep(READING)
