@@ -109,8 +109,9 @@ class FakeEngine:
     unfinished: tuple[Unfinished, ...] = ()
     opened: list[str] = field(default_factory=list)
     exported: list[int] = field(default_factory=list)
-    dossiers: list[str] = field(default_factory=list)
     """Subjects; below 0 where practice runs were asked for."""
+    dossiers: list[str] = field(default_factory=list)
+    """Folders of the runs."""
     export: ExportView | None = None
     playback: PlaybackView | None = None
     commands: list[PlaybackCommand | GiveFrames] = field(default_factory=list)

@@ -69,6 +69,7 @@ def test_from_every_state_every_key_acts_asks_or_says_why_not(
             for key in ACTS:
                 engine.run, engine.result, engine.acts = run, result, list(acts)
                 engine.exported.clear()
+                engine.dossiers.clear()
                 driver.console.say("")
                 refused = engine.snapshot().refusal(key.act)
                 await driver.press(key.keys.partition(",")[0])
@@ -81,7 +82,8 @@ def test_from_every_state_every_key_acts_asks_or_says_why_not(
                     await driver.press("escape")
                     assert (engine.acts, driver.console.dialogs) == (acts, []), key
                 else:
-                    done = len(engine.acts) == len(acts) + 1 or engine.exported
+                    packed = engine.exported or engine.dossiers
+                    done = len(engine.acts) == len(acts) + 1 or packed
                     assert done or "Refused" in driver.console.status
                 await driver.press("f3")
 
