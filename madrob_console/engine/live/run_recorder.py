@@ -16,7 +16,7 @@ from madrob_console.engine.live.chronicle import Chronicle
 from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.journal_keeper import OpenJournal, Promise
 from madrob_console.engine.live.recording import Recording
-from madrob_console.engine.live.witness import EvidencePlace
+from madrob_console.engine.live.witness import EvidencePlace, Witness
 from madrob_console.engine.shown.snapshot import RecorderView
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
@@ -26,6 +26,9 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.transitions import begin_countdown
 from recorder.message import RawMessage
 from recorder.stats import BagSummary
+
+COUNTING = 0.5
+"""The result waits no longer than this until all of the evidence is counted, s."""
 
 _NO_FOLDER = EvidenceAccount(
     problems=("nothing was recorded: the run's folder could not be opened a second time",)
@@ -180,7 +183,7 @@ class RunRecorder:
             self._closing, self._closed_view = None, recording.view()
             done((*recording.remarks(), *losses))
 
-        self._keepers.own.ask(recording.close, closed)
+        self._keepers.own.ask(partial(_close, recording, self._witness), closed)
 
     def _losses(self) -> Iterator[str]:
         for topic, count in self._lost().items():
@@ -213,6 +216,13 @@ class RunRecorder:
     def dropped(self) -> dict[str, int]:
         """Messages dropped from the recording that goes on, by topic."""
         return self._recording.dropped() if self._recording else {}
+
+
+def _close(recording: Recording, witness: Witness) -> BagSummary:
+    """Close the bag; the evidence is counted to its end meanwhile, or nearly so."""
+    summary = recording.close()
+    witness.await_account(COUNTING)
+    return summary
 
 
 def _open(

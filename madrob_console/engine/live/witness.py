@@ -104,6 +104,10 @@ class Witness(Protocol):
         """Record no more, and complete what is there."""
         ...
 
+    def await_account(self, limit: float) -> None:
+        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
+        ...
+
     def hold(self, *, held: bool) -> None:
         """Leave the disk to the score, or not any more."""
         ...
@@ -127,6 +131,9 @@ class NoWitness:
 
     def end(self) -> None:
         """Nothing was begun."""
+
+    def await_account(self, limit: float) -> None:
+        """Nothing is counted."""
 
     def hold(self, *, held: bool) -> None:
         """Nothing is written."""

@@ -64,6 +64,7 @@ class EvidenceProcess:
         self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
         self._bell: int | None = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._held = False
+        self._counted = threading.Event()
         # Of the thread.
         self._thread: threading.Thread | None = None
         self._child: Child[EvidenceNews] | None = None
@@ -95,11 +96,16 @@ class EvidenceProcess:
     def begin(self, place: EvidencePlace) -> None:
         """See `Witness`."""
         self.warm()
+        self._counted.clear()
         self._order(place)
 
     def end(self) -> None:
         """See `Witness`."""
         self._order(FinishFile(0))
+
+    def await_account(self, limit: float) -> None:
+        """See `Witness`."""
+        self._counted.wait(limit)
 
     def hold(self, *, held: bool) -> None:
         """See `Witness`."""
@@ -278,6 +284,8 @@ class EvidenceProcess:
             self._recording.hear(heard, self._heard_at)
         self._trouble = ""
         self._tell()
+        if self._recording is not None and self._recording.counted:
+            self._counted.set()
 
     def _tell(self) -> None:
         """Say how things stand."""

@@ -49,6 +49,7 @@ class EvidenceWritten:
         silent: how long the disk has not answered, s.
         problem: why nothing more is written, in words; empty = it is.
         finished: whether the file is complete, or given up.
+        ended: whether nothing more comes: what was taken is all counted.
     """
 
     messages: dict[str, int]
@@ -60,6 +61,7 @@ class EvidenceWritten:
     silent: float
     problem: str
     finished: bool
+    ended: bool = False
 
 
 class EvidenceRecorder:
@@ -155,6 +157,7 @@ class EvidenceRecorder:
                 0.0 if since is None else self._monotonic() - since,
                 self._problem,
                 self._finished,
+                self._ending,
             )
 
     def _add(self, message: RawMessage, number: int) -> None:

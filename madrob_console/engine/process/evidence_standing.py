@@ -62,6 +62,11 @@ class EvidenceRecording:
         """Of its files, bytes."""
         return self._former_size + (self._written.size if self._written else 0)
 
+    @property
+    def counted(self) -> bool:
+        """Whether its process has said what it took up to the end of the recording."""
+        return not self.goes_on and self._written is not None and self._written.ended
+
     def next_file(self) -> RecordInto:
         """The order for its next file."""
         place, number = self.place, self._files

@@ -39,6 +39,7 @@ class ToldWitness:
         self.status = WitnessStatus(ready=True, topics=(COMES,))
         self.places: list[EvidencePlace] = []
         self.held: list[bool] = []
+        self.counted: EvidenceAccount | None = None  # what it says when it is asked to the end
 
     def warm(self) -> None: ...
 
@@ -49,6 +50,11 @@ class ToldWitness:
 
     def end(self) -> None:
         self.status = replace(self.status, recording=False)
+
+    def await_account(self, limit: float) -> None:
+        assert limit <= 0.5
+        assert not self.status.recording
+        self.status = replace(self.status, account=self.counted or self.status.account)
 
     def hold(self, *, held: bool) -> None:
         self.held.append(held)
@@ -107,6 +113,14 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
     assert stored["quality"]["remarks"] == []
     texts = [line.text for line in drive.engine.log.lines]
     assert "evidence recorded: 1 topics, 600 messages, 120.0 MB" in texts
+
+
+def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:
+    drive.start(make_setup())
+    drive.witness.counted = EvidenceAccount((replace(RECORDED, messages=613),))
+    drive.finish()
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert stored["evidence"]["topics"][0]["messages"] == 613
 
 
 def test_what_is_lost_is_told_once_when_it_begins_and_doubts_nothing(drive: Watched) -> None:
