@@ -8,28 +8,30 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from subprocess import PIPE, STDOUT
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change, rebuild
 from recorder.reader import read_bag
-from scoring.protocol import Signal
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
+from tests.madrob_console.whole.test_benchmark_over_ros import (
+    LOGGING_TESTBED,
+    TOPICS,
+    read_published,
+    read_recorded,
+)
 from tests.watching import until
 
 pytestmark = pytest.mark.slow
 
-TOPICS = [m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH]
 HALL = Stream(Kind.JPEG, count=4, rate=30, size=200_000, reliable=True)
 FAR_TOO_MUCH = (
     Stream(Kind.RAW, "/camera/raw{}", count=4, rate=60, size=3_000_000),
@@ -38,24 +40,6 @@ FAR_TOO_MUCH = (
 )
 LARGEST_DELAY = 0.2  # s, of an abort
 SAMPLE = 0.02  # s, of the simulated sensors
-
-LOGGING_TESTBED = """
-import sys
-from hashlib import sha256
-from madrob_console.cli.main import main
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-
-take, log = SimulatedSource.take, open(sys.argv[1], "w", buffering=1)
-
-def logged(self, timeout):
-    messages = take(self, timeout)
-    for message in messages:
-        log.write(f"{message.topic} {sha256(message.data).hexdigest()}\\n")
-    return messages
-
-SimulatedSource.take = logged
-sys.exit(main(["testbed", "--scenario", "nominal"]))
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +61,7 @@ class Ran:
 
     def demand_testbed_whole(self) -> None:
         """Every message of the testbed, from the first that is recorded to the last."""
-        recorded = defaultdict(list)
-        for message in read_bag(self.folder).messages():
-            recorded[message.topic].append(sha256(message.data).hexdigest())
+        recorded = read_recorded(self.folder)
         for topic in TOPICS:
             first = self.published[topic].index(recorded[topic][0])
             count = len(recorded[topic])
@@ -130,11 +112,7 @@ def ran(tmp_path: Path, *, evidence: bool = True, abort_after: float | None = No
     said = "".join(lines)
     assert code == (0 if abort_after is None else 4), said
     folder = Path(said.splitlines()[-1].removeprefix("run folder: "))
-    published = defaultdict(list)
-    for line in log.read_text().splitlines():
-        topic, digest = line.split()
-        published[topic].append(digest)
-    run = Ran(folder, said, published)
+    run = Ran(folder, said, read_published(log))
     if abort_after is not None:
         stops = next(entry for entry in run.entries if entry.what == "abort")
         print(f"abort took effect after {stops.time - aborted:.3f} s")
