@@ -39,7 +39,7 @@ class WarmProcess:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self._handle = os.pidfd_open(pid)
+        self._handle: int | None = os.pidfd_open(pid)
 
     def poll(self) -> int | None:
         """None while it runs, then 0: its exit code belongs to who forked it."""
@@ -53,14 +53,17 @@ class WarmProcess:
         Raises:
             subprocess.TimeoutExpired: it has not.
         """
-        if not select.select([self._handle], [], [], timeout)[0]:
-            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+        if self._handle is not None:
+            if not select.select([self._handle], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+            self.close()  # a proof starts more than a thousand
         return 0
 
     def send_signal(self, number: int) -> None:
         """Send it a signal; nothing if it has ended."""
-        with suppress(ProcessLookupError):
-            signal.pidfd_send_signal(self._handle, number)
+        if self._handle is not None:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._handle, number)
 
     def kill(self) -> None:
         """SIGKILL, to all that it started, too."""
@@ -70,7 +73,9 @@ class WarmProcess:
 
     def close(self) -> None:
         """Let go of it."""
-        os.close(self._handle)
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            os.close(handle)
 
 
 class WarmScoring(WarmProcess):
