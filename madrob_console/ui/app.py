@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import getpass
 import os
 import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Coroutine, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
 from textual.app import App, SuspendNotSupported
@@ -23,7 +21,6 @@ from textual.screen import Screen
 from textual.widget import MountError
 
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.shown.client import UnsureError
 from madrob_console.engine.shown.playback import PlaybackCommand
 from madrob_console.engine.shown.requests import (
     ExportDossier,
@@ -38,6 +35,7 @@ from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
 from madrob_console.referee.questions import Ask
 from madrob_console.referee.run import Phase
+from madrob_console.ui.awaited import Awaited
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
@@ -69,9 +67,6 @@ if TYPE_CHECKING:
     from madrob_console.ui.panes.runs_pane import RunsPane
     from madrob_console.ui.panes.setup_pane import SetupPane
 
-PATIENCE = 0.2
-"""A key waits so long for what the one before brings about, s."""
-
 LATEST = 1.0
 """After a set-up that took longer than this nothing starts: nobody expects it any more, s."""
 
@@ -94,12 +89,6 @@ def run_beside(words: Sequence[str]) -> int:
     """Run a `madrob` command on this terminal, and wait for its end; returns its exit code."""
     program = (sys.executable, "-P", "-m", "madrob_console.cli.main")
     return subprocess.run([*program, *words], check=False).returncode
-
-
-async def _at_most(duration: float, over: asyncio.Event) -> None:
-    """Wait for an event, but not for longer, s."""
-    with suppress(TimeoutError):
-        await asyncio.wait_for(over.wait(), duration)
 
 
 def console_commands() -> type[Provider]:
@@ -159,11 +148,11 @@ class MadrobApp(App[None], inherit_bindings=False):
         self.failure: MadrobError | None = None
         self._monotonic = monotonic
         self._link = EngineLink(open_client, monotonic)
-        self._awaited: dict[str, bool] = {}
         self._ahead = ahead or TypeAhead()
         self._beside = beside
         self.settled: Callable[[], None] = lambda: None
         self._console = ConsoleScreen(self._link, defaults, self._ahead, monotonic, wall)
+        self._awaited = Awaited(self._link, self._console, partial(self.run_worker, group="keys"))
 
     def get_default_screen(self) -> Screen[None]:
         """The console."""
@@ -276,12 +265,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         elif key.name == "abort" and self.withdraw():
             pass
         else:
-            await self._soon(self._press_act(key, pressed), key.act)
+            await self._awaited.soon(self._press_act(key, pressed), key.act)
 
     def _start_engine(self, key: Key) -> None:
         """Look for an engine, and start one where none runs, in place of one that has ended."""
         if (refused := self.key_refusal(key)) is not None:
-            self._refuse(key.act, refused)
+            self._console.refuse(key.act, refused)
             return
         self._console.say("Starting the engine ...")
 
@@ -289,7 +278,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             try:
                 self._link.connect()
             except MadrobError as error:
-                self.call_later(self._refuse, key.act, str(error))
+                self.call_later(self._console.refuse, key.act, str(error))
             else:
                 self.call_later(self._console.say, "The engine is there again.", Tone.GOOD)
 
@@ -297,7 +286,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _ask_copy(self, key: Key) -> None:
         if not self._link.connected:
-            self._refuse(Copy.name, NOT_YET)
+            self._console.refuse(Copy.name, NOT_YET)
             return
         try:
             user = getpass.getuser()
@@ -305,7 +294,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             user = str(os.getuid())
         asked = self._console.ask_copy(user)
         if isinstance(asked, str):
-            self._refuse(Copy.name, asked)
+            self._console.refuse(Copy.name, asked)
         else:
             await self._ask(key, asked, lambda _now: asked)
 
@@ -320,53 +309,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         shown = copy.text if "\n" not in copy.text else ""
         self._console.say(f"{words}: {copy.what}{f': {shown}' if shown else ''}", Tone.GOOD)
 
-    async def _soon(self, deed: Coroutine[Any, Any, None], what: str) -> None:
-        """Do what a key brings about; the next key waits for it, but not for long."""
-        over = asyncio.Event()
-
-        async def bring_about() -> None:
-            try:
-                await deed
-            finally:
-                over.set()
-
-        self.run_worker(bring_about(), group="keys")
-        await _at_most(PATIENCE, over)
-        if not over.is_set() and not self._tell_wait(what):  # it comes soon, or is asked later
-
-            async def tell() -> None:
-                while not (over.is_set() or self._tell_wait(what)):
-                    await _at_most(PATIENCE, over)
-
-            self.run_worker(tell(), group="keys")
-
-    def _tell_wait(self, what: str) -> bool:
-        """Say what is waited for; False where it is only for these screens to be painted."""
-        if not self._link.asking:
-            return False
-        durable = next((name for name, durable in self._awaited.items() if durable), None)
-        words = "no answer of the engine yet; the keys work"
-        if durable is not None:
-            what, words = durable, "waiting for the disk; F8 or Escape withdraws it"
-        self._console.say(f"{what}: {words}", Tone.WARN)
-        return True
-
     def withdraw(self) -> bool:
         """Take back what waits for the disk; False where nothing does."""
-        durable = next((name for name, durable in self._awaited.items() if durable), None)
-        if durable is None:
-            return False
-        self.run_worker(self._withdraw(durable), group="keys")
-        return True
-
-    async def _withdraw(self, what: str) -> None:
-        self._console.say(f"{what}: withdrawing it ...", Tone.WARN)
-        try:
-            refused = await self._link.answer(Perform.of(Abort()))
-        except MadrobError as error:
-            refused = str(error)
-        if refused is not None:
-            self._refuse(Abort.name, refused)
+        return self._awaited.withdraw()
 
     async def _press_act(self, key: Key, pressed: str) -> None:
         if not self._link.connected:
@@ -392,11 +337,11 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Another console on this terminal, until it is left; never while a run goes on."""
         meant, snapshot = self._console.run_meant(), self._link.snapshot()
         if isinstance(meant, str):
-            self._refuse("replay", meant)
+            self._console.refuse("replay", meant)
             return
         if snapshot is None or snapshot.run.active or snapshot.playback is not None:
             here = snapshot is not None and snapshot.playback is not None
-            self._refuse("replay", "this is one" if here else "a run is going on")
+            self._console.refuse("replay", "this is one" if here else "a run is going on")
             return
         look = self._look
         words = [
@@ -413,7 +358,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             return
         if code != 0:
             again = shlex.join(["madrob", *words])
-            self._refuse("replay", f"it ended with {code}; `{again}` says why")
+            self._console.refuse("replay", f"it ended with {code}; `{again}` says why")
 
     async def _commit(self) -> str | None:
         """What is typed in the set-up counts; returns what is wrong with it."""
@@ -470,7 +415,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             case OtherName():
                 self._console.panes.setup.take_name(intent)
             case str():
-                self._refuse(what, intent)
+                self._console.refuse(what, intent)
             case Copy():
                 await self._copy(intent)
             case Ask():
@@ -479,30 +424,15 @@ class MadrobApp(App[None], inherit_bindings=False):
             case OpenRun():
                 await self._open_run(intent)
             case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():
-                await self._request(intent, _said_when_done(intent))
+                await self._awaited.done(intent, _said_when_done(intent))
             case GiveFrames():
-                await self._give_frames(intent)
+                await self._awaited.frames(intent)
             case Act():
                 await self._act(intent, name)
 
-    async def _give_frames(self, request: GiveFrames) -> None:
-        """Have what the cameras saw written, and say where it is."""
-        if request.name in self._awaited:
-            self._refuse(request.name, "those before are not there yet")
-            return
-        self._awaited[request.name] = False
-        try:
-            self._console.frames = await self._link.answer(request)
-        except MadrobError as error:
-            self._refuse(request.name, str(error))
-        else:
-            self._console.say(f"y copies where they are: {self._console.frames}", Tone.GOOD)
-        finally:
-            del self._awaited[request.name]
-
     async def _act(self, act: Act, name: str) -> None:
         durable = not act.at_once
-        if not await self._request(Perform.of(act), done_text(act), durable=durable):
+        if not await self._awaited.done(Perform.of(act), done_text(act), durable=durable):
             if isinstance(act, Start):  # its number may be used now
                 self._console.panes.setup.propose_again(only_later=True)
             elif isinstance(act, Abort):
@@ -523,38 +453,6 @@ class MadrobApp(App[None], inherit_bindings=False):
             await self._ask(key, void, lambda now: key.refusal(now) or void)
             self._ahead.replaced("the question has just changed")
 
-    async def _request(
-        self,
-        command: Perform | OpenRun | PlaybackCommand | TakeOver | ExportTeam | ExportDossier,
-        done: str | None = None,
-        *,
-        durable: bool = False,
-    ) -> bool:
-        """Have something done, say what became of it, and return whether it took effect.
-
-        Until then the keys work; what is `durable` waits for the disk and can be withdrawn.
-        """
-        what = command.name
-        if what in self._awaited:
-            self._refuse(what, "the one before is not answered yet")
-            return False
-        self._awaited[what] = durable
-        try:
-            refused = await self._link.answer(command)
-        except UnsureError as error:
-            self._console.say(f"{what}: {error}", Tone.BAD)
-            return False
-        except MadrobError as error:
-            refused = str(error)
-        finally:
-            del self._awaited[what]
-        self._console.poll()  # first: what it shows takes the place of the message
-        if refused is not None:
-            self._refuse(command.name, refused)
-        elif done is not None:
-            self._console.say(done, Tone.GOOD)
-        return refused is None
-
     async def _next_run(self, key: Key) -> None:
         form = self._console.panes.setup
         if key.name == "again":
@@ -564,10 +462,10 @@ class MadrobApp(App[None], inherit_bindings=False):
         setup = await form.draft()
         if isinstance(setup, str):
             self._console.show_pane("setup", chosen=False)
-            self._refuse(key.act, setup)
+            self._console.refuse(key.act, setup)
             return
         if (refused := self.key_refusal(key)) is not None:
-            self._refuse(key.act, refused)
+            self._console.refuse(key.act, refused)
             return
         snapshot = self._link.snapshot()
         assert snapshot is not None
@@ -590,7 +488,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if not isinstance(intent, Ask):
             self._ahead.closed()
         name = dialog.name or ""
-        await self._soon(self._do(intent, name, name), name)
+        await self._awaited.soon(self._do(intent, name, name), name)
 
     async def on_dialog_closed(self, event: Dialog.Closed) -> None:
         """Nothing happens."""
@@ -603,7 +501,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         """What was asked can be answered no more; who confirms an abort is offered another act."""
         dialog = event.dialog
         key = KEYS.get(dialog.name or "")
-        self._refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
+        self._console.refuse(OpenRun.name if key is None else key.act, dialog.overtaken)
         if key is KEYS["abort"] and event.confirmed and dialog in self._console.dialogs:
             await self._console.close(dialog)
             await self._void_instead(", ".join(dialog.answers) or "none given")
@@ -612,18 +510,20 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Waive the check that is marked in the list."""
         key = KEYS["waive"]
         if (refused := self.key_refusal(key)) is not None:
-            self._refuse(key.act, refused)
+            self._console.refuse(key.act, refused)
         elif (snapshot := self._link.snapshot()) is not None:
             check = event.check
 
             def question(now: Snapshot) -> Ask[Intent] | str:
                 return self.key_refusal(key) or Waive.ask_why(now, check)
 
-            await self._soon(self._ask(key, Waive.ask_why(snapshot, check), question), key.act)
+            await self._awaited.soon(
+                self._ask(key, Waive.ask_why(snapshot, check), question), key.act
+            )
 
     async def on_setup_pane_next_run(self, _event: SetupPane.NextRun) -> None:
         """The last field of the set-up asks for the next run."""
-        await self._soon(self._next_run(KEYS["next"]), KEYS["next"].act)
+        await self._awaited.soon(self._next_run(KEYS["next"]), KEYS["next"].act)
 
     def on_plan_pane_chosen(self, event: PlanPane.Chosen) -> None:
         """Propose a team in a condition; nothing is set up yet."""
@@ -647,11 +547,11 @@ class MadrobApp(App[None], inherit_bindings=False):
         if isinstance(event.row, Standing):
             self._console.show_runs(filter_for(event.row))
         elif not await self._console.ask_about(event.row.folder):
-            await self._soon(self._open_run(OpenRun(event.row.folder)), OpenRun.name)
+            await self._awaited.soon(self._open_run(OpenRun(event.row.folder)), OpenRun.name)
 
     async def _open_run(self, run: OpenRun) -> None:
         self._console.say(f"Reading {run.folder} ...")
-        if await self._request(run):
+        if await self._awaited.done(run):
             self._console.show_pane("results")
             self._console.say(
                 "An earlier run: 1-6 f u n go on with it, h goes back, x the next run."
@@ -662,7 +562,4 @@ class MadrobApp(App[None], inherit_bindings=False):
         if key in FUNCTION_KEYS:
             self._console.end_typing()
         self._ahead.refused(key.cap, why, answered=key.answered)
-        self._refuse(key.act, why)
-
-    def _refuse(self, what: str, why: str) -> None:
-        self._console.say(f"Refused: {what}: {why}", Tone.BAD)
+        self._console.refuse(key.act, why)

@@ -424,6 +424,10 @@ class ConsoleScreen(Screen[None]):
         """Show a message until the next one, or the next key."""
         self._status.say(text, tone)
 
+    def refuse(self, what: str, why: str) -> None:
+        """Say why something is not done."""
+        self.say(f"Refused: {what}: {why}", Tone.BAD)
+
     def key_pressed(self) -> None:
         """What was said is about what was before."""
         self._status.go()

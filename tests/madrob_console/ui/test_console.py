@@ -22,7 +22,7 @@ from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.run import Phase
 from madrob_console.referee.teams import TeamList
-from madrob_console.ui import app
+from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import KEYS
@@ -518,7 +518,7 @@ def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
     async def drive() -> None:
         async with driving(engine) as driver:
             await driver.run()
-            monkeypatch.setattr(app, "asyncio", loop)
+            monkeypatch.setattr(awaited, "asyncio", loop)
             await driver.press("i", "c")
             assert driver.console.status.startswith("Done: ")
 
