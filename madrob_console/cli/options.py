@@ -179,7 +179,7 @@ def add_results(parser: argparse.ArgumentParser) -> None:
 
 def results_folder(arguments: argparse.Namespace, settings: Settings) -> Path:
     """Where the runs are kept."""
-    chosen: Path = arguments.results or settings.results.root
+    chosen: Path = getattr(arguments, "results", None) or settings.results.root  # not all take it
     return chosen.expanduser().absolute()
 
 
