@@ -57,8 +57,9 @@ def add(commands: options.Commands) -> None:
         "--at",
         default=None,
         metavar="EVENT",
-        help="show a replay at this event, paused: as EUROBENCH names it, `start`, `stop`, "
-        "`protest` (the instant in question), or seconds from the start",
+        help="show a replay at this instant, paused: s from the start (12.5, 1:05), `start`, "
+        "`stop`, `protest` (the instant in question), or an event, mark or protest by its name "
+        "(door_opens, 'protest 1')",
     )
     options.add_idle_time(parser)
     add_look_options(parser)
@@ -185,7 +186,7 @@ def _check_replay(
     try:
         at = replay.instant(named) if named is not None else begin_at
     except MadrobError as error:
-        raise MadrobError(f"{option}: {error}") from None
+        raise MadrobError(f"--at: {error}") from None
     assert at is not None
     if (refused := replay.control(JumpTo(at))) is not None:
         raise MadrobError(f"{option}: {refused}")

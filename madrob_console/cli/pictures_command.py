@@ -14,7 +14,8 @@ from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.cameras.run_pictures import Moment, RunPictures
+    from madrob_console.archive.moments import Moment
+    from madrob_console.cameras.run_pictures import RunPictures
     from madrob_console.messages.codec import TopicMapping
 
 _WIDEST = 6000
@@ -35,13 +36,14 @@ def add(commands: options.Commands) -> None:
             "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
         ),
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
+    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, or its name")
     parser.add_argument(
         "--at",
         action="append",
         default=[],
         metavar="TIME|EVENT",
-        help="s from the start (12.5, 1:05), or an event as its file has it; may be given again",
+        help="s from the start (12.5, 1:05), `start`, `stop`, `protest` (the instant in question), "
+        "or an event, mark or protest by its name (door_opens, 'protest 1'); may be given again",
     )
     parser.add_argument(
         "--camera", default="*", metavar="GLOB", help="the topics of these cameras only"
@@ -92,7 +94,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     from madrob_console.cameras import SIDE
     from madrob_console.cameras.nearest_frames import has_evidence
     from madrob_console.cameras.run_pictures import (
-        moments_of,
+        moments_in,
         pictures_of,
         renewed_pictures,
     )
@@ -115,7 +117,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
         moments, mappings = _asked(run, arguments.at)
     else:
         scored = score_opened(run)
-        moments, mappings = moments_of(scored), scored.record.mappings
+        moments, mappings = moments_in(scored), scored.record.mappings
     made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
     _with_cameras(made, run, arguments.camera)
     folder, begin = output or Path(), f"{run.absolute().name}_"
@@ -142,38 +144,30 @@ def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
 
 def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
     """The instants that were asked for: times, and events by their names."""
+    from madrob_console.archive.moments import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.cameras.run_pictures import Moment, moments_of
+    from madrob_console.cameras.run_pictures import events_of
     from madrob_console.referee.run import seconds_of
     from recorder.errors import RecorderError
 
-    known: Sequence[Moment] = ()
-    times = [seconds_of(text) for text in at]
-    if None in times:  # an event: only scoring tells when it was
+    events: Sequence[tuple[str, float]] = ()
+    if None in map(seconds_of, at):  # an event: only scoring tells when it was
         scored = score_opened(run)
-        known, start = moments_of(scored), scored.result.start
+        events, told, start = events_of(scored), scored.run, scored.result.start
         mappings = scored.record.mappings
     else:
         try:
             recorded = read_recorded_run(run)
         except RecorderError as error:
             raise MadrobError(str(error)) from None
-        mappings = recorded.record.mappings
-        assert recorded.run.start is not None
-        start = recorded.run.start
-    found: list[Moment] = []
-    for text, time in zip(at, times, strict=True):
-        if time is not None:
-            words = f"{time:.3f} s"
-            name = f"at_{'minus_' if time < 0 else ''}{abs(time):.3f} s"  # a file keeps no sign
-            found.append(Moment(name, words, start + time, time))
-            continue
-        there = [one for one in known if text in (one.name, one.words)]
-        if not there:
-            names = ", ".join(dict.fromkeys(one.name for one in known))
-            raise MadrobError(f"{run}: {text!r} is no time and no event of this run: {names}")
-        found += there
-    return found, mappings
+        mappings, told = recorded.record.mappings, recorded.run
+        assert told.start is not None
+        start = told.start
+    try:
+        found = [moments_called(text, events, told, start) for text in at]
+    except MadrobError as error:
+        raise MadrobError(f"{run}: {error}") from None
+    return [moment for moments in found for moment in moments], mappings
 
 
 def _width(text: str) -> int:

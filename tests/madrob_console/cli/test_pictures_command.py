@@ -96,9 +96,15 @@ def test_pictures_can_be_as_large_as_they_were_sent(bare: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--at", "nothing"], "'nothing' is no time and no event of this run: benchmark_start, "),
+        (
+            ["--at", "nothing"],
+            "'nothing' is no time and no event of this run: give seconds, or one of start, stop, ",
+        ),
         (["--at", "900"], "/camera/front at 900.00 s: no frame within 1 s"),
-        (["--at", "nan"], "'nan' is no time and no event of this run: benchmark_start, "),
+        (
+            ["--at", "nan"],
+            "'nan' is no time and no event of this run: give seconds, or one of start, stop, ",
+        ),
         (["--at", "1", "--camera", "/none"], "no camera /none in its evidence"),
         (["--camera", "*front"], "some pictures are not all: say where to by --output DIR"),
     ],
