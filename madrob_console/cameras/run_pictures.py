@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
+from madrob_console.archive.moments import Moment, moments_of
 from madrob_console.archive.scored import Scored
 from madrob_console.cameras import SIDE
 from madrob_console.cameras.nearest_frames import (
@@ -42,31 +43,10 @@ MOST_PICTURES = 200
 WORKING_TIME = 60.0
 """Finding and decoding takes so long at most, s; what is left then has no picture."""
 
-_MOST_EVENTS = 20  # from the beginning, and from the end: a door may flicker
-_MOST_MARKS = 20
 _LONGEST_NAME = 60
 _LARGEST_INDEX = 4_000_000
 _LARGEST_PICTURE = 1_000_000
 _NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """Something that happened in a run.
-
-    Attributes:
-        name: as it stands in file names.
-        words: what happened, for people.
-        time: s since the epoch.
-        since_start: s since the start of the run.
-        logged: its time is a log time, as the referee's marks have it; else the testbed's.
-    """
-
-    name: str
-    words: str
-    time: float
-    since_start: float
-    logged: bool = False
 
 
 class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -107,6 +87,7 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
         log_time: when the frame was logged, s since the epoch.
         difference: how much later the frame is than the moment, by the testbed's clock, s.
         clock: how its time was told from the camera's clock, in words.
+        scale: what the grey of the picture stands for, in words; empty = it is what was seen.
         problem: why there is no picture, in words.
     """
 
@@ -123,6 +104,7 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     log_time: float | None = None
     difference: float | None = None
     clock: str = ""
+    scale: str = ""
     problem: str = ""
 
 
@@ -163,30 +145,14 @@ NO_PICTURES = RunPictures(PictureIndex())
 """Of a run without evidence."""
 
 
-def moments_of(scored: Scored) -> tuple[Moment, ...]:
-    """What happened in a run, by time; of very many events the first and the last.
+def events_of(scored: Scored) -> list[tuple[str, float]]:
+    """The events of a run: as EUROBENCH names them, and when they were, s since the epoch."""
+    return [(one.event.value, one.time) for one in scored.result.events]
 
-    Events, incidents, false starts, and the instants that protests are about.
-    """
-    result, run, start = scored.result, scored.run, scored.result.start
-    events = result.events
-    if len(events) > 2 * _MOST_EVENTS:
-        events = (*events[:_MOST_EVENTS], *events[-_MOST_EVENTS:])
-    found = [Moment(e.event.value, e.event.words, e.time, e.since_start) for e in events]
-    for incident in run.incidents[:_MOST_MARKS]:
-        words = f"incident: {incident.kind}"
-        name = f"incident_{_plain(incident.kind)}"
-        since = incident.time - start
-        found.append(Moment(name, words, incident.time, since, logged=True))
-    for mark in run.false_starts[:_MOST_MARKS]:
-        words, name = f"false start: {mark.event.words}", f"false_start_{mark.event}"
-        found.append(Moment(name, words, mark.time, mark.time - start))
-    found += [
-        Moment(f"protest_{one.number}", one.title, one.at, one.at - start)
-        for one in run.protests[:_MOST_MARKS]
-        if one.at is not None
-    ]
-    return tuple(sorted(found, key=lambda moment: moment.since_start))
+
+def moments_in(scored: Scored) -> tuple[Moment, ...]:
+    """What there are pictures of."""
+    return moments_of(events_of(scored), scored.run, scored.result.start)
 
 
 def pictures_of(
@@ -247,7 +213,7 @@ def run_pictures(folder: Path, scored: Scored) -> RunPictures:
     They are made of its evidence. Where that is not there any more, those that were made before
     are all there is.
     """
-    made = pictures_of(folder, moments_of(scored), scored.record.mappings)
+    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
     return made or stored_pictures(folder)
 
 
@@ -257,7 +223,7 @@ def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
     Raises:
         MadrobError: the disk refuses, or something else has that name.
     """
-    made = pictures_of(folder, moments_of(scored), scored.record.mappings)
+    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
     if not made:
         return stored_pictures(folder)
     _write(folder / PICTURES_FOLDER, made)
@@ -280,7 +246,7 @@ class _Maker:
         self._names = _file_names([camera.topic for camera in cameras.cameras])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
-        self._made: dict[tuple[int, int, int], Jpeg | str] = {}
+        self._made: dict[tuple[int, int, int], tuple[Jpeg, str] | str] = {}
         self._files: dict[str, bytes] = {}
         self._left_out = 0
 
@@ -330,16 +296,19 @@ class _Maker:
         if isinstance(made, str):
             return msgspec.structs.replace(known, problem=made)
         name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}.jpg"
-        self._files[name] = made.data
-        return msgspec.structs.replace(known, file=name, width=made.width, height=made.height)
+        file, scale = made
+        self._files[name] = file.data
+        return msgspec.structs.replace(
+            known, file=name, width=file.width, height=file.height, scale=scale
+        )
 
-    def _picture(self, frame: CameraFrame) -> Jpeg | str:
-        """A frame as JPEG with its size, or why there is none; each is decoded once."""
+    def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
+        """A frame as JPEG and what its grey is, or why there is none; each is decoded once."""
         if frame.found.key not in self._made:
             self._made[frame.found.key] = self._decode(frame)
         return self._made[frame.found.key]
 
-    def _decode(self, frame: CameraFrame) -> Jpeg | str:
+    def _decode(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
         from madrob_console.cameras.picture import (
             MOST_BYTES,
             MOST_MESSAGE,
@@ -351,7 +320,8 @@ class _Maker:
         try:
             message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
             most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
-            return jpeg(decoded(message, self._side), most)
+            picture, scale = decoded(message, self._side)
+            return jpeg(picture, most), scale
         except (PictureError, RecorderError) as error:
             return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
 
@@ -361,6 +331,11 @@ def nothing_near(entry: PictureEntry) -> str:
     if entry.file:
         return ""
     return entry.problem or f"no frame within {FARTHEST:g} s"
+
+
+def caption_words(entry: PictureEntry) -> str:
+    """What is to be known of a picture: what its grey stands for, and its camera's clock."""
+    return "; ".join(filter(None, (entry.scale, entry.clock)))
 
 
 def difference_words(entry: PictureEntry) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from pathlib import Path
@@ -57,8 +56,9 @@ def add(commands: options.Commands) -> None:
         "--at",
         default=None,
         metavar="EVENT",
-        help="show a replay at this event, paused: as EUROBENCH names it, `start`, `stop`, "
-        "`protest` (the instant in question), or seconds from the start",
+        help="show a replay at this instant, paused: s from the start (12.5, 1:05), `start`, "
+        "`stop`, `protest` (the instant in question), or an event, mark or protest by its name "
+        "(door_opens, 'protest 1')",
     )
     options.add_idle_time(parser)
     add_look_options(parser)
@@ -81,7 +81,7 @@ def main(arguments: argparse.Namespace) -> int:
     from madrob_console.engine.shown.requests import Role
 
     begin_at: float | None = arguments.begin_at
-    if begin_at is not None and not (_replays(arguments) and math.isfinite(begin_at)):
+    if begin_at is not None and not _replays(arguments):
         raise MadrobError(
             f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
         )
@@ -185,7 +185,7 @@ def _check_replay(
     try:
         at = replay.instant(named) if named is not None else begin_at
     except MadrobError as error:
-        raise MadrobError(f"{option}: {error}") from None
+        raise MadrobError(f"--at: {error}") from None
     assert at is not None
     if (refused := replay.control(JumpTo(at))) is not None:
         raise MadrobError(f"{option}: {refused}")

@@ -39,7 +39,7 @@ def add(commands: options.Commands) -> None:
         type=Path,
         default=None,
         metavar="RUN",
-        help="one run instead: its folder, or how the results folder calls it",
+        help="one run instead: its folder, or its name in the results folder",
     )
     parser.add_argument(
         "--dossier",
@@ -83,9 +83,9 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.export.pack import export_team
         from madrob_console.export.packed_bag import BagParts
 
-    settings = load_settings(arguments.settings)
     if arguments.dossier:
-        return _told(make_dossier(arguments, settings, _tell_size))
+        return _told(make_dossier(arguments, _tell_size))
+    settings = load_settings(arguments.settings)
     teams = options.team_list(arguments, settings)
     found = options.collection(arguments, settings)
     with progress("runs") as tell:

@@ -9,6 +9,7 @@ from importlib import import_module
 
 from madrob_console.cli import options
 from madrob_console.cli.interrupting import interruptible, say_stopped
+from madrob_console.cli.named_runs import find_runs
 from madrob_console.cli.parsing import Parser
 from madrob_console.cli.problems import BAD_INPUT, StoppedError, complain
 from madrob_console.cli.safe_output import forget, safe_output
@@ -24,7 +25,8 @@ COMMANDS = (
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
 
 _MORE = """\
-`madrob run --help` has its exit codes, `madrob settings` prints the settings with every default."""
+`madrob run --help` has its exit codes, `madrob settings` prints the settings with every default. \
+Whatever takes a run takes its name, too: it is looked for in the results folder."""
 
 
 _FAILED = 1
@@ -88,6 +90,7 @@ def _main(words: Sequence[str]) -> int:
     try:
         try:
             arguments = build_parser(named).read(words)
+            find_runs(arguments)
             command: options.Main = arguments.main
             code = command(arguments)
         finally:

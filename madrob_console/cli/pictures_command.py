@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.cameras.run_pictures import Moment, RunPictures
+    from madrob_console.archive.moments import Moment
+    from madrob_console.cameras.run_pictures import RunPictures
     from madrob_console.messages.codec import TopicMapping
 
 _WIDEST = 6000
@@ -35,13 +37,14 @@ def add(commands: options.Commands) -> None:
             "madrob pictures my_run --at door_opens --at 12.5 --camera '*front*' --width 1920",
         ),
     )
-    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
+    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, or its name")
     parser.add_argument(
         "--at",
         action="append",
         default=[],
         metavar="TIME|EVENT",
-        help="s from the start (12.5, 1:05), or an event as its file has it; may be given again",
+        help="s from the start (12.5, 1:05), `start`, `stop`, `protest` (the instant in question), "
+        "or an event, mark or protest by its name (door_opens, 'protest 1'); may be given again",
     )
     parser.add_argument(
         "--camera", default="*", metavar="GLOB", help="the topics of these cameras only"
@@ -55,17 +58,21 @@ def add(commands: options.Commands) -> None:
     )
     parser.add_argument(
         "--width",
-        type=_width,
+        type=whole_within(16, _WIDEST),
         default=None,
         metavar="PIXELS",
-        help="the most pixels in a row and in a column; 960 if not given",
+        help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
     )
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Find the frames and write them; what cannot be shown is named."""
     with imports_kept():
-        from madrob_console.cameras.run_pictures import difference_words, nothing_near
+        from madrob_console.cameras.run_pictures import (
+            caption_words,
+            difference_words,
+            nothing_near,
+        )
 
     run: Path = arguments.run
     with Complaints() as bad:
@@ -81,7 +88,7 @@ def main(arguments: argparse.Namespace) -> int:
                 bad.add(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
                 continue
             path = folder / f"{begin}{entry.file}"
-            print(terminal_safe(f"{path}: {difference_words(entry)}; {entry.clock}"))
+            print(terminal_safe(f"{path}: {difference_words(entry)}; {caption_words(entry)}"))
     return 0 if made.files else BAD_INPUT
 
 
@@ -92,7 +99,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     from madrob_console.cameras import SIDE
     from madrob_console.cameras.nearest_frames import has_evidence
     from madrob_console.cameras.run_pictures import (
-        moments_of,
+        moments_in,
         pictures_of,
         renewed_pictures,
     )
@@ -115,17 +122,18 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
         moments, mappings = _asked(run, arguments.at)
     else:
         scored = score_opened(run)
-        moments, mappings = moments_of(scored), scored.record.mappings
+        moments, mappings = moments_in(scored), scored.record.mappings
     made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
     _with_cameras(made, run, arguments.camera)
     folder, begin = output or Path(), f"{run.absolute().name}_"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(
-            f"{folder}: cannot be made ({error.strerror}): choose another --output"
-        ) from None
-    atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
+    if made.files:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MadrobError(
+                f"{folder}: cannot be made ({error.strerror}): choose another --output"
+            ) from None
+        atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
     return made, folder, begin
 
 
@@ -142,41 +150,27 @@ def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
 
 def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
     """The instants that were asked for: times, and events by their names."""
+    from madrob_console.archive.moments import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.cameras.run_pictures import Moment, moments_of
+    from madrob_console.cameras.run_pictures import events_of
     from madrob_console.referee.run import seconds_of
     from recorder.errors import RecorderError
 
-    known: Sequence[Moment] = ()
-    times = [seconds_of(text) for text in at]
-    if None in times:  # an event: only scoring tells when it was
+    events: Sequence[tuple[str, float]] = ()
+    if None in map(seconds_of, at):  # an event: only scoring tells when it was
         scored = score_opened(run)
-        known, start = moments_of(scored), scored.result.start
+        events, told, start = events_of(scored), scored.run, scored.result.start
         mappings = scored.record.mappings
     else:
         try:
             recorded = read_recorded_run(run)
         except RecorderError as error:
             raise MadrobError(str(error)) from None
-        mappings = recorded.record.mappings
-        assert recorded.run.start is not None
-        start = recorded.run.start
-    found: list[Moment] = []
-    for text, time in zip(at, times, strict=True):
-        if time is not None:
-            words = f"{time:.3f} s"
-            name = f"at_{'minus_' if time < 0 else ''}{abs(time):.3f} s"  # a file keeps no sign
-            found.append(Moment(name, words, start + time, time))
-            continue
-        there = [one for one in known if text in (one.name, one.words)]
-        if not there:
-            names = ", ".join(dict.fromkeys(one.name for one in known))
-            raise MadrobError(f"{run}: {text!r} is no time and no event of this run: {names}")
-        found += there
-    return found, mappings
-
-
-def _width(text: str) -> int:
-    if not text.isdecimal() or not 16 <= int(text) <= _WIDEST:
-        raise argparse.ArgumentTypeError(f"{text!r}: use 16 to {_WIDEST} pixels")
-    return int(text)
+        mappings, told = recorded.record.mappings, recorded.run
+        assert told.start is not None
+        start = told.start
+    try:
+        found = [moments_called(text, events, told, start) for text in at]
+    except MadrobError as error:
+        raise MadrobError(f"{run}: {error}") from None
+    return [moment for moments in found for moment in moments], mappings

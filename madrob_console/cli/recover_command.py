@@ -18,6 +18,7 @@ from recorder.errors import RecorderError
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
+    from madrob_console.archive.run_paths import RunPath
     from recorder.recovery import Recovered
 
 
@@ -29,9 +30,9 @@ def add(commands: options.Commands) -> None:
         main,
         "repair recordings that were cut off, and results that are not what the journal says",
         "Writes a whole bag beside the torn one, which is kept. The result of a run folder is made "
-        "again if a power cut left it out of date, or if it is damaged. PATH is a run folder or a "
-        "bag.",
-        examples=("madrob recover my_run",),
+        "again if a power cut left it out of date, or if it is damaged. PATH is a run folder, a "
+        "bag, or a folder with runs at any depth.",
+        examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
 
@@ -39,23 +40,33 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Repair every path; a bad one is named and does not stop the rest."""
     with imports_kept():
-        from madrob_console.archive.repair import recover_recording
-        from madrob_console.cli.repairing import repair_run
+        from madrob_console.archive.run_paths import all_runs_at
 
+    runs = all_runs_at(arguments.paths)
     with progress("recordings") as tell, Complaints() as bad:
-        tell(0, len(arguments.paths))
-        for number, path in enumerate(arguments.paths, start=1):
+        tell(0, len(runs))
+        for number, run in enumerate(runs, start=1):
             try:
-                with _journal_held(path):
-                    recovered = recover_recording(path)
-                line = _line(path, recovered)  # a run that is held would be taken for one going on
-                if repair_run(path):
-                    line += "; its result was made again from journal and recording"
-                print(terminal_safe(line))
+                print(terminal_safe(_recovered(run)))
             except (MadrobError, RecorderError) as error:
-                bad.add(error, path)
-            tell(number, len(arguments.paths))
+                bad.add(error, run.name)
+            tell(number, len(runs))
     return BAD_INPUT if bad.count else 0
+
+
+def _recovered(run: RunPath) -> str:
+    """Repair one run; returns what became of it."""
+    from madrob_console.archive.repair import recover_recording
+    from madrob_console.cli.repairing import repair_run
+
+    if run.prefix:
+        raise MadrobError(f"{run.name}: files without a recording: give the run's bag")
+    with _journal_held(run.path):
+        recovered = recover_recording(run.path)
+    line = _line(run.path, recovered)  # a run that is held would be taken for one going on
+    if repair_run(run.path):
+        line += "; its result was made again from journal and recording"
+    return line
 
 
 @contextmanager

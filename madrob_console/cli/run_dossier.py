@@ -10,12 +10,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
 from madrob_console.errors import MadrobError
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.config import Settings
     from madrob_console.export.pack import Export
 
 
@@ -35,9 +33,7 @@ def check_options(arguments: argparse.Namespace) -> None:
         raise MadrobError("--run names the run: leave out --subject, --practice and PATH")
 
 
-def make_dossier(
-    arguments: argparse.Namespace, settings: Settings, tell_size: Callable[[int, int], None]
-) -> Export:
+def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], None]) -> Export:
     """Make the zip of the run that is named.
 
     Raises:
@@ -48,7 +44,7 @@ def make_dossier(
         from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
         from madrob_console.export.packed_bag import BagParts
 
-    run = _run(arguments, settings)
+    run: Path = arguments.run.absolute()
     check_dossier(run)
     made, problems = _page(run)
     with _tables(run, (run / JOURNAL_FILE).stat().st_mtime) as (tables, why):
@@ -61,14 +57,6 @@ def make_dossier(
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             tell_size=tell_size,
         )
-
-
-def _run(arguments: argparse.Namespace, settings: Settings) -> Path:
-    """The run that is named: a folder, or as the results folder calls it."""
-    named: Path = arguments.run.expanduser()
-    if named.is_dir() or named.is_absolute():
-        return named.absolute()
-    return options.results_folder(arguments, settings) / named
 
 
 def _page(run: Path) -> tuple[dict[str, bytes], list[str]]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.asking import says_yes, somebody_there
-from madrob_console.cli.parsing import period, size, whole_number
+from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.progress import progress
 from madrob_console.errors import MadrobError
@@ -44,7 +46,7 @@ def add(commands: options.Commands) -> None:
     limits = parser.add_argument_group("what stays besides; at least one of these")
     limits.add_argument(
         "--keep-runs",
-        type=whole_number,
+        type=whole_within(0),
         default=None,
         metavar="N",
         help="that of the last N runs, and of the last N practice runs",
@@ -113,13 +115,11 @@ def _limits(arguments: argparse.Namespace) -> TidyLimits:
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
-    if keep is not None and keep < 0:
-        raise MadrobError(f"--keep-runs {keep}: use 0 or more")
     return TidyLimits(keep or 0, age or 0.0, free)
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
-    """One a run: which, how old, how much, and why it stays."""
+    """One a run: which, how old, how much, and why it stays, below it on a narrow terminal."""
     from madrob_console.ui.look.words import size_text
 
     rows = [
@@ -127,10 +127,14 @@ def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
         for one in found
     ]
     longest = max((len(row[0]) for row in rows), default=0)
-    return [
-        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {kept}' if kept else 'goes'}"
-        for folder, age, amount, kept in rows
-    ]
+    width = get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    lines: list[str] = []
+    for folder, age, amount, kept in rows:
+        head = f"{folder:<{longest}}  {age:>6}  {amount:>7}"
+        words = f"stays: {kept}" if kept else "goes"
+        fits = len(head) + 2 + len(words) <= width
+        lines += [f"{head}  {words}"] if fits else [head, f"  {words}"]
+    return lines
 
 
 def _age(seconds: float) -> str:

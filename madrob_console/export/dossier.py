@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from madrob_console.archive.folders import (
+    FRAMES_FOLDER,
     JOURNAL_FILE,
     REPORT_FILE,
     RESULT_FILE,
@@ -18,7 +19,7 @@ from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
-from madrob_console.export.pack import EXPORTS_FOLDER, Export, folder_for
+from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
 from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
@@ -42,6 +43,7 @@ _ABOUT: Sequence[tuple[str, str]] = (
     (RESULT_FILE, f"the result that counts; {SCHEMA_FILE} describes every key"),
     ("result_issue_", "an earlier issue of the result"),
     ("/pictures/", "pictures of the cameras"),
+    (f"/{FRAMES_FOLDER}/", "what the cameras saw at an instant that somebody asked for"),
     (f"{TABLES_FOLDER}/", "what the sensors said, as tables"),
     (_EVIDENCE, "evidence: what was recorded beside the testbed's own topics"),
     (".mcap", "the recording (rosbag2, MCAP): `ros2 bag play`, or foxglove.dev"),
@@ -54,11 +56,15 @@ _ABOUT: Sequence[tuple[str, str]] = (
 
 
 def dossier_target(run: Path) -> Path:
-    """Where the dossier of a run goes that is given no other place: `exports/dossier_RUN.zip`."""
+    """Where the dossier of a run goes that is given no other place: `exports/dossier_RUN.zip`.
+
+    That of a practice run is `dossier_practice_RUN.zip`.
+    """
     run = run.absolute()
-    practice = lies_in_practice(f"{run.parent.name}/{run.name}")
-    root = run.parent.parent if practice else run.parent
-    return root / EXPORTS_FOLDER / f"dossier_{run.name}.zip"
+    within = lies_in_practice(f"{run.parent.name}/{run.name}")
+    root = run.parent.parent if within else run.parent
+    kind = "practice_" if KnownRun.of(run).practice else ""
+    return root / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
 
 
 def check_dossier(run: Path) -> None:
@@ -158,7 +164,7 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
     if setup is not None:
         yield (
             f"Run {setup.run_number} of subject {setup.subject} {terminal_safe(setup.team)}, "
-            f"condition {setup.condition.number}"
+            f"condition {setup.condition.number}{', PRACTICE' if setup.practice else ''}"
         )
     if not run.protests:
         yield ""
@@ -203,7 +209,14 @@ def _time(at: float) -> str:
 
 def _readme(run: Path, archive: Archive, left_out: Sequence[str]) -> str:
     """What each file is, and its digest."""
-    lines = [f"MADROB: dossier of {terminal_safe(run.name)}", f"Begin with {PROTESTS_FILE}.", ""]
+    known = KnownRun.of(run)
+    kind = "the PRACTICE run " if known.practice else ""
+    lines = [
+        f"MADROB: dossier of {kind}{terminal_safe(run.name)}",
+        terminal_safe(known.words),
+        f"Begin with {PROTESTS_FILE}.",
+        "",
+    ]
     if missing := [*left_out, *archive.problems]:
         lines += ["NOT IN THIS ARCHIVE", *(f"  {terminal_safe(one)}" for one in missing), ""]
     if archive.renamed:

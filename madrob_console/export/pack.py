@@ -14,6 +14,7 @@ import msgspec
 from madrob_console.archive.collection import Collection
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
+    PRACTICE_FOLDER,
     RESULT_FILE,
 )
 from madrob_console.archive.history import VOID, RunSummary
@@ -96,7 +97,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         MadrobError: the team has no such runs, or the zip cannot be written.
     """
     runs, going_on = _runs_of(found, subject, practice=practice)
-    known = {run: _Known.of(run) for run in runs}
+    known = {run: KnownRun.of(run) for run in runs}
     called = TeamName.of(team, (known[run].team for run in runs))
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
@@ -156,24 +157,36 @@ def file_name(subject: int, team: str, now: float, *, practice: bool = False) ->
 
 
 @dataclass(frozen=True, slots=True)
-class _Known:
-    """What is known of a run without its recording."""
+class KnownRun:
+    """What is known of a run without its recording.
+
+    Attributes:
+        team: its name; empty = it has none.
+        words: how it ended and what it is worth, for people.
+        practice: whether it counts for nothing.
+        zero: its handle zero; None = none was set.
+    """
 
     team: str
     words: str
+    practice: bool = False
     zero: HandleZero | None = None
 
     @classmethod
-    def of(cls, run: Path) -> _Known:
-        folder = str(run)
+    def of(cls, run: Path) -> KnownRun:
+        """What result and journal in its folder say; what is wrong with them stands in `words`."""
+        folder, practice = str(run), run.parent.name == PRACTICE_FOLDER
         try:
             result, _ = read_result(folder)
         except FileNotFoundError:
             setup = read_setup(f"{folder}/{JOURNAL_FILE}")
-            return cls("" if setup is None else setup.team, "no result, it was cut off")
+            words = "no result, it was cut off"
+            if setup is None:
+                return cls("", words, practice)
+            return cls(setup.team, words, practice or setup.practice)
         except UnusableResultError as problem:
-            return cls("", str(problem))
-        return cls(result.team, _outcome(result), _zero(result))
+            return cls("", str(problem), practice)
+        return cls(result.team, _outcome(result), practice or result.practice, _zero(result))
 
 
 def _zero(result: ListedResult) -> HandleZero | None:

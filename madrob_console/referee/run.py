@@ -514,8 +514,8 @@ def relative_text(at: float | None, start: float | None) -> str:
 
 
 def seconds_of(text: str) -> float | None:
-    """Seconds that somebody typed: `12.5`, `-3`, `1:05.2`; None for anything else, `nan` too."""
-    minutes, colon, rest = text.strip().rpartition(":")
+    """Seconds that somebody typed: `12.5`, `6.5 s`, `-3`, `1:05.2`; None for anything else."""
+    minutes, colon, rest = text.strip().removesuffix("s").rpartition(":")
     sign = -1.0 if minutes.startswith("-") else 1.0
     try:
         whole = abs(int(minutes)) if colon else 0

@@ -11,6 +11,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from madrob_console.archive.comparison import Comparison, compared, stored_result
+from madrob_console.archive.moments import moments_called
 from madrob_console.archive.run_record import demand_record
 from madrob_console.archive.scored import (
     keep_stored_remarks,
@@ -33,11 +34,9 @@ from madrob_console.engine.shown.playback import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import MessageTypes
-from madrob_console.names import terminal_safe
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.protests import open_protests
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import Run, seconds_of
+from madrob_console.referee.run import Run
 from madrob_console.referee.transitions import stop
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.recorded_clock import LONGEST, TICK
@@ -49,8 +48,7 @@ from scoring.result import Result
 NO_ACTS = "a replay shows what was decided then: nothing can be done to the run"
 """Why every act is refused."""
 
-PROTEST = "protest"
-"""The name of the instant in question."""
+_NO_TIME = 1e12  # s: from here on
 
 OWN_RUN = "a replay shows its own run: leave it to open another one"
 
@@ -108,33 +106,24 @@ class Replay:
         self._waiting = deque(zip(self._times, self.recorded.entries, strict=True))
 
     def instant(self, named: str) -> float:
-        """A time of the run that somebody names, s from its start.
+        """A time of the run that somebody names, s from its start; of several the first.
 
         Args:
-            named: an event as EUROBENCH names it (its first), `start`, `stop`, `protest` (the
-                instant in question of the one that is open, else of the last), or seconds.
+            named: as for `moments_called`.
 
         Raises:
             MadrobError: there is no such instant in this run.
         """
-        run, start = self.recorded.run, self.recorded.run.start
-        assert start is not None
-        known: dict[str, float] = {"start": start}
-        if run.stop is not None:
-            known["stop"] = run.stop
-        events = [entry.details for entry in self.recorded.entries if entry.what == Change.EVENT]
-        for details in reversed(events):
-            if isinstance(time := details.get("time"), int | float):  # a journal may be hostile
-                known[str(details.get("event"))] = time
-        of = (*open_protests(run.protests), *reversed(run.protests))
-        if of:
-            known[PROTEST] = start if of[0].at is None else of[0].at
-        if (at := known.get(named)) is not None and math.isfinite(at):
-            return at - start
-        if (typed := seconds_of(named)) is not None:
-            return typed
-        there = ", ".join(sorted(terminal_safe(name) for name in known))
-        raise MadrobError(f"no such event in this run: give seconds, or one of {there}")
+        run = self.recorded.run
+        assert run.start is not None
+        told = (one.details for one in self.recorded.entries if one.what == Change.EVENT)
+        events = [
+            (str(details.get("event")), float(time))
+            for details in told
+            if isinstance(time := details.get("time"), int | float)
+            and abs(time) < _NO_TIME  # a journal may be hostile
+        ]
+        return moments_called(named, events, run, run.start)[0].since_start
 
     def config(self, config: EngineConfig) -> EngineConfig:
         """With the numbers of the recording."""

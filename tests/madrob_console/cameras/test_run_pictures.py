@@ -20,7 +20,7 @@ from madrob_console.cameras.run_pictures import (
     MOST_PICTURES,
     NO_PICTURES,
     PictureIndex,
-    moments_of,
+    moments_in,
     pictures_of,
     renewed_pictures,
     run_pictures,
@@ -64,7 +64,7 @@ def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(run: 
     renewed_pictures(run, scored)
     index = index_of(run)
     events = [event.event.value for event in scored.result.events]
-    assert [one.event for one in index.pictures[::2]] == [m.name for m in moments_of(scored)]
+    assert [one.event for one in index.pictures[::2]] == [m.name for m in moments_in(scored)]
     assert {one.event for one in index.pictures} == {*events, "incident_collision"}
     for entry in index.pictures:
         assert entry.problem == ""
@@ -251,9 +251,9 @@ def test_the_work_ends_in_time_and_says_what_is_left(run: Path) -> None:
     scored = score_opened(run)
     ticks = count(step=12)
     made = pictures_of(
-        run, moments_of(scored), DEFAULT_MAPPINGS, monotonic=lambda: float(next(ticks))
+        run, moments_in(scored), DEFAULT_MAPPINGS, monotonic=lambda: float(next(ticks))
     )
-    assert 0 < len(made.files) < 2 * len(moments_of(scored))
+    assert 0 < len(made.files) < 2 * len(moments_in(scored))
     assert "pictures were not made" in made.index.problems[0]
 
 

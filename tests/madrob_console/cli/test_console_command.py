@@ -31,7 +31,10 @@ pytestmark = pytest.mark.machine
         ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
         ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),
         ("console --testbed replay RUN --at 900", "--at 900: the recording goes from -"),
-        ("console --testbed replay RUN --at lunch", "--at lunch: no such event in this run: give"),
+        (
+            "console --testbed replay RUN --at lunch",
+            "--at: 'lunch' is no time and no event",
+        ),
         ("console --testbed replay RUN --at stop --from 3", "in place of --from"),
         ("console --testbed simulated --at stop", "--at: give it with `--testbed replay PATH`"),
         ("console --testbed replay FOREIGN", "a bag without a MADROB run cannot be replayed"),

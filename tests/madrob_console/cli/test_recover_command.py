@@ -202,3 +202,34 @@ def test_a_name_cannot_steer_the_terminal(
     captured = capsys.readouterr()
     assert one_line(captured.out)[:-1].isprintable()
     assert one_line(captured.err)[:-1].isprintable()
+
+
+def test_a_results_folder_is_repaired_run_by_run(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    whole, torn, lost = (
+        Path(shutil.copytree(finished, results / place / finished.name.replace("_run_001", name)))
+        for place, name in ((".", "_run_001"), ("practice", "_run_002"), (".", "_run_003"))
+    )
+    bags = {folder: folder / f"{finished.name}_0.mcap" for folder in (whole, torn, lost)}
+    content = bags[torn].read_bytes()
+    bags[torn].write_bytes(content[: len(content) // 2])
+    bags[lost].write_bytes(b"")
+    assert madrob(["recover", str(results)]) == 2
+    told = capsys.readouterr()
+    lines = told.out.splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [str(torn), str(whole)]
+    assert "messages kept" in lines[0]
+    assert lines[1].endswith("nothing was written")
+    assert str(lost) in one_line(told.err)
+    assert madrob(["score", str(torn)]) == 0
+
+
+def test_a_folder_without_runs_is_named_with_what_to_give(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert madrob(["recover", str(tmp_path)]) == 2
+    told = one_line(capsys.readouterr().err)
+    assert str(tmp_path) in told
+    assert "choose a rosbag2 bag folder or an .mcap file" in told

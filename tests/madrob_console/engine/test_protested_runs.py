@@ -183,11 +183,33 @@ def test_a_replay_knows_its_events_by_name_and_refuses_others_with_words(desk: D
     events = {one["event"]: one["since_start"] for one in desk.document["events"]}
     assert replay.instant("door_opens") == pytest.approx(events["door_opens"])
     assert (replay.instant("start"), replay.instant("1:05.5")) == (0.0, 65.5)
-    with pytest.raises(MadrobError, match="no such event in this run: give seconds, or one of"):
+    with pytest.raises(MadrobError, match="no event of this run: give seconds, or one of start, "):
         replay.instant("protest")
 
 
-@pytest.mark.parametrize("time", [None, "soon", [1], {}])
+@pytest.mark.parametrize(
+    "named",
+    ["protest", "protest 1", "Protest 1", "protest_1", "PROTEST_1 ", "6.5", "0:06.5", "6.5 s"],
+)
+def test_the_instant_in_question_is_found_by_what_screens_and_files_call_it(
+    desk: Desk, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk.act(SIGNED, CROSSED)
+    assert Replay(desk.run_folder, MessageTypes()).instant(named) == pytest.approx(6.5)
+    film(desk.run_folder, "/camera/left")
+    output = ("--output", str(tmp_path / "frames"))
+    assert main(["pictures", str(desk.run_folder), "--at", named, *output]) == 0
+    printed = capsys.readouterr().out
+    assert len(list((tmp_path / "frames").iterdir())) == len(printed.splitlines()) == 1
+    assert main(["pictures", str(desk.run_folder), "--at", "protest 2", *output]) == 2
+    assert re.search(
+        "'protest 2' is no .* one of start, stop, .*protest_1", capsys.readouterr().err
+    )
+    with pytest.raises(MadrobError, match=r"'protest 2' is no .* one of start, stop, .*protest_1"):
+        Replay(desk.run_folder, MessageTypes()).instant("protest 2")
+
+
+@pytest.mark.parametrize("time", [None, "soon", [1], {}, 10**400])
 def test_an_event_without_a_time_is_none_of_a_replay(desk: Desk, time: object) -> None:
     journal = desk.run_folder / "journal.jsonl"
     lines = [json.loads(line) for line in journal.read_text().splitlines()]
@@ -196,7 +218,7 @@ def test_an_event_without_a_time_is_none_of_a_replay(desk: Desk, time: object) -
             line["details"]["time"] = time
     journal.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
     replay = Replay(desk.run_folder, MessageTypes())
-    with pytest.raises(MadrobError, match="no such event in this run"):
+    with pytest.raises(MadrobError, match="'door_opens' is no time and no event"):
         replay.instant("door_opens")
 
 
@@ -250,6 +272,19 @@ def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: 
     assert shown
     assert {f"{name}/{picture}" for picture in shown} <= set(files)
     assert not (desk.run_folder / "pictures").exists()
+
+
+def test_the_dossier_of_a_practice_run_says_so_as_an_export_does(desk: Desk) -> None:
+    files = dossier(desk)
+    assert dossier_target(desk.run_folder).name == f"dossier_practice_{desk.run_folder.name}.zip"
+    readme = files[README_FILE].decode().splitlines()
+    assert readme[0] == f"MADROB: dossier of the PRACTICE run {desk.run_folder.name}"
+    assert re.search("run 1: completed, not final, PRACTICE, simulated", readme[1])
+    assert ", PRACTICE" in files[PROTESTS_FILE].decode().splitlines()[1]
+    desk.act(SIGNED)
+    signed = dossier(desk)[README_FILE].decode().splitlines()[1]
+    assert "not final" not in signed
+    assert "final, " in signed
 
 
 def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:

@@ -328,7 +328,10 @@ def test_the_run_that_goes_on_is_left_out_and_named(
 def test_a_team_without_runs_is_told_in_a_line_and_makes_no_zip(
     root: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for team, words in (("7", "there are runs of subject 3, 4"), ("-1", "subject -1 has no runs")):
+    for team, words in (
+        ("7", "there are runs of subject 3, 4"),
+        ("999", "subject 999 has no runs"),
+    ):
         assert main(["export", f"--team={team}", f"--results={root}"]) == 2
         said = capsys.readouterr()
         assert said.err.count("\n") == 1

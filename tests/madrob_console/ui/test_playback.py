@@ -96,6 +96,7 @@ def test_a_step_of_one_sample_shows() -> None:
     ("typed", "seconds"),
     [
         ("12.5", 12.5), ("-3", -3.0), (" 1:05.2 ", 65.2), ("-0:30", -30.0), ("0", 0.0),
+        ("6.5 s", 6.5), ("1:05s", 65.0), ("s", None), ("1 ss", None),
         ("", None), ("abc", None), ("1:2:3", None), (":5", None), ("5:", None),
         ("nan", None), ("1:inf", None), ("1" * 400 + ":0", None),
     ],
