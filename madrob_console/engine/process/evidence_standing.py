@@ -170,6 +170,7 @@ def standing(
         finishing=recording is not None and recording.finishing,
         size=0 if recording is None else recording.size,
         problem=problem or None,
+        silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
     )
 
 

@@ -220,8 +220,14 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
         (WitnessStatus(ready=True), "no data: none of its topics is there"),
         (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
         (
-            WitnessStatus(ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),)),
-            "ok: 1 topics, nothing comes now; room for ",
+            WitnessStatus(
+                ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),), silent=(LEFT,)
+            ),
+            f"warning: {LEFT}: nothing comes now; 1 topics, room for ",
+        ),
+        (
+            WitnessStatus(ready=True, topics=(COMES,), silent=("/a", "/b", "/c")),
+            "warning: /a, /b and 1 more: nothing comes now; 1 topics, room for ",
         ),
     ],
 )
@@ -229,6 +235,12 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
     drive.prepare(make_setup())
     drive.witness.status = status
     assert drive.check(CheckName.EVIDENCE).startswith(said)
+
+
+def test_a_topic_on_which_nothing_comes_stands_in_no_start_s_way(drive: Watched) -> None:
+    drive.witness.status = replace(drive.witness.status, silent=("/camera/right",))
+    drive.start(make_setup())
+    assert drive.engine.run.active
 
 
 def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(
