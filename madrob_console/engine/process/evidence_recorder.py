@@ -192,10 +192,15 @@ class EvidenceRecorder:
             os.close(self._fd)
 
     def _repair(self) -> None:
-        """Make whole what a process that was ended left of the same run; nobody waits for it."""
+        """Make whole what a process that was ended left of the same run; nobody waits for it.
+
+        Each file is copied: where the score would have too little room then, it stays as it is.
+        """
         try:
             names = os.listdir(self._fd)  # noqa: PTH208  of a handle
-            if any(is_evidence(name) and name != self._name for name in names):
+            others = [name for name in names if is_evidence(name) and name != self._name]
+            sizes = [os.stat(name, dir_fd=self._fd).st_size for name in others]
+            if others and self._free() - sum(sizes) >= self._least_free:
                 recover_evidence(Path(f"/proc/self/fd/{self._fd}"))
         except (OSError, RecorderError):
             pass  # `madrob recover` says what is wrong with it
@@ -226,7 +231,7 @@ class EvidenceRecorder:
                 synced, unsynced = self._monotonic(), 0
             if now - looked >= _ROOM_PERIOD:
                 looked = now
-                self._demand_room()
+                self._demand_room(file)
             with self._changed:
                 self._size = file.size
             if file.size > self._most_bytes:
@@ -239,12 +244,16 @@ class EvidenceRecorder:
     def _is_due(self) -> bool:
         return self._ending or self._held or self._queue.size >= BATCH_BYTES
 
-    def _demand_room(self) -> None:
-        at = os.fstatvfs(self._fd)
-        free = at.f_bavail * at.f_frsize
+    def _demand_room(self, file: McapFile) -> None:
+        free = self._free()
         if free < self._least_free:
+            file.sync()  # what was taken so far is in it, and counted so
             need = self._least_free / 1e9
             raise OSError(f"{free / 1e9:.1f} GB are free, the score keeps {need:.1f} GB for itself")
+
+    def _free(self) -> int:
+        at = os.fstatvfs(self._fd)
+        return at.f_bavail * at.f_frsize
 
     def _rest(self, file: McapFile) -> None:
         with self._changed:
