@@ -107,7 +107,10 @@ class Witness(Protocol):
         ...
 
     def await_account(self, limit: float) -> None:
-        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
+        """Wait until the account has all up to the `end`, `limit` s at most; not for the core.
+
+        What is not in the files soon after is `unwritten` in it.
+        """
         ...
 
     def hold(self, *, held: bool) -> None:

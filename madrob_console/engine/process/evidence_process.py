@@ -45,6 +45,9 @@ for each other; s in which neither a disk nor other programs held it up."""
 FIRST_WORD = 20.0
 """A process that was just started may take so long to say something, s."""
 
+NEARLY_WRITTEN = 0.1
+"""The account of a recording waits so long for the last of it to be in its file, s."""
+
 _PERIOD = 0.25
 
 
@@ -70,7 +73,7 @@ class EvidenceProcess:
         self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
         self._bell: int | None = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._held = False
-        self._counted = threading.Event()
+        self._counted, self._written = threading.Event(), threading.Event()
         # Of the thread.
         self._thread: threading.Thread | None = None
         self._child: Child[EvidenceNews] | None = None
@@ -104,6 +107,7 @@ class EvidenceProcess:
         """See `Witness`."""
         self.warm()
         self._counted.clear()
+        self._written.clear()
         self._order(place)
 
     def end(self) -> None:
@@ -112,7 +116,9 @@ class EvidenceProcess:
 
     def await_account(self, limit: float) -> None:
         """See `Witness`."""
-        self._counted.wait(limit)
+        end = time.monotonic() + limit
+        if self._counted.wait(limit):
+            self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
 
     def hold(self, *, held: bool) -> None:
         """See `Witness`."""
@@ -299,6 +305,8 @@ class EvidenceProcess:
         self._tell()
         if self._recording is not None and self._recording.counted:
             self._counted.set()
+            if self._recording.unwritten == 0:
+                self._written.set()
 
     def _tell(self) -> None:
         """Say how things stand."""

@@ -50,6 +50,8 @@ class EvidenceWritten:
         problem: why nothing more is written, in words; empty = it is.
         finished: whether the file is complete, or given up.
         ended: whether nothing more comes: what was taken is all counted.
+        unwritten: how many of the messages are not in the file yet; None = the file could not be
+            finished, and nobody knows.
     """
 
     messages: dict[str, int]
@@ -62,6 +64,7 @@ class EvidenceWritten:
     problem: str
     finished: bool
     ended: bool = False
+    unwritten: int | None = 0
 
 
 class EvidenceRecorder:
@@ -98,7 +101,8 @@ class EvidenceRecorder:
         self._bytes: Counter[str] = Counter()
         self._gave_way: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
-        self._size = 0
+        self._size = self._saved = 0
+        self._torn = False
         self._problem = ""
         self._ending = False
         self._held = False
@@ -143,6 +147,11 @@ class EvidenceRecorder:
         self._thread.join(limit)
 
     @property
+    def finished(self) -> bool:
+        """Whether the file is complete, or given up."""
+        return self._finished
+
+    @property
     def written(self) -> EvidenceWritten:
         """How it stands."""
         with self._changed:
@@ -158,6 +167,7 @@ class EvidenceRecorder:
                 self._problem,
                 self._finished,
                 self._ending,
+                None if self._torn else self._messages.total() - self._saved,
             )
 
     def _add(self, message: RawMessage, number: int) -> None:
@@ -233,7 +243,7 @@ class EvidenceRecorder:
                 looked = now
                 self._demand_room(file)
             with self._changed:
-                self._size = file.size
+                self._size, self._saved = file.size, file.saved.total()
             if file.size > self._most_bytes:
                 file.sync()
                 self._fail("the budget is used up: raise `recording.budget`", file.saved)
@@ -273,7 +283,7 @@ class EvidenceRecorder:
                 lost = accepted - saved[topic]
                 self._refused[topic] += lost
                 self._bytes[topic] -= self._bytes[topic] * lost // max(1, accepted)
-            self._messages = saved.copy()
+            self._messages, self._saved = saved.copy(), saved.total()
 
     def _finish(self, file: McapFile) -> None:
         self._busy()
@@ -287,6 +297,7 @@ class EvidenceRecorder:
             cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
             with self._changed:
                 self._problem = self._problem or f"the evidence could not be finished: {cause}"
+                self._torn = True
         finally:
             with suppress(OSError):
                 file.close()

@@ -40,6 +40,7 @@ class EvidenceRecording:
         self._files = 0
         self._former: list[tuple[RecordedTopic, ...]] = []
         self._former_size = 0
+        self._cut_off = False
         self._problems: list[str] = []
         self._heard = _NOTHING
         self._written: EvidenceWritten | None = None
@@ -66,6 +67,13 @@ class EvidenceRecording:
     def counted(self) -> bool:
         """Whether its process has said what it took up to the end of the recording."""
         return not self.goes_on and self._written is not None and self._written.ended
+
+    @property
+    def unwritten(self) -> int | None:
+        """How many of its messages are not in its files yet; None = nobody knows."""
+        if self._cut_off:
+            return None
+        return 0 if self._written is None else self._written.unwritten
 
     def next_file(self) -> RecordInto:
         """The order for its next file."""
@@ -96,6 +104,7 @@ class EvidenceRecording:
             return
         self._former.append(_topics(self._heard, self._written))
         self._former_size = self.size
+        self._cut_off |= self._files > 0
         self._heard, self._written = _NOTHING, None
         self._given_up = not self.goes_on
         what = "what came until it was back is missing"
@@ -113,7 +122,7 @@ class EvidenceRecording:
         if not self._files or (self._files and not self._former and self._written is None):
             problems.append("no process was there to record it")
         topics = _merged([*self._former, _topics(self._heard, self._written)])
-        return EvidenceAccount(topics, tuple(problems))
+        return EvidenceAccount(topics, tuple(problems), self.unwritten)
 
     def problem(self, now: float) -> str:
         """What is wrong now, in words; empty = nothing.

@@ -40,3 +40,13 @@ def test_what_goes_wrong_after_a_recording_is_told_until_the_next_one() -> None:
     run.recording.ended = 2.0
     assert run.says(2.5, "it could not be finished", finished=True).problem is not None
     assert run.says(9.5, "it could not be finished", finished=True).problem is not None
+
+
+def test_what_a_process_that_was_ended_had_on_its_way_is_not_known() -> None:
+    run = Recorded()
+    run.says(1.0, "")
+    run.recording.lose_process("it was ended by SIGKILL")
+    run.recording.next_file()
+    account = run.says(2.0, "").account
+    assert account.unwritten is None
+    assert account.words.endswith(", not known how many of them are on disk")
