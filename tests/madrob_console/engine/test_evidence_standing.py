@@ -50,3 +50,24 @@ def test_what_a_process_that_was_ended_had_on_its_way_is_not_known() -> None:
     account = run.says(2.0, "").account
     assert account.unwritten is None
     assert account.words.endswith(", not known how many of them are on disk")
+
+
+def test_a_process_that_is_silent_at_the_end_of_a_recording_leaves_open_what_there_is() -> None:
+    run = Recorded()
+    told = run.says(1.0, "")
+    assert (told.account.unwritten, told.account.problems) == (0, ())
+    run.recording.ended = 14.0
+    account = standing(14.5, None, 1.0, "", run.recording).account
+    assert account.unwritten is None
+    (problem,) = account.problems
+    assert "said nothing in the last 13 s of the recording" in problem
+
+
+def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
+    run = Recorded()
+    run.says(1.0, "")
+    run.recording.ended = 2.0
+    news = EvidenceNews(settled=True, recordings={1: replace(WRITTEN, ended=True)})
+    run.recording.hear(news, 2.1)
+    account = standing(2.2, news, 2.1, "", run.recording).account
+    assert (account.unwritten, account.problems) == (0, ())
