@@ -3,6 +3,9 @@
 The new file is written beside the old one, read back, and takes its name in one step; the old one
 stays as `NAME.mcap.torn`. A kill at any moment leaves the old file or the new one under the name,
 and the old one in any case; to repair again is harmless.
+
+Of evidence that was only cut off the old file goes: the new one has every whole message of it, and
+it would take the same room once more.
 """
 
 from __future__ import annotations
@@ -71,7 +74,8 @@ class Recovered:
     Attributes:
         file: the recording.
         messages: how many it holds.
-        torn: where the old file is kept; None if it was whole already.
+        torn: where the old file is kept; None if it was whole already, or is evidence that was only
+            cut off.
         metadata: the `metadata.yaml` that was written; None if it was right, or if the file is
             one of several in its folder.
         cut: what was wrong with the old file, in words and in its order; empty if it was whole.
@@ -93,7 +97,7 @@ class Recovered:
     @property
     def changed(self) -> bool:
         """Whether anything was written."""
-        written = self.torn is not None or self.metadata is not None
+        written = bool(self.cut) or self.metadata is not None
         return written or any(file.changed for file in self.evidence)
 
 
@@ -243,8 +247,9 @@ def _repair(
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
             raise RecorderError(f"{path} is being written; end its recording, then try again")
         if survey.cut:
-            torn = path.with_name(keep(folder_fd, path.name))
-            os.fsync(folder_fd)
+            if not (is_evidence(path.name) and survey.only_cut_off):
+                torn = path.with_name(keep(folder_fd, path.name))
+                os.fsync(folder_fd)
             os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
             os.fsync(folder_fd)
         if metadata is not None:

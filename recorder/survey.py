@@ -17,6 +17,9 @@ from recorder.reader import end_of, left_out, read_items
 
 _GAPS_TOLD = 3
 
+_LARGEST_END = 100_000_000
+"""What a kill cuts is one record, of no more bytes: if more cannot be read, it is damaged."""
+
 
 @dataclass(slots=True)
 class Survey:
@@ -31,6 +34,7 @@ class Survey:
         cut: what is wrong with it, in words and in its order; empty if it is whole.
         lost: what of that a reader of the bag is told; None if every message is there.
         tail_bytes: bytes behind the last whole record.
+        gaps: chunks that cannot be read while what follows them can.
     """
 
     path: Path
@@ -41,6 +45,7 @@ class Survey:
     cut: list[str] = field(default_factory=list)
     lost: str | None = None
     tail_bytes: int = 0
+    gaps: int = 0
 
     @classmethod
     def of(cls, file: BinaryIO, path: Path) -> Survey:
@@ -51,9 +56,9 @@ class Survey:
             RecorderError: no bag can hold its topics.
         """
         survey = cls(path)
-        gaps = survey._read(file)
-        if gaps > _GAPS_TOLD:
-            survey.cut.append(f"{gaps - _GAPS_TOLD} more chunks are left out")
+        survey._read(file)
+        if survey.gaps > _GAPS_TOLD:
+            survey.cut.append(f"{survey.gaps - _GAPS_TOLD} more chunks are left out")
         if not survey.cut:
             survey._check_summary(file)
         return survey
@@ -63,13 +68,17 @@ class Survey:
         """How many there are."""
         return sum(self.counts.values())
 
+    @property
+    def only_cut_off(self) -> bool:
+        """Whether all that it lacks is its end: what was being written, and the summary."""
+        return not self.gaps and self.tail_bytes <= _LARGEST_END
+
     def information(self) -> BagInformation:
         """What `metadata.yaml` has to say of it."""
         topics = list(self.topics.values())
         return BagInformation(self.path.name, topics, self.counts, self.start_ns, self.end_ns)
 
-    def _read(self, file: BinaryIO) -> int:
-        gaps = 0
+    def _read(self, file: BinaryIO) -> None:
         try:
             for item in read_items(file):
                 match item:
@@ -78,9 +87,9 @@ class Survey:
                     case Topic():
                         self._register(item)
                     case Gap():
-                        gaps += 1
+                        self.gaps += 1
                         self.lost = self.lost or left_out(item)
-                        self.cut += [left_out(item)] if gaps <= _GAPS_TOLD else []
+                        self.cut += [left_out(item)] if self.gaps <= _GAPS_TOLD else []
         except ForeignError:
             raise
         except DamageError as error:
@@ -88,7 +97,6 @@ class Survey:
             self.cut.append(str(error))
             if error.offset is not None:
                 self.tail_bytes = file.seek(0, os.SEEK_END) - error.offset
-        return gaps
 
     def _count(self, message: RawMessage) -> None:
         time = message.receive_ns

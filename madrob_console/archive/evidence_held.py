@@ -7,11 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from madrob_console.archive.folders import run_folder_names
-from recorder.bag import is_evidence
+from recorder.bag import is_left_of_evidence
 
 
 def evidence_held(results: Path) -> int:
-    """Bytes of all evidence of all runs, practice and official.
+    """Bytes of all evidence of all runs, practice and official, and of what its repairs have left.
 
     Raises:
         MadrobError: the results folder cannot be read.
@@ -20,6 +20,6 @@ def evidence_held(results: Path) -> int:
     for name in run_folder_names(results):
         with suppress(OSError), os.scandir(results / name) as entries:
             for entry in entries:
-                if is_evidence(entry.name):
+                if is_left_of_evidence(entry.name):
                     held += entry.stat(follow_symlinks=False).st_size
     return held

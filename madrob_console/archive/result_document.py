@@ -117,8 +117,9 @@ class ResultDocument(Result, Heading):
         journal: of what journal it was made; a result that another journal lies beside is out of
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
-        evidence: what was recorded beside the testbed's topics, as of the end of the recording, and
-            what was lost of it; nothing is scored from it. null = no evidence was wanted.
+        evidence: what was recorded beside the testbed's topics, and what was lost of it; nothing is
+            scored from it. Where it was still being written it is told again once it is in its
+            files, but never of a final result: the journal has that. null = no evidence was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set, or by an earlier version.
         libraries: what computed it; the last digits hang on them (section 11).
@@ -188,7 +189,7 @@ class ResultDocument(Result, Heading):
             files_left_out=left_out,
             journal=run.journal or UNSET,
             flags=scored.flags,
-            evidence=run.evidence,
+            evidence=run.evidence if run.closure is None else run.signed_evidence,
             zero_samples=record.zero_samples,
             libraries=libraries_here(),
         )

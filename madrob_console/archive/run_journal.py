@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.plain import refusal
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
-from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.journal import Entry, Journal, read_journal
 from madrob_console.referee.journal_mark import mark_of
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.run import Run, TeamWord
@@ -66,6 +68,22 @@ def read_run_journal(folder: Path) -> RunJournal:
         raise _unusable(f"is damaged ({error})") from None
     except Exception as error:  # noqa: BLE001  whatever it is, it is this run's and no other's
         raise _unusable(f"is damaged ({type(error).__name__})") from None
+
+
+@contextmanager
+def journal_held(folder: Path) -> Iterator[Journal]:
+    """The journal of a run, to be gone on with, on which nobody else works meanwhile.
+
+    Raises:
+        BlockingIOError: somebody does.
+        OSError: there is none, or it cannot be written.
+    """
+    journal = Journal()
+    journal.reopen(folder / JOURNAL_FILE)
+    try:
+        yield journal
+    finally:
+        journal.close()
 
 
 def ever_protested(folder: Path) -> bool:

@@ -16,13 +16,14 @@ from madrob_console.archive.run_journal import (
     RunJournal,
     UnusableJournalError,
     ever_protested,
+    journal_held,
     read_run_journal,
 )
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.held import locked_by_another
 from madrob_console.files.plain import open_plain
-from madrob_console.referee.journal import Entry, Journal, Origin, refusal_words
+from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from recorder.bag import is_left_of_evidence
@@ -118,7 +119,7 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
     """
     folder = of.folder
     try:
-        with _journal_held(folder) as journal, _opened(folder) as folder_fd:
+        with journal_held(folder) as journal, _opened(folder) as folder_fd:
             known = read_run_journal(folder)
             if (why := _why_not_now(of, known)) is not None:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
@@ -144,17 +145,6 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
             f"{folder}: its evidence cannot be removed ({error.strerror}): check the disk and the "
             "folder's permissions, then try again"
         ) from None
-
-
-@contextmanager
-def _journal_held(folder: Path) -> Iterator[Journal]:
-    """The journal of a run on which nobody else works meanwhile."""
-    journal = Journal()
-    journal.reopen(folder / JOURNAL_FILE)
-    try:
-        yield journal
-    finally:
-        journal.close()
 
 
 @contextmanager

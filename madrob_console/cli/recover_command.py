@@ -29,9 +29,10 @@ def add(commands: options.Commands) -> None:
         "recover",
         main,
         "repair recordings that were cut off, and results that are not what the journal says",
-        "Writes a whole bag beside the torn one, which is kept. The result of a run folder is made "
-        "again if a power cut left it out of date, or if it is damaged. PATH is a run folder, a "
-        "bag, or a folder with runs at any depth.",
+        "Writes a whole bag beside the torn one, which is kept; that of evidence only where more "
+        "than its end is damaged. The result of a run folder is made again if a power cut left it "
+        "out of date, or if it is damaged. PATH is a run folder, a bag, or a folder with "
+        "runs at any depth.",
         examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
@@ -101,10 +102,10 @@ def _journal_held(path: Path) -> Iterator[None]:
 
 def _line(path: Path, recovered: Recovered) -> str:
     count = f"{recovered.messages} messages"
-    if recovered.torn is not None:
+    if recovered.cut:
         told = (
-            f"{count} kept; {_cut(recovered)}; the new file is {recovered.file}, "
-            f"the old one is kept as {recovered.torn.name}; {_scoring(path)}"
+            f"{count} kept; {_cut(recovered)}; the new file is {recovered.file}"
+            f"{_old_one(recovered)}; {_scoring(path)}"
         )
     elif recovered.metadata is not None:
         told = f"whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
@@ -117,13 +118,16 @@ def _line(path: Path, recovered: Recovered) -> str:
 
 def _of_evidence(recovered: Recovered) -> Iterator[str]:
     for file in recovered.evidence:
-        if file.torn is not None:
-            yield (
-                f"evidence {file.file.name}: {file.messages} messages kept, {_cut(file)}, "
-                f"the old one is kept as {file.torn.name}"
-            )
+        if file.cut:
+            kept = f"{file.messages} messages kept, {_cut(file)}{_old_one(file)}"
+            yield f"evidence {file.file.name}: {kept}"
     for words in recovered.hopeless:
         yield f"evidence stays as it is: {words}"
+
+
+def _old_one(recovered: Recovered) -> str:
+    torn = recovered.torn
+    return "" if torn is None else f", the old one is kept as {torn.name}"
 
 
 def _cut(recovered: Recovered) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.archive.evidence import repair_evidence
+from madrob_console.archive.evidence import repair_evidence, settle_account
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.errors import MadrobError
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 def repair_run(folder: Path) -> bool:
     """Make result and report of a run again, where they are not what its journal says.
 
+    What is in its evidence is told first, where that was still being written.
+
     Returns:
         Whether anything was written.
 
@@ -32,6 +35,7 @@ def repair_run(folder: Path) -> bool:
     from madrob_console.archive.scored import score_opened
     from madrob_console.report.surroundings import Surroundings
 
+    settle_account(folder, time.time())
     scored = repair(folder)
     if scored is None and report_is_old(folder):
         scored = score_opened(folder)
@@ -73,11 +77,13 @@ def repair_all(root: Path) -> Iterator[str]:
     repairable = {root / run.folder for run in History(root).refresh() if run.repairable}
     for name in run_folder_names(root):
         folder = root / name
+        told_anew = False
         try:
             repair_evidence(folder)
+            told_anew = settle_account(folder, time.time())
         except MadrobError as error:
             yield str(error)
-        if folder in repairable or report_is_old(folder):
+        if told_anew or folder in repairable or report_is_old(folder):
             try:
                 repair_run(folder)
             except MadrobError as error:

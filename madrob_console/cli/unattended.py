@@ -17,7 +17,7 @@ from madrob_console.engine.process.reporting import Reporting
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.preflight import CheckState, blocking
 from madrob_console.referee.run import CheckName, RunSetup
 from scoring.protocol import Outcome
 
@@ -130,6 +130,9 @@ class UnattendedRun:
             self._set_up(setup)  # it is heard only now
         if problem := engine.source.sides_problem:
             print(f"note: {terminal_safe(problem)}", flush=True)
+        for check in engine.situation().checks:
+            if check.state is CheckState.WARNING:
+                print(terminal_safe(f"note: {check.name}: {check.reason}"), flush=True)
         self._do(ZeroHandle())
         self._do(ConfirmPose())
         if waive is not None:

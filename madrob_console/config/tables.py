@@ -376,7 +376,7 @@ class RecordingSettings(SettingsTable, frozen=True):
         float, within(0, 1e5, "minutes of evidence that must fit before a start, at today's rate")
     ] = 30.0
     largest: Annotated[
-        float, within(0.001, 1000, "MB of a message; larger ones are left out and counted")
+        float, within(0.001, 90, "MB of a message; larger ones are left out and counted")
     ] = _E.largest / 1e6
     limits: Annotated[tuple[EvidenceLimitSetting, ...], Meta(max_length=100)] = ()
 

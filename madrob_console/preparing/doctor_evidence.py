@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from madrob_console.errors import MadrobError
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.preparing.overheard import overheard
-from madrob_console.testbeds.evidence_choice import EvidenceChoice
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, matches
 from madrob_console.testbeds.evidence_flow import TopicFlow
 from madrob_console.testbeds.ros.evidence_intakes import EvidenceIntakes
 from madrob_console.testbeds.ros_domain import domain_id
@@ -52,6 +52,11 @@ def look_at_evidence(
         return
     yield from (_topic(flow) for flow in flows)
     yield _whole(flows, budget)
+    there = (*(flow.topic for flow in flows), *left_over)
+    idle = [p for p in choice.topics if not any(matches(p, topic) for topic in there)]
+    if idle and there:
+        text = f"no topic is there for {', '.join(idle)}: start what publishes it, or correct it"
+        yield Finding(Severity.WARNING, "evidence", text)
     yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
     if left_over:
         text = f"{len(left_over)} topics too many, {left_over[0]} and others: exclude some"
@@ -98,8 +103,9 @@ def _topic(flow: TopicFlow) -> Finding:
     rate = f"{flow.rate:.1f} Hz, {flow.byte_rate / 1e6:.2f} MB/s"
     lost = f", {flow.lost} lost on the way" if flow.lost else ""
     text = f"evidence, {flow.type}, {rate}{lost}"
-    if flow.problem:
-        return Finding(Severity.WARNING, flow.topic, f"{text}: {flow.problem}")
+    problem = flow.problem or ("nothing comes now" if flow.silent else "")
+    if problem:
+        return Finding(Severity.WARNING, flow.topic, f"{text}: {problem}")
     return Finding(Severity.WARNING if flow.lost else Severity.OK, flow.topic, text)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 
@@ -16,7 +17,7 @@ class EvidenceLoss(StrEnum):
     TOO_LARGE = "too large"
     """Larger than the settings allow."""
     DISK = "disk"
-    """The disk refused it, or had no room left for evidence."""
+    """The disk refused it or had no room left for evidence, or its process ended before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,17 @@ class RecordedTopic:
         return ", ".join(filter(None, (lost, self.problem)))
 
 
+def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
+    """A topic of which so many messages are in the files; the others are lost, their bytes, too."""
+    if found == told.messages:
+        return told
+    lost = dict(told.lost)
+    if found < told.messages:
+        lost[EvidenceLoss.DISK] = lost.get(EvidenceLoss.DISK, 0) + told.messages - found
+    size = told.bytes * found // max(1, told.messages)
+    return replace(told, messages=found, bytes=size, lost=lost)
+
+
 @dataclass(frozen=True, slots=True)
 class EvidenceAccount:
     """The evidence of a run, as of the end of its recording. Nothing is scored from it.
@@ -60,10 +72,13 @@ class EvidenceAccount:
     Attributes:
         topics: by name.
         problems: what was wrong with all of it, in words.
+        unwritten: how many of the messages were not in the file yet; null = nobody knows, their
+            process was ended; 0 = all are there.
     """
 
     topics: tuple[RecordedTopic, ...] = ()
     problems: tuple[str, ...] = ()
+    unwritten: int | None = 0
 
     @property
     def words(self) -> str:
@@ -72,7 +87,29 @@ class EvidenceAccount:
         size = sum(one.bytes for one in self.topics) / 1e6
         lost = sum(sum(one.lost.values()) for one in self.topics)
         missing = f", {lost} lost" if lost else ""
-        return f"{len(self.topics)} topics, {messages} messages, {size:.1f} MB{missing}"
+        return f"{len(self.topics)} topics, {messages} messages, {size:.1f} MB{missing}{self._rest}"
+
+    @property
+    def _rest(self) -> str:
+        """What nobody knows yet, in words; empty = nothing."""
+        if self.unwritten is None:
+            return ", not known how many of them are on disk"
+        return f", {self.unwritten} of them still being written" if self.unwritten else ""
+
+    def settled(
+        self, counts: Mapping[str, tuple[str, int]], problems: Iterable[str] = ()
+    ) -> EvidenceAccount:
+        """The account of what is in the files; what is not there did not reach the disk.
+
+        Args:
+            counts: type and number of messages, by topic, in all files together.
+            problems: what is wrong with the files, in words.
+        """
+        told = {one.topic: one for one in self.topics}
+        for topic, (type_name, _) in counts.items():
+            told.setdefault(topic, RecordedTopic(topic, type_name))
+        topics = (_as_found(told[name], counts.get(name, ("", 0))[1]) for name in sorted(told))
+        return EvidenceAccount(tuple(topics), (*self.problems, *problems))
 
     def remarks(self) -> list[str]:
         """What is missing, in words; empty where nothing is."""

@@ -14,10 +14,15 @@ class CheckState(StrEnum):
     """What a check found. Missing data is a state of its own, never `ok`."""
 
     OK = "ok"
+    WARNING = "warning"
+    """Something to look at that stands in nobody's way."""
     FAILED = "failed"
     NO_DATA = "no data"
     WAIVED = "waived"
 
+
+_NAMED = 2
+"""Silent topics that are named."""
 
 _NO_ZERO = (
     "this engine has none yet, and one of before may be of a sensor that was switched off since"
@@ -56,6 +61,7 @@ class EvidenceReading:
         lasts: how long that lasts at the rate of now, s; None = unknown, or nothing comes.
         least: so long it must last, s.
         ros: whether there is ROS, where it comes from.
+        silent: topics on which nothing comes now.
     """
 
     ready: bool
@@ -65,6 +71,7 @@ class EvidenceReading:
     lasts: float | None
     least: float
     ros: bool = True
+    silent: tuple[str, ...] = ()
 
 
 NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
@@ -254,15 +261,20 @@ def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
         return CheckState.NO_DATA, "none of its topics is there: start what publishes them"
     if e.left is None:
         return CheckState.NO_DATA, "room for it is unknown: check the results folder"
+    good, silent = CheckState.OK, ""
+    if e.silent:
+        more = f" and {len(e.silent) - _NAMED} more" if len(e.silent) > _NAMED else ""
+        silent = f"{', '.join(e.silent[:_NAMED])}{more}: nothing comes now; "
+        good = CheckState.WARNING
     if e.lasts is None:
-        text = f"{e.topics} topics, nothing comes now; room for {e.left / 1e9:.1f} GB"
-        return (CheckState.OK if e.left or not e.least else CheckState.FAILED), text
+        text = f"{silent}{e.topics} topics, room for {e.left / 1e9:.1f} GB"
+        return (good if e.left or not e.least else CheckState.FAILED), text
     text = f"room for {duration_words(e.lasts)} at the rate of now"
     if e.lasts < e.least:
         needed = duration_words(e.least)
         more = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
         return CheckState.FAILED, f"{text}, {needed} needed: {more}"
-    return CheckState.OK, f"{e.topics} topics, {text}"
+    return good, f"{silent}{e.topics} topics, {text}"
 
 
 def duration_words(duration: float) -> str:

@@ -146,6 +146,7 @@ def _with_evidence(run: Run, entry: Entry) -> Run:
     details = entry.details
     if entry.what == Change.EVIDENCE_RECORDED:
         told = {key: details[key] for key in ("topics", "problems")}
+        told["unwritten"] = details.get("unwritten", 0)
         return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
     names, size = list(details["files"]), max(0, int(details["bytes"]))
     gone = RemovedEvidence(_time(entry.time), len(names), size)

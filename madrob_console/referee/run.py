@@ -372,6 +372,7 @@ class Run:
         closure: set by finalising.
         signed_notes: how many of the notes were there when that was done; the others stand beside
             the result.
+        signed_evidence: the `evidence` as it was told then; the files may say more since.
         ruleset: by which rules the result was re-issued; None = by those that were set.
         journal: what says all this, for its result; None while that is of no interest.
     """
@@ -404,6 +405,7 @@ class Run:
     issue: int = 0
     closure: Closure | None = None
     signed_notes: int = 0
+    signed_evidence: EvidenceAccount | None = None
     ruleset: RulesetName | None = None
     journal: JournalMark | None = None
 

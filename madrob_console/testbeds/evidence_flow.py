@@ -31,6 +31,7 @@ class TopicFlow:
         byte_rate: bytes a second of them.
         lost: messages that were lost on the way to here since it is listened to.
         problem: what is wrong with it, in words; empty = nothing.
+        kept: whether its publishers keep for late joiners what they said: it need not come again.
     """
 
     topic: str
@@ -40,6 +41,12 @@ class TopicFlow:
     byte_rate: float
     lost: int
     problem: str = ""
+    kept: bool = False
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing comes now that should."""
+        return not self.rate and not self.kept
 
 
 class SilenceWatch:

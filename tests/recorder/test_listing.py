@@ -292,7 +292,8 @@ def test_recover_repairs_evidence_that_was_cut_off_and_lists_it(folder: Path) ->
     assert [(done.file, done.messages) for done in recovered.evidence] == [(file, 2)]
     assert recovered.torn is None
     assert recovered.hopeless == ()
-    assert file.with_name(f"{file.name}.torn").is_file()
+    assert recovered.changed
+    assert not list(folder.glob("*.torn*"))  # every whole message of it is in the new one
     assert (folder / evidence_file_name("run", 0)).read_bytes() == whole
     assert len(told(folder)["relative_file_paths"]) == 3
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA, CAMERA)
@@ -332,8 +333,21 @@ def test_evidence_that_is_still_written_is_not_touched(folder: Path) -> None:
 
 def test_a_file_of_evidence_is_repaired_by_its_own_name(folder: Path) -> None:
     file = torn(folder)
-    assert recover(file).torn is not None
+    assert recover(file).changed
     assert read_by_rosbags(folder) == by_topic(SCORED, CAMERA)
+
+
+def test_of_evidence_that_is_damaged_before_its_end_the_old_file_is_kept(folder: Path) -> None:
+    long = strings([os.urandom(1_000).hex() for _ in range(2_000)])
+    file = add_evidence(folder, long)
+    data = bytearray(file.read_bytes())
+    data[len(data) // 3] ^= 0xFF  # a disk did that, and more can be read of it by hand
+    file.write_bytes(data)
+    file.write_bytes(data[:-20])
+    (recovered,) = recover(folder).evidence
+    assert recovered.torn == file.with_name(f"{file.name}.torn")
+    assert recovered.torn.read_bytes() == data[:-20]
+    assert 0 < recovered.messages < len(long)
 
 
 def test_evidence_that_was_removed_is_listed_no_longer(folder: Path) -> None:

@@ -78,6 +78,8 @@ class Engine:
     Attributes:
         on_result: called with the run's folder and the scored run, pickled, when its result is on
             disk; must not wait.
+        on_left_unsettled: called with the next result after a run was left whose evidence was still
+            being written: its journal has to say what of it is there; must not wait.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917  what it works with
@@ -95,6 +97,7 @@ class Engine:
         # a recording says itself what was read of it
         self.config = config.limited(types) if replay is None else config
         self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
+        self.on_left_unsettled: Callable[[], None] | None = None
         self._replay = replay
         self._keepers = keepers or Keepers.inline()
         self._scorer = scorer or InlineScorer()
@@ -246,16 +249,24 @@ class Engine:
             self._at_hand.interrupt("the console was closed during the run")
         if self._recorder.recording:
             self._finish()
-        answers = self._keepers.own.settle(CLOSING_TIME)  # the bag is closed
-        if answers and self._scorer.settle(CLOSING_TIME):
-            answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
-        self._scorer.close()
+        answers = self._settle()
         self._witness.close()
+        if answers:
+            self._at_hand.settle_evidence(self.now(), ending=True)
+            self._settle()
+        self._scorer.close()
         if answers:
             self._result.end(self.now(), busy=self.run.active)
         self._at_hand.chronicle.close()
         self.source.close()
         self._keepers.close(CLOSING_TIME if answers else 0.0)
+
+    def _settle(self) -> bool:
+        """Wait for the bag, the result and its files; False when the disk does not answer."""
+        answers = self._keepers.own.settle(CLOSING_TIME)  # the bag is closed
+        if answers and self._scorer.settle(CLOSING_TIME):
+            answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
+        return answers
 
     def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
         """Have something read that the run needs not. From any thread; see `Reader`."""
@@ -281,6 +292,9 @@ class Engine:
     def _tell(self, folder: Path, scored: RenderedResult) -> None:
         if self.on_result is not None:
             self.on_result(folder, scored.report)
+        if self._at_hand.left_unsettled and self.on_left_unsettled is not None:
+            self._at_hand.left_unsettled = False
+            self.on_left_unsettled()
 
     # ------------------------------------------------------------------ earlier runs
 
@@ -444,6 +458,7 @@ class Engine:
         # also while a bag is closed and then: evidence that was held is let go again
         self._witness.hold(held=self._recorder.silent > DISK_WAITS)
         if not self._recorder.recording:
+            self._at_hand.settle_evidence(now)
             return
         self._recorder.look()
         troubles: dict[tuple[str, Trouble], str] = dict(

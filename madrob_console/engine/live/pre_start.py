@@ -86,6 +86,7 @@ class PreStart:
             left=self._room.left(free),
             lasts=self.evidence_lasts(now),
             least=plan.least_room,
+            silent=status.silent,
         )
 
     def evidence_lasts(self, now: float) -> float | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-import msgspec
-
+from madrob_console.archive.evidence import account_entry, settled_account
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.live.chronicle import Chronicle
 from madrob_console.engine.live.course import Course, Happening
@@ -28,6 +30,9 @@ from madrob_console.referee.run import Phase, Run, TestbedFault
 from madrob_console.referee.transitions import stop
 from scoring.protocol import Outcome
 
+SETTLING_PERIOD = 1.0
+"""Evidence that is still being written is looked at this often, s."""
+
 
 class RunAtHand:
     """One run after the other: the one that is set up or goes on, or was the last; or an earlier.
@@ -46,6 +51,7 @@ class RunAtHand:
         opened: the earlier run that it is; None = it is of this engine.
         decided: when it was found to be over, s since the epoch; None = it is not.
         over: whether its post-roll is, too: nothing more is recorded.
+        left_unsettled: whether one was left whose evidence was still being written.
         kept: a clean run with the handle zero of runs to come, while an earlier one is opened.
         chronicle: gets a line of whatever happens.
         recorder: its recording.
@@ -66,6 +72,7 @@ class RunAtHand:
         self.opened: EarlierRun | None = None
         self.decided: float | None = None
         self.over = False
+        self.left_unsettled = False
         self.kept = Run()
         self.chronicle = Chronicle(equipment)
         self.recorder = RunRecorder(equipment, self.chronicle)
@@ -83,6 +90,7 @@ class RunAtHand:
         self._earlier = earlier
         self._replay = replay = equipment.replay
         self._missing: tuple[str, ...] = ()
+        self._settling = -math.inf
         self._drift: tuple[RunRecord, float] | None = None
         self._fault_notes = FaultNotes()
         self._evidence_notes = FaultNotes()
@@ -153,6 +161,8 @@ class RunAtHand:
     def _leave(self) -> None:
         """It makes room; nothing of it stays."""
         self.generation += 1
+        told = self.run.evidence
+        self.left_unsettled |= told is not None and told.unwritten != 0
         self.result.leave(self.folder)
         self.chronicle.begin()
         if self.result.missing:
@@ -268,8 +278,37 @@ class RunAtHand:
     def _note_account(self, account: EvidenceAccount) -> None:
         """Write down what was recorded of the evidence: its file gets complete by itself."""
         self.run = replace(self.run, evidence=account)
-        details = msgspec.to_builtins(account)
-        self.note(Happening(Origin.SYSTEM, Change.EVIDENCE_RECORDED, account.words, details))
+        self.write(account_entry(account, self._equipment.now()))
+
+    def settle_evidence(self, now: float, *, ending: bool = False) -> None:
+        """Once its evidence is in its files, say what of it is there; nothing waits for that.
+
+        Args:
+            now: s since the epoch.
+            ending: the engine ends: for the last time.
+        """
+        told, generation = self.run.evidence, self.generation
+        idle = self.result.settled and self.folder is not None and self._replay is None
+        rests = not ending and 0 <= now - self._settling < SETTLING_PERIOD
+        if told is None or told.unwritten == 0 or not idle or rests:
+            return
+        assert self.folder is not None
+        self._settling = now
+
+        def heard(answer: Future[EvidenceAccount | None]) -> None:
+            account = None if answer.exception() else answer.result()
+            same = generation == self.generation and told == self.run.evidence
+            if account is None or not same or not self.result.settled:
+                return  # it is looked for again
+            self._note_account(account)
+            if self.run.closure is None:
+                self.score()
+
+        look, keepers = partial(settled_account, self.folder, told), self._equipment.keepers
+        if ending:
+            keepers.own.ask(look, heard)
+        else:
+            keepers.reading.ask(look, heard)
 
     def score(self, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""

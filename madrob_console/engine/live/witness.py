@@ -51,6 +51,7 @@ class WitnessStatus:
     Attributes:
         ready: whether somebody listens, and has had the time to find what there is.
         topics: what comes.
+        silent: those on which nothing comes now, and nothing is kept for late joiners.
         account: of the recording that goes on, or was last.
         recording: whether one goes on.
         finishing: whether one is over and not complete on disk.
@@ -65,6 +66,7 @@ class WitnessStatus:
     finishing: bool = False
     size: int = 0
     problem: str | None = None
+    silent: tuple[str, ...] = ()
 
     @property
     def byte_rate(self) -> float:
@@ -105,7 +107,10 @@ class Witness(Protocol):
         ...
 
     def await_account(self, limit: float) -> None:
-        """Wait until the account has all up to the `end`, `limit` s at most; not for the core."""
+        """Wait until the account has all up to the `end`, `limit` s at most; not for the core.
+
+        What is not in the files soon after is `unwritten` in it.
+        """
         ...
 
     def hold(self, *, held: bool) -> None:

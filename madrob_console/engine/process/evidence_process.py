@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.child import END_TIME, Child
@@ -25,6 +26,7 @@ from madrob_console.engine.process.evidence_messages import (
     news_of,
 )
 from madrob_console.engine.process.evidence_standing import QUIET, EvidenceRecording, standing
+from madrob_console.engine.process.own_time import OwnTime, threads_of
 from madrob_console.engine.process.scoring_questions import delay_after
 from madrob_console.engine.shown.wire import frame
 from madrob_console.errors import MadrobError
@@ -36,8 +38,15 @@ COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.process.evidence_p
 PATIENCE = 4.0
 """One that does not move for so long either hangs, s."""
 
+HANGS = 30.0
+"""One that says nothing for so long hangs though it moves: it turns in circles, or its threads wait
+for each other; s in which neither a disk nor other programs held it up."""
+
 FIRST_WORD = 20.0
 """A process that was just started may take so long to say something, s."""
+
+NEARLY_WRITTEN = 0.1
+"""The account of a recording waits so long for the last of it to be in its file, s."""
 
 _PERIOD = 0.25
 
@@ -64,10 +73,11 @@ class EvidenceProcess:
         self._orders: deque[EvidencePlace | FinishFile | LeaveDisk] = deque()
         self._bell: int | None = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._held = False
-        self._counted = threading.Event()
+        self._counted, self._written = threading.Event(), threading.Event()
         # Of the thread.
         self._thread: threading.Thread | None = None
         self._child: Child[EvidenceNews] | None = None
+        self._own_time: OwnTime | None = None
         self._recording: EvidenceRecording | None = None
         self._heard: EvidenceNews | None = None
         self._heard_at = 0.0
@@ -97,6 +107,7 @@ class EvidenceProcess:
         """See `Witness`."""
         self.warm()
         self._counted.clear()
+        self._written.clear()
         self._order(place)
 
     def end(self) -> None:
@@ -105,7 +116,9 @@ class EvidenceProcess:
 
     def await_account(self, limit: float) -> None:
         """See `Witness`."""
-        self._counted.wait(limit)
+        end = time.monotonic() + limit
+        if self._counted.wait(limit):
+            self._written.wait(min(NEARLY_WRITTEN, end - time.monotonic()))
 
     def hold(self, *, held: bool) -> None:
         """See `Witness`."""
@@ -164,6 +177,7 @@ class EvidenceProcess:
             return f"no process can be started ({getattr(error, 'strerror', None) or error!r})"
         why = ""
         self._heard, self._heard_at = None, time.monotonic() + FIRST_WORD - PATIENCE
+        self._own_time = OwnTime(time.monotonic(), partial(threads_of, child.pid))
         try:
             self._send(child, self._observe)
             if self._recording is not None and self._recording.goes_on:
@@ -215,6 +229,9 @@ class EvidenceProcess:
         if silence > PATIENCE and now - child.moved(now) > PATIENCE:
             raise MadrobError(f"it did not move for {silence:.0f} s")
         child.moved(now)
+        assert self._own_time is not None
+        if silence > PATIENCE and self._own_time.since(now) > HANGS:
+            raise MadrobError(f"it said nothing for {silence:.0f} s")
         self._tell()
 
     def _hand_on(self, child: Child[EvidenceNews]) -> None:
@@ -280,12 +297,16 @@ class EvidenceProcess:
 
     def _hear(self, heard: EvidenceNews) -> None:
         self._heard, self._heard_at = heard, time.monotonic()
+        if self._own_time is not None:
+            self._own_time.begin(self._heard_at)
         if self._recording is not None:
             self._recording.hear(heard, self._heard_at)
         self._trouble = ""
         self._tell()
         if self._recording is not None and self._recording.counted:
             self._counted.set()
+            if self._recording.unwritten == 0:
+                self._written.set()
 
     def _tell(self) -> None:
         """Say how things stand."""

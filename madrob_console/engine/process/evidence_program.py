@@ -135,8 +135,10 @@ class EvidenceDesk:
             EOFError, ConnectionError: it has.
         """
         told = found = 0.0
+        finished = 0
         while True:
-            changed = False
+            before, finished = finished, sum(one.finished for one in self._recorders.values())
+            changed = finished > before  # somebody waits for it
             for order in self._line.orders():
                 self._carry_out(order)
                 changed = True

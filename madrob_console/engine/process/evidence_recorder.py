@@ -50,6 +50,8 @@ class EvidenceWritten:
         problem: why nothing more is written, in words; empty = it is.
         finished: whether the file is complete, or given up.
         ended: whether nothing more comes: what was taken is all counted.
+        unwritten: how many of the messages are not in the file yet; None = the file could not be
+            finished, and nobody knows.
     """
 
     messages: dict[str, int]
@@ -62,6 +64,7 @@ class EvidenceWritten:
     problem: str
     finished: bool
     ended: bool = False
+    unwritten: int | None = 0
 
 
 class EvidenceRecorder:
@@ -98,7 +101,8 @@ class EvidenceRecorder:
         self._bytes: Counter[str] = Counter()
         self._gave_way: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
-        self._size = 0
+        self._size = self._saved = 0
+        self._torn = False
         self._problem = ""
         self._ending = False
         self._held = False
@@ -143,6 +147,11 @@ class EvidenceRecorder:
         self._thread.join(limit)
 
     @property
+    def finished(self) -> bool:
+        """Whether the file is complete, or given up."""
+        return self._finished
+
+    @property
     def written(self) -> EvidenceWritten:
         """How it stands."""
         with self._changed:
@@ -158,6 +167,7 @@ class EvidenceRecorder:
                 self._problem,
                 self._finished,
                 self._ending,
+                None if self._torn else self._messages.total() - self._saved,
             )
 
     def _add(self, message: RawMessage, number: int) -> None:
@@ -192,10 +202,15 @@ class EvidenceRecorder:
             os.close(self._fd)
 
     def _repair(self) -> None:
-        """Make whole what a process that was ended left of the same run; nobody waits for it."""
+        """Make whole what a process that was ended left of the same run; nobody waits for it.
+
+        Each file is copied: where the score would have too little room then, it stays as it is.
+        """
         try:
             names = os.listdir(self._fd)  # noqa: PTH208  of a handle
-            if any(is_evidence(name) and name != self._name for name in names):
+            others = [name for name in names if is_evidence(name) and name != self._name]
+            sizes = [os.stat(name, dir_fd=self._fd).st_size for name in others]
+            if others and self._free() - sum(sizes) >= self._least_free:
                 recover_evidence(Path(f"/proc/self/fd/{self._fd}"))
         except (OSError, RecorderError):
             pass  # `madrob recover` says what is wrong with it
@@ -226,9 +241,9 @@ class EvidenceRecorder:
                 synced, unsynced = self._monotonic(), 0
             if now - looked >= _ROOM_PERIOD:
                 looked = now
-                self._demand_room()
+                self._demand_room(file)
             with self._changed:
-                self._size = file.size
+                self._size, self._saved = file.size, file.saved.total()
             if file.size > self._most_bytes:
                 file.sync()
                 self._fail("the budget is used up: raise `recording.budget`", file.saved)
@@ -239,12 +254,16 @@ class EvidenceRecorder:
     def _is_due(self) -> bool:
         return self._ending or self._held or self._queue.size >= BATCH_BYTES
 
-    def _demand_room(self) -> None:
-        at = os.fstatvfs(self._fd)
-        free = at.f_bavail * at.f_frsize
+    def _demand_room(self, file: McapFile) -> None:
+        free = self._free()
         if free < self._least_free:
+            file.sync()  # what was taken so far is in it, and counted so
             need = self._least_free / 1e9
             raise OSError(f"{free / 1e9:.1f} GB are free, the score keeps {need:.1f} GB for itself")
+
+    def _free(self) -> int:
+        at = os.fstatvfs(self._fd)
+        return at.f_bavail * at.f_frsize
 
     def _rest(self, file: McapFile) -> None:
         with self._changed:
@@ -264,7 +283,7 @@ class EvidenceRecorder:
                 lost = accepted - saved[topic]
                 self._refused[topic] += lost
                 self._bytes[topic] -= self._bytes[topic] * lost // max(1, accepted)
-            self._messages = saved.copy()
+            self._messages, self._saved = saved.copy(), saved.total()
 
     def _finish(self, file: McapFile) -> None:
         self._busy()
@@ -278,6 +297,7 @@ class EvidenceRecorder:
             cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
             with self._changed:
                 self._problem = self._problem or f"the evidence could not be finished: {cause}"
+                self._torn = True
         finally:
             with suppress(OSError):
                 file.close()

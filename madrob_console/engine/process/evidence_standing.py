@@ -40,6 +40,8 @@ class EvidenceRecording:
         self._files = 0
         self._former: list[tuple[RecordedTopic, ...]] = []
         self._former_size = 0
+        self._cut_off = False
+        self._heard_at: float | None = None
         self._problems: list[str] = []
         self._heard = _NOTHING
         self._written: EvidenceWritten | None = None
@@ -67,6 +69,14 @@ class EvidenceRecording:
         """Whether its process has said what it took up to the end of the recording."""
         return not self.goes_on and self._written is not None and self._written.ended
 
+    @property
+    def unwritten(self) -> int | None:
+        """How many of its messages are not in its files yet; None = nobody knows."""
+        written = self._written
+        if self._cut_off or (written is not None and not (self.goes_on or self.counted)):
+            return None
+        return 0 if written is None else written.unwritten
+
     def next_file(self) -> RecordInto:
         """The order for its next file."""
         place, number = self.place, self._files
@@ -84,7 +94,7 @@ class EvidenceRecording:
         """What its process says; later ones say nothing of it any more."""
         written = heard.recordings.get(self.number)
         if written is not None and (self.goes_on or self.finishing):
-            self._heard, self._written = heard, written
+            self._heard, self._written, self._heard_at = heard, written, now
             if self.goes_on:
                 self._in_account = written.problem
         elif self.ended is not None and now - self.ended > SLOW_END:
@@ -96,6 +106,7 @@ class EvidenceRecording:
             return
         self._former.append(_topics(self._heard, self._written))
         self._former_size = self.size
+        self._cut_off |= self._files > 0
         self._heard, self._written = _NOTHING, None
         self._given_up = not self.goes_on
         what = "what came until it was back is missing"
@@ -108,12 +119,24 @@ class EvidenceRecording:
         problems = list(self._problems)
         if self._written is not None and self._written.problem:
             problems.append(self._written.problem)
+        if (silent := self._silent_at_end) > QUIET:
+            problems.append(
+                f"the evidence process said nothing in the last {silent:.0f} s of the recording: "
+                "what came then may be missing"
+            )
         if left := self._heard.left_over:
             problems.append(f"{len(left)} topics too many: {left[0]} and others are not recorded")
         if not self._files or (self._files and not self._former and self._written is None):
             problems.append("no process was there to record it")
         topics = _merged([*self._former, _topics(self._heard, self._written)])
-        return EvidenceAccount(topics, tuple(problems))
+        return EvidenceAccount(topics, tuple(problems), self.unwritten)
+
+    @property
+    def _silent_at_end(self) -> float:
+        """For how long its process had said nothing when it ended, and did not since, s."""
+        if self.ended is None or self._heard_at is None or self.counted or self._given_up:
+            return 0.0
+        return self.ended - self._heard_at
 
     def problem(self, now: float) -> str:
         """What is wrong now, in words; empty = nothing.
@@ -170,6 +193,7 @@ def standing(
         finishing=recording is not None and recording.finishing,
         size=0 if recording is None else recording.size,
         problem=problem or None,
+        silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
     )
 
 

@@ -81,6 +81,7 @@ class LocalEngine:
         self._reporting = reporting
         if reporting is not None:
             engine.on_result = reporting.report
+            engine.on_left_unsettled = self.repair
         self._turns: Lanes[Turn] = Lanes()
         self._begun: set[Turn] = set()
         self._history = History(engine.config.results)

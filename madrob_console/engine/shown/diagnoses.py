@@ -104,6 +104,7 @@ def _disk(snapshot: Snapshot) -> Diagnosis:
 
 _CHECKED = {
     CheckState.OK: Level.OK,
+    CheckState.WARNING: Level.WARN,
     CheckState.FAILED: Level.ERROR,
     CheckState.NO_DATA: Level.STALE,
     CheckState.WAIVED: Level.WARN,

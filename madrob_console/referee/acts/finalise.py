@@ -98,7 +98,13 @@ class Finalise(Act):
     def apply(self, situation: Situation, at: float) -> Run:
         """The result is final."""
         run, closure = situation.run, Closure(at, self.referee, self.team_word, self.note)
-        return replace(run, phase=Phase.FINAL, closure=closure, signed_notes=len(run.notes))
+        return replace(
+            run,
+            phase=Phase.FINAL,
+            closure=closure,
+            signed_notes=len(run.notes),
+            signed_evidence=run.evidence,
+        )
 
     @property
     def signature(self) -> str:

@@ -280,6 +280,7 @@ class EvidenceIntake:
             byte_rate,
             self.lost,
             problem or self._silence.words(self._now) or self._unknown,
+            self.kept_for_late,
         )
 
     def refuse(self, why: str) -> None:

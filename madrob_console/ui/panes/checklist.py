@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MARKS = {
     CheckState.OK: ("✓", Tone.GOOD),
+    CheckState.WARNING: ("!", Tone.WARN),
     CheckState.FAILED: ("x", Tone.BAD),
     CheckState.NO_DATA: ("?", Tone.BAD),
     CheckState.WAIVED: ("~", Tone.WARN),

@@ -268,8 +268,7 @@ def test_lists_and_checks_find_the_run_as_it_was(
 
 def test_what_repairs_left_of_evidence_goes_too(root: Path, run: Path) -> None:
     file = run / evidence_file_name(run.name, 1)
-    file.write_bytes(file.read_bytes()[:-50])
-    assert recover(run).evidence
+    file.with_name(f"{file.name}.torn").write_bytes(file.read_bytes()[:-50])
     assert any(name.endswith(".torn") for name in the_one(root).files)
     remove_evidence(the_one(root), NOW)
     assert not list(run.glob("*evidence*"))

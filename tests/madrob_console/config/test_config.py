@@ -275,6 +275,7 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
             "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
         ),
         ("[recording]\ntopics = ['camera']", "recording.topics[0]: expected text matching"),
+        ("[recording]\nlargest = 91", "recording.largest: expected a number <= 90"),
         ("[recording]\nbudget = 0", "recording.budget: expected a number >= 0.001"),
         (
             "[[recording.limits]]\ntopics = '/tf'\npriority = 10",

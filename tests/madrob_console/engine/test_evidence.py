@@ -7,9 +7,11 @@ import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.live.core import DISK_WAITS, Engine
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
@@ -21,10 +23,11 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
 )
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.rebuild import rebuild
+from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.run import CheckName
 from recorder.bag import evidence_file_name
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup, signed
+from tests.recorder.samples import add_evidence, strings
 
 LEFT = "/camera/left"
 COMES = EvidenceTopicView(LEFT, "sensor_msgs/msg/CompressedImage", 30.0, 6e6)
@@ -109,6 +112,7 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
             }
         ],
         "problems": [],
+        "unwritten": 0,
     }
     assert stored["quality"]["remarks"] == []
     texts = [line.text for line in drive.engine.log.lines]
@@ -121,6 +125,92 @@ def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:
     drive.finish()
     stored = json.loads((drive.folder / "result.json").read_text())
     assert stored["evidence"]["topics"][0]["messages"] == 613
+
+
+STILL_WRITTEN = EvidenceAccount((replace(RECORDED, messages=5),), unwritten=3)
+
+
+def ended_while_it_was_written(drive: Watched, run_number: int = 1) -> dict[str, Any]:
+    """A run whose evidence was not all in its file when its result was made; the result."""
+    drive.start(make_setup(run_number=run_number))
+    drive.witness.counted = STILL_WRITTEN
+    drive.finish()
+    return told_in(drive.folder)
+
+
+def told_in(folder: Path) -> dict[str, Any]:
+    told = json.loads((folder / "result.json").read_text())["evidence"]
+    assert isinstance(told, dict)
+    return told
+
+
+def write_rest(folder: Path) -> None:
+    """Four of the five reached the disk."""
+    add_evidence(folder, strings(["a", "b", "c", "d"], LEFT))
+
+
+def test_a_result_that_was_made_before_all_was_written_is_made_again_by_what_is_in_the_file(
+    drive: Watched,
+) -> None:
+    told = ended_while_it_was_written(drive)
+    assert told["unwritten"] == 3
+    drive.wait(3.0)
+    assert told_in(drive.folder) == told
+    score = json.loads((drive.folder / "result.json").read_text())["indicators"]
+    write_rest(drive.folder)
+    drive.wait(3.0)
+    assert told_in(drive.folder)["unwritten"] == 0
+    (topic,) = told_in(drive.folder)["topics"]
+    assert (topic["messages"], topic["lost"]) == (4, {"disk": 1})
+    stored = json.loads((drive.folder / "result.json").read_text())
+    assert (stored["issue"], stored["indicators"]) == (1, score)
+    entries, _ = read_journal(drive.folder / "journal.jsonl")
+    assert sum(entry.what == Change.EVIDENCE_RECORDED for entry in entries) == 2
+    before = len(entries)
+    drive.wait(3.0)
+    assert len(read_journal(drive.folder / "journal.jsonl")[0]) == before
+
+
+def test_a_signed_result_stays_as_it_was_signed_and_the_journal_says_the_rest(
+    drive: Watched,
+) -> None:
+    ended_while_it_was_written(drive)
+    drive.act(signed(drive.engine.snapshot()))
+    drive.wait(3.0)
+    before = (drive.folder / "result.json").read_bytes()
+    write_rest(drive.folder)
+    drive.wait(3.0)
+    assert drive.engine.run.evidence is not None
+    assert drive.engine.run.evidence.unwritten == 0
+    assert (drive.folder / "result.json").read_bytes() == before
+    assert told_in(drive.folder)["unwritten"] == 3
+    drive.engine.close()
+    assert list(repair_all(drive.folder.parents[1])) == []
+    assert (drive.folder / "result.json").read_bytes() == before
+
+
+def test_a_run_that_was_left_meanwhile_is_looked_after_with_the_result_of_the_next_one(
+    drive: Watched,
+) -> None:
+    asked: list[int] = []
+    drive.engine.on_left_unsettled = lambda: asked.append(drive.engine.run.setup.run_number)  # type: ignore[union-attr]
+    ended_while_it_was_written(drive)
+    left = drive.folder
+    drive.witness.counted = None
+    drive.whole_run(make_setup(run_number=2))
+    assert asked == [2]
+    write_rest(left)
+    assert list(repair_all(left.parents[1])) == []
+    assert told_in(left)["topics"][0]["messages"] == 4
+    drive.whole_run(make_setup(run_number=3))
+    assert asked == [2]
+
+
+def test_an_engine_that_ends_looks_once_more(drive: Watched) -> None:
+    ended_while_it_was_written(drive)
+    write_rest(drive.folder)
+    drive.engine.close()
+    assert told_in(drive.folder)["unwritten"] == 0
 
 
 def test_what_is_lost_is_told_once_when_it_begins_and_doubts_nothing(drive: Watched) -> None:
@@ -220,8 +310,14 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
         (WitnessStatus(ready=True), "no data: none of its topics is there"),
         (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
         (
-            WitnessStatus(ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),)),
-            "ok: 1 topics, nothing comes now; room for ",
+            WitnessStatus(
+                ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),), silent=(LEFT,)
+            ),
+            f"warning: {LEFT}: nothing comes now; 1 topics, room for ",
+        ),
+        (
+            WitnessStatus(ready=True, topics=(COMES,), silent=("/a", "/b", "/c")),
+            "warning: /a, /b and 1 more: nothing comes now; 1 topics, room for ",
         ),
     ],
 )
@@ -229,6 +325,12 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
     drive.prepare(make_setup())
     drive.witness.status = status
     assert drive.check(CheckName.EVIDENCE).startswith(said)
+
+
+def test_a_topic_on_which_nothing_comes_stands_in_no_start_s_way(drive: Watched) -> None:
+    drive.witness.status = replace(drive.witness.status, silent=("/camera/right",))
+    drive.start(make_setup())
+    assert drive.engine.run.active
 
 
 def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(

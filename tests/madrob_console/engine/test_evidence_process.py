@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
 
+from madrob_console.archive.evidence import settled_account
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
+from madrob_console.engine.process import evidence_process
 from madrob_console.engine.process.evidence_messages import ListenFor
-from madrob_console.engine.process.evidence_process import EvidenceProcess
-from madrob_console.referee.evidence_account import EvidenceLoss, RecordedTopic
+from madrob_console.engine.process.evidence_process import COMMAND, EvidenceProcess
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, evidence_file_name
 from recorder.message import RawMessage
@@ -68,7 +71,9 @@ class Hall:
         )
 
     @contextmanager
-    def recording(self, most_bytes: int = PLENTY) -> Iterator[None]:
+    def recording(
+        self, most_bytes: int = PLENTY, ended: Callable[[], object] = bool
+    ) -> Iterator[None]:
         """As an engine records a run: the bag is there first, and closed last."""
         with BagWriter(self.folder, [], {}):
             handle = os.open(self.folder, os.O_DIRECTORY)
@@ -79,6 +84,7 @@ class Hall:
             self.evidence.begin(place)
             yield
             self.evidence.end()
+            ended()
         self.until(lambda status: not status.recording and not status.finishing)
 
     def recorded(self) -> list[RawMessage]:
@@ -86,9 +92,11 @@ class Hall:
 
 
 @contextmanager
-def hall(tmp_path: Path, domain: int, *topics: str, **more: object) -> Iterator[Hall]:
+def hall(
+    tmp_path: Path, domain: int, *topics: str, command: Sequence[str] = COMMAND, **more: object
+) -> Iterator[Hall]:
     choice = EvidenceChoice(topics or ("/camera/**",), **more)  # type: ignore[arg-type]
-    evidence = EvidenceProcess(ListenFor(domain, choice, ("/madrob/own",), ()))
+    evidence = EvidenceProcess(ListenFor(domain, choice, ("/madrob/own",), ()), command)
     evidence.warm()
     try:
         yield Hall(tmp_path / "run", evidence)
@@ -187,6 +195,99 @@ def test_a_process_that_hangs_is_told_ended_and_started_again(
         os.kill(here.evidence.pid, signal.SIGSTOP)
         here.evidence.close()
         assert time.monotonic() - begin < 6  # the end waits for nobody
+
+
+AILING = (
+    sys.executable,
+    "-P",
+    "-c",
+    """
+import signal, threading, time
+from madrob_console.engine.process.evidence_program import main
+from recorder.mcap_file import McapFile
+
+def turn_in_circles(*_):
+    while True:
+        pass
+
+def wait_for_itself(*_):
+    lock = threading.Lock()
+    lock.acquire()
+    lock.acquire()
+
+signal.signal(signal.SIGUSR1, turn_in_circles)
+signal.signal(signal.SIGUSR2, wait_for_itself)
+sync = McapFile.sync
+
+def slowly(file):
+    time.sleep(SLOWNESS)
+    sync(file)
+
+McapFile.sync = slowly
+main()
+""",
+)
+
+
+def ailing(slowness: float = 0.0) -> tuple[str, ...]:
+    """The process that records evidence, which hangs when a signal says so, on a slow disk."""
+    return (*AILING[:-1], AILING[-1].replace("SLOWNESS", str(slowness)))
+
+
+def settled(folder: Path, told: EvidenceAccount) -> EvidenceAccount:
+    """What is in the files, once they are whole."""
+    account = until(lambda: settled_account(folder, told))
+    assert account is not None
+    return account
+
+
+@pytest.mark.parametrize("wrong", [signal.SIGUSR1, signal.SIGUSR2])
+def test_a_process_that_moves_and_says_nothing_is_ended_and_started_again(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: signal.Signals
+) -> None:
+    monkeypatch.setattr(evidence_process, "HANGS", 5.0)
+    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=ailing()) as here:
+        here.comes(LEFT)
+        with here.recording():
+            here.until(lambda _: here.topic().messages >= 10)
+            hangs = here.evidence.pid
+            assert hangs is not None
+            os.kill(hangs, wrong)
+            until(lambda: "said nothing for" in (here.status.problem or ""), patience=120)
+            before = here.topic().messages
+            until(lambda: here.topic().messages >= before + 10, patience=120)
+            assert here.evidence.pid != hangs
+        until(lambda: len(set(map(str, here.folder.glob("*_evidence_*.mcap")))) == 2)
+        told = here.status.account
+        assert told.unwritten is None
+        account = settled(here.folder, told)
+    assert "said nothing for" in told.problems[0]
+    assert Counter(m.topic for m in here.recorded()) == {
+        one.topic: one.messages for one in account.topics
+    }
+
+
+def test_on_a_slow_disk_the_account_is_in_the_end_what_is_in_the_file(
+    ros_domain: int, tmp_path: Path
+) -> None:
+    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=ailing(slowness=1.5)) as here:
+        here.comes(LEFT)
+        told: list[EvidenceAccount] = []
+
+        def end() -> None:
+            here.evidence.await_account(0.5)
+            told.append(here.status.account)
+
+        with here.recording(most_bytes=3_000_000, ended=end):
+            here.until(lambda _: here.topic().messages >= 40)
+        messages = here.recorded()
+        account = settled(here.folder, told[0])
+    assert told[0].unwritten
+    taken = {one.topic: one.messages + sum(one.lost.values()) for one in told[0].topics}
+    for one in account.topics:
+        assert one.messages + sum(one.lost.values()) == taken[one.topic]
+    assert Counter(m.topic for m in messages) == {one.topic: one.messages for one in account.topics}
+    assert any(one.lost.get(EvidenceLoss.DISK) for one in account.topics)
 
 
 def test_types_that_are_not_installed_are_recorded_with_what_their_publisher_says(

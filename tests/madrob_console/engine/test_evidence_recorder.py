@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
+from madrob_console.archive.evidence import settled_account
+from madrob_console.config import Settings, load_settings
+from madrob_console.engine.process.evidence_queue import EvidenceQueue
 from madrob_console.engine.process.evidence_recorder import (
     BATCH_BYTES,
+    QUEUE_BYTES,
     EvidenceRecorder,
     EvidenceWritten,
 )
+from madrob_console.errors import MadrobError
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
 from recorder.bag import Topic, evidence_file_name
 from recorder.message import RawMessage
 from recorder.reader import read_bag
@@ -109,6 +118,73 @@ def test_the_room_that_the_score_needs_is_left_alone(tmp_path: Path) -> None:
     written = finished(recorder)
     assert "the score keeps" in written.problem
     assert written.refused == {LEFT.name: 1}
+
+
+def test_the_largest_message_that_settings_allow_is_recorded(tmp_path: Path) -> None:
+    with pytest.raises(MadrobError):
+        settings_with_largest(tmp_path, 91)
+    largest = settings_with_largest(tmp_path, 90).recording.choice.largest
+    huge = RawMessage(LEFT.name, LEFT.type, bytes(largest), 1, 1)
+    queue = EvidenceQueue(QUEUE_BYTES)
+    assert queue.put(huge, 0) == []
+
+
+def settings_with_largest(tmp_path: Path, megabytes: int) -> Settings:
+    file = tmp_path / "hall.toml"
+    file.write_text(f"[recording]\nlargest = {megabytes}\n")
+    return load_settings(file)
+
+
+def test_what_is_still_on_its_way_after_the_end_is_told_until_it_is_in_the_file(
+    tmp_path: Path,
+) -> None:
+    with recording(tmp_path / "run") as recorder:
+        until(lambda: recorder.written.size)
+        recorder.hold(held=True)
+        for number in range(20):
+            recorder.put(message(LEFT, number), LEFT, 0)
+        recorder.end()
+        assert recorder.written.ended
+        assert recorder.written.unwritten == 20
+    assert finished(recorder).unwritten == 0
+
+
+def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with recording(folder, most_bytes=1_500_000) as recorder:
+        until(lambda: recorder.written.size)
+        recorder.hold(held=True)
+        for number in range(25):
+            recorder.put(message(LEFT, number), LEFT, 0)
+        recorder.end()
+        before = recorder.written
+        told = EvidenceAccount(
+            (RecordedTopic(LEFT.name, LEFT.type, before.messages[LEFT.name], 2_500_000),),
+            unwritten=before.unwritten,
+        )
+    assert told.unwritten == 25
+    account = settled_account(folder, told)
+    assert account is not None
+    (one,) = account.topics
+    in_file = len(list(read_bag(folder, evidence=True).messages()))
+    assert 0 < in_file < 25
+    assert (one.messages, one.lost) == (in_file, {EvidenceLoss.DISK: 25 - in_file})
+    assert account.unwritten == 0
+
+
+def test_what_a_process_that_was_killed_left_waits_where_its_repair_would_cost_the_score_room(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "run"
+    torn = folder / evidence_file_name("run", 0)
+    free = shutil.disk_usage(tmp_path).free
+    with (
+        recording(folder, least_free=free // 2, name=evidence_file_name("run", 1)),
+        torn.open("wb") as file,
+    ):
+        file.truncate(free)  # a hole
+    assert torn.stat().st_size == free
+    assert not list(folder.glob("*.recovering"))
 
 
 def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(

@@ -40,3 +40,34 @@ def test_what_goes_wrong_after_a_recording_is_told_until_the_next_one() -> None:
     run.recording.ended = 2.0
     assert run.says(2.5, "it could not be finished", finished=True).problem is not None
     assert run.says(9.5, "it could not be finished", finished=True).problem is not None
+
+
+def test_what_a_process_that_was_ended_had_on_its_way_is_not_known() -> None:
+    run = Recorded()
+    run.says(1.0, "")
+    run.recording.lose_process("it was ended by SIGKILL")
+    run.recording.next_file()
+    account = run.says(2.0, "").account
+    assert account.unwritten is None
+    assert account.words.endswith(", not known how many of them are on disk")
+
+
+def test_a_process_that_is_silent_at_the_end_of_a_recording_leaves_open_what_there_is() -> None:
+    run = Recorded()
+    told = run.says(1.0, "")
+    assert (told.account.unwritten, told.account.problems) == (0, ())
+    run.recording.ended = 14.0
+    account = standing(14.5, None, 1.0, "", run.recording).account
+    assert account.unwritten is None
+    (problem,) = account.problems
+    assert "said nothing in the last 13 s of the recording" in problem
+
+
+def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
+    run = Recorded()
+    run.says(1.0, "")
+    run.recording.ended = 2.0
+    news = EvidenceNews(settled=True, recordings={1: replace(WRITTEN, ended=True)})
+    run.recording.hear(news, 2.1)
+    account = standing(2.2, news, 2.1, "", run.recording).account
+    assert (account.unwritten, account.problems) == (0, ())

@@ -8,7 +8,7 @@ from madrob_console.preparing.doctor_evidence import look_at_evidence
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
-from tests.madrob_console.ros_peer import Peer
+from tests.madrob_console.ros_peer import BOOL, Peer
 
 HALL = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
 
@@ -44,3 +44,17 @@ def test_patterns_that_match_nothing_are_said(ros_domain: int) -> None:
     finding = looked("/camera/**", domain=ros_domain)["evidence"]
     assert finding.severity is Severity.WARNING
     assert finding.text.startswith("none of its topics is there")
+
+
+@pytest.mark.machine
+def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
+    ros_domain: int, peer: Peer
+) -> None:
+    silent = peer.publisher("/hall/silent", BOOL)
+    peer.until(lambda: peer.own.count_publishers("/hall/silent"))
+    choice = EvidenceChoice(("/hall/**", "/camera/**"))
+    found = list(look_at_evidence(choice, (), ros_domain, 10**11, os.environ))
+    assert silent is not None
+    texts = [one.text for one in found if one.severity is Severity.WARNING]
+    assert any(text.endswith(": nothing comes now") for text in texts)
+    assert "no topic is there for /camera/**: start what publishes it, or correct it" in texts
