@@ -42,7 +42,7 @@ from tests.madrob_console.publishing.competition_runs import (
     publish,
     stamps,
 )
-from tests.madrob_console.run_folders import EPOCH, write
+from tests.madrob_console.run_folders import EPOCH, VALUES, write
 
 
 class Page(HTMLParser):
@@ -148,6 +148,15 @@ def test_flags_voids_protests_doubts_and_reasons_are_told(results: Path) -> None
     assert "VOID" in three
     assert "3.9000?" in three
     assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
+
+
+def test_values_of_which_no_uncertainty_is_known_say_so(results: Path) -> None:
+    write(results, of(5, uncertainties=dict.fromkeys(VALUES, Uncertainty(0.005, 0.01))))
+    site, words = publish(results), "no uncertainty is known of them"
+    for subject, told in ((2, True), (5, False)):
+        pages = [site / team_place(subject), *site.glob(f"runs/subject_00{subject}*/index.html")]
+        assert len(pages) == 2
+        assert [words in page.read_text() for page in pages] == [told, told]
 
 
 def test_a_run_with_an_open_protest_is_not_final_on_every_page(results: Path) -> None:
