@@ -20,7 +20,8 @@ from madrob_console.archive.result_reader import (
 from madrob_console.files.bounded import read_all, stamp_of
 from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
-from madrob_console.publishing.overview import hall_page, overview_page, plan_page
+from madrob_console.publishing.hall_page import hall_page
+from madrob_console.publishing.overview import overview_page, plan_page
 from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
