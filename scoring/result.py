@@ -6,7 +6,7 @@ What stands here is what `result.json` says of it: names, order and meaning are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from scoring.errors import ScoringError
@@ -183,11 +183,7 @@ class Result:
     @property
     def doubts(self) -> dict[str, tuple[IndicatorName, ...]]:
         """Each doubt once, with the indicators that it is on."""
-        found: dict[str, tuple[IndicatorName, ...]] = {}
-        for name, one in self.indicators.items():
-            for words in one.doubts:
-                found[words] = (*found.get(words, ()), name)
-        return found
+        return doubts_of(self.indicators)
 
     @property
     def ended(self) -> str:
@@ -196,6 +192,17 @@ class Result:
         if self.outcome is not Outcome.COMPLETED or counting == len(self.steps):
             return self.outcome_reason
         return f"{counting} of {len(self.steps)} steps count"
+
+
+def doubts_of(
+    indicators: Mapping[IndicatorName, Indicator],
+) -> dict[str, tuple[IndicatorName, ...]]:
+    """Each doubt on some indicators once, with those that it is on."""
+    found: dict[str, tuple[IndicatorName, ...]] = {}
+    for name, one in indicators.items():
+        for words in one.doubts:
+            found[words] = (*found.get(words, ()), name)
+    return found
 
 
 def distinguishable(

@@ -33,6 +33,9 @@ NUMBERS_FILE = "run_numbers.jsonl"
 RESULT_FILE = "result.json"
 """In a run folder: the whole result."""
 
+ISSUE_FILE = "result_issue_{}.json"
+"""In a run folder: the result as it was in an earlier issue, by its number."""
+
 JOURNAL_FILE = "journal.jsonl"
 """In a run folder: every act and every change of state."""
 

@@ -22,13 +22,16 @@ from madrob_console.referee.run import (
     FalseStart,
     Incident,
     JournalMark,
+    Reissuing,
     TestbedFault,
     Voiding,
     Waiver,
 )
+from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, Outcome, Signal, Step, Thresholds
+from scoring.result import Indicator, Uncertainty
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
 """Of a subject or a run."""
@@ -37,6 +40,8 @@ Name = Annotated[str, Meta(max_length=200)]
 """Longer than any name that the console writes."""
 StartTime = Annotated[float, Meta(ge=0, le=1e11)]
 """s since the epoch, within what calendars reach."""
+
+_UNTOLD = "why is not told"
 
 Spread = Annotated[float, Meta(ge=0)]
 """Of a value, in its unit."""
@@ -57,6 +62,14 @@ class IndicatorPart(msgspec.Struct, frozen=True):
     reason: str | None = None
     uncertainty: UncertaintyPart | None = None
     doubts: tuple[str, ...] = ()
+
+    def of(self, name: IndicatorName) -> Indicator:
+        """The same of an indicator that is known, in its unit."""
+        if self.value is None:
+            return Indicator(None, name.spec.unit, self.reason or _UNTOLD, doubts=self.doubts)
+        known = self.uncertainty
+        spread = None if known is None else Uncertainty(known.u, known.expanded)
+        return Indicator(self.value, name.spec.unit, None, spread, self.doubts)
 
 
 class ClosurePart(msgspec.Struct, frozen=True):
@@ -152,6 +165,12 @@ class ListedResult(msgspec.Struct, frozen=True):
     testbed: Name = ""
     thresholds: Thresholds | None = None
     quality: RatesPart = RatesPart()
+
+    @property
+    def told(self) -> dict[IndicatorName, Indicator]:
+        """The indicators that this version knows, in the protocol's order."""
+        parts = self.indicators
+        return {name: parts[name].of(name) for name in IndicatorName if name in parts}
 
     @property
     def rate(self) -> float | None:
@@ -290,6 +309,13 @@ class EventPart(msgspec.Struct, frozen=True):
     time: float
     since_start: float
     event: Name
+
+
+class PagedResult(ListedResult, frozen=True):
+    """What the page of a run on a competition's site reads besides."""
+
+    steps: Annotated[tuple[StepRecord, ...], Meta(max_length=len(Step))] = ()
+    reissues: tuple[Reissuing, ...] = ()
 
 
 class TabledResult(ListedResult, frozen=True):

@@ -30,6 +30,7 @@ from madrob_console.referee.run import (
     Incident,
     JournalMark,
     Note,
+    Reissuing,
     RemovedEvidence,
     RunSetup,
     TakenBack,
@@ -109,6 +110,8 @@ class ResultDocument(Result, Heading):
         accepted_doubts: which doubts on the indicators the referee lets stand.
         protests: of teams against the result, open and closed ones, by their numbers.
         taken_back: what the referee decided and took back.
+        reissues: why the result has more than one issue, oldest first; of each earlier issue
+            `result_issue_N.json` has what it said. Empty in results of earlier versions.
         removed_evidence: what was removed of the run's evidence before this issue was made; the
             journal has what was removed after it.
         remark: on the times.
@@ -137,6 +140,7 @@ class ResultDocument(Result, Heading):
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()
     protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
+    reissues: tuple[Reissuing, ...] = ()
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
@@ -183,6 +187,7 @@ class ResultDocument(Result, Heading):
             accepted_doubts=run.accepted_doubts,
             protests=run.protests,
             taken_back=run.taken_back,
+            reissues=run.reissues,
             removed_evidence=run.removed_evidence,
             remark=MANUAL_START,
             files=files,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -9,10 +11,11 @@ import msgspec
 from msgspec.structs import replace
 
 from madrob_console.archive.digests import FileDigest, run_id_at, run_id_of
-from madrob_console.archive.folders import RESULT_FILE, RESULT_FORMAT
+from madrob_console.archive.folders import ISSUE_FILE, RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.listed_result import (
     ListedResult,
     MarksPart,
+    PagedResult,
     RemarksPart,
     SetupPart,
     StepsPart,
@@ -22,6 +25,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.files.plain import refusal
 from madrob_console.referee.flags import Flag, flags
+from madrob_console.referee.run import Reissuing
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""
@@ -58,6 +62,7 @@ _Listed = TypeVar("_Listed", bound=ListedResult)
 _formats = msgspec.json.Decoder(_Format)
 _anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
 _results = msgspec.json.Decoder(ListedResult)
+_paged = msgspec.json.Decoder(PagedResult)
 _tabled = msgspec.json.Decoder(TabledResult)
 _files = msgspec.json.Decoder(_Files)
 _steps = msgspec.json.Decoder(StepsPart)
@@ -134,6 +139,35 @@ def _flags_of(data: bytes) -> tuple[Flag, ...]:
     except _DAMAGED:
         return ()
     return flags(marks, marks.steps, marks.source, marks.quality.remarks)
+
+
+def read_paged_result(folder: str) -> PagedResult:
+    """The same, and what the page of a run wants besides.
+
+    Raises:
+        FileNotFoundError: there is none.
+        UnusableResultError: it cannot be used; the message says why and what to do.
+    """
+    data, _ = _read(folder)
+    return _completed(_decoded(_paged, data), folder, data)
+
+
+def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:
+    """What a result said before it was issued again.
+
+    Args:
+        folder: of the run.
+        reissues: of its result.
+
+    Returns:
+        The issues before; those that cannot be read are missing.
+    """
+    found = []
+    for number in {one.issue - 1 for one in reissues}:
+        with suppress(OSError, *_DAMAGED):
+            data, _ = read_bounded(str(folder / ISSUE_FILE.format(number)), LARGEST_RESULT)
+            found.append(_results.decode(data))
+    return tuple(found)
 
 
 def read_whole_result(folder: str) -> dict[str, Any]:

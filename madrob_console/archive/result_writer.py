@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from madrob_console.archive.folders import RESULT_FILE
+from madrob_console.archive.folders import ISSUE_FILE, RESULT_FILE
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.scored import Scored
@@ -117,7 +117,7 @@ def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
 
 def _keep_earlier_issue(folder: Path, issue: int) -> None:
     """Keep the result of the issue before this one under its number, once."""
-    current, kept = folder / RESULT_FILE, folder / f"result_issue_{issue - 1}.json"
+    current, kept = folder / RESULT_FILE, folder / ISSUE_FILE.format(issue - 1)
     try:
         if issue < 2 or kept.exists():
             return

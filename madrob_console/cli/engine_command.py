@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.live.core import Engine
     from madrob_console.engine.process.local import LocalEngine
+    from madrob_console.engine.process.reporting import Reporting
     from madrob_console.engine.process.server import EngineServer
     from madrob_console.engine.process.service import ServiceManager
     from madrob_console.engine.process.troubles import FallenThreads
@@ -140,18 +141,19 @@ def serve(arguments: argparse.Namespace) -> int:
         raise_handles()
         fallen = _fallen_threads()
         engine = open_engine(arguments, settings, ScoringProcess)
-        _follow_lists(
-            options.team_source(arguments, settings),
-            options.plan_source(arguments, settings),
-            engine,
-            stack,
-        )
         reporting = Reporting(
             aside.COMMAND,
             lambda: engine.busy,
             named_places(arguments, settings),
             reports=settings.results.reports,
             publish=site_arguments(arguments, settings),
+        )
+        _follow_lists(
+            options.team_source(arguments, settings),
+            options.plan_source(arguments, settings),
+            engine,
+            reporting,
+            stack,
         )
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
         try:
@@ -184,12 +186,15 @@ def _fallen_threads() -> FallenThreads:
     return fallen
 
 
-def _follow_lists(teams: TeamSource, plan: PlanSource, engine: Engine, stack: ExitStack) -> None:
-    """The engine hears of the teams and of the plan, and of every change in their files."""
+def _follow_lists(
+    teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
+) -> None:
+    """The engine hears of teams and plan, and of every change in their files; pages follow."""
     from madrob_console.engine.process.list_watch import ListWatch
 
-    stack.callback(ListWatch(teams, engine.hear_of_teams).close)
-    stack.callback(ListWatch(plan, engine.hear_of_plan).close)
+    changed = reporting.publish
+    stack.callback(ListWatch(teams, engine.hear_of_teams, changed=changed).close)
+    stack.callback(ListWatch(plan, engine.hear_of_plan, changed=changed).close)
 
 
 def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:

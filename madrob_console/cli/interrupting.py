@@ -36,7 +36,8 @@ class Interruption:
 
     Raised in the middle of an import, NumPy makes an ImportError of it and prints a traceback;
     raised while an object is finalised, Python prints it and goes on. Both are waited for. While
-    what was begun is put away, for two seconds, another one is none.
+    what was begun is put away, for two seconds, another one is none. An alarm that the caller has
+    set is the caller's, as before.
 
     Attributes:
         raised: whether it was; whatever fails afterwards fails because of it.
@@ -45,6 +46,8 @@ class Interruption:
     def __init__(self) -> None:
         self.raised = False
         self._heeded = -_CLEANING
+        self._comes_again = False
+        self._alarm = signal.getsignal(signal.SIGALRM)
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Raise, or come back by a timer.
@@ -52,11 +55,16 @@ class Interruption:
         Raises:
             KeyboardInterrupt: it is heeded.
         """
+        if number == signal.SIGALRM and not self._comes_again:
+            if callable(self._alarm):
+                self._alarm(number, frame)
+            return
+        self._comes_again = False
         now = time.monotonic()
         if now < self._heeded + _CLEANING:
             return
         if _importing(frame):
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+            self._come_again()
             return
         self.raised, self._heeded = True, now
         raise KeyboardInterrupt
@@ -65,9 +73,13 @@ class Interruption:
         """One that was raised where nothing could take it comes again; what it broke is silent."""
         if what.exc_type is KeyboardInterrupt:
             self._heeded = -_CLEANING
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+            self._come_again()
         elif not self.raised:
             sys.__unraisablehook__(what)
+
+    def _come_again(self) -> None:
+        self._comes_again = True
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN)
 
 
 @contextmanager
@@ -80,12 +92,15 @@ def interruptible() -> Iterator[Interruption]:
     hook = sys.unraisablehook
     signal.signal(signal.SIGINT, interruption)
     alarm = signal.signal(signal.SIGALRM, interruption)
+    left, began = signal.getitimer(signal.ITIMER_REAL)[0], time.monotonic()
     sys.unraisablehook = interruption.unraisable
     try:
         yield interruption
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, alarm)
+        if (still := left - time.monotonic() + began) > 0:
+            signal.setitimer(signal.ITIMER_REAL, still)
         sys.unraisablehook = hook
         if signal.getsignal(signal.SIGINT) is interruption:
             signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,4 +1,4 @@
-"""The pages of the whole competition: the overview, the hall's screen, the plan."""
+"""The pages of the whole competition: the overview and the plan."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from itertools import islice
 
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.archive.history import RunSummary
+from madrob_console.publishing.best_runs import BestRuns
 from madrob_console.publishing.site_content import (
     HALL,
     PLAN,
     TEAMS_ORDER,
     Alike,
     SiteContent,
-    alike_among,
     beside,
-    best_of,
-    reading_order,
 )
 from madrob_console.publishing.site_frame import (
     condition_link,
@@ -46,9 +44,6 @@ from madrob_console.standings.tally import Overall
 from madrob_console.standings.web_page import counts
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-
-REFRESH = 15
-"""The hall's screen is loaded again after so long, s."""
 
 DOWNLOADS = {
     "data/standings.csv": "the standings",
@@ -84,26 +79,6 @@ def overview_page(content: SiteContent, written: str) -> str:
             f"As of {written}, {_count(content.runs)}",
             *(element("strong", said(remark)) for remark in found.remarks),
         ),
-    )
-
-
-def hall_page(content: SiteContent, written: str) -> str:
-    """What a screen in the hall shows: it is loaded again by itself, and nobody reads on it.
-
-    Args:
-        content: of the site.
-        written: when, in words.
-    """
-    news = (_progress(content, HALL), section("Latest results", _latest(content, HALL)))
-    parts = (element("div", news), element("div", _standings(content, HALL)))
-    return site_page(
-        content,
-        HALL,
-        said(content.standings.title or "Results"),
-        element("div", parts, class_="hall"),
-        title="Hall",
-        head=element("meta", http_equiv="refresh", content=str(REFRESH)),
-        lines=(f"As of {written}. This page is loaded again every {REFRESH} s.",),
     )
 
 
@@ -184,41 +159,22 @@ def _standings(content: SiteContent, place: str) -> Content:
 
 def _group_table(content: SiteContent, place: str, group: RulesetStandings) -> Markup:
     """A row a team: how far it came in each condition."""
-    best = {
-        team.subject: {
-            condition.number: found
-            for condition in group.conditions
-            if (found := best_of(content.runs_of(team.subject, condition.number, group.ruleset)))
-        }
-        for team in group.overall
-    }
-    numbers = [condition.number for condition in group.conditions]
-    alike = {
-        folder: names
-        for number in numbers
-        for folder, names in alike_among(
-            [of_team[number] for of_team in best.values() if number in of_team]
-        ).items()
-    }
-    ordered = sorted(group.overall, key=lambda team: _team_order(best[team.subject], team.subject))
+    found = BestRuns.of(content, group)
 
     def row(team: Overall) -> Iterator[Content]:
         yield team_link(content, place, team.subject)
-        for number in numbers:
-            run = best[team.subject].get(number)
-            yield NONE if run is None else _best_cell(content, place, run, alike)
+        for number in found.conditions:
+            run = found.of_team[team.subject].get(number)
+            yield NONE if run is None else _best_cell(content, place, run, found.alike)
         yield ", ".join(counts(team))
 
-    heads = ("team", *(condition_link(content, place, number) for number in numbers), "runs")
-    return table(heads, map(row, ordered), class_="runs", caption="level, and time if completed")
-
-
-def _team_order(best: dict[int, RunSummary], subject: int) -> tuple[float, ...]:
-    """Highest level, then in how many conditions the team reached it, and completed; its number."""
-    levels = [-reading_order(run)[0] for run in best.values()]
-    highest = max(levels, default=-1.0)
-    completed = sum(run.outcome is Outcome.COMPLETED for run in best.values())
-    return -highest, -levels.count(highest), -completed, subject
+    heads = (condition_link(content, place, number) for number in found.conditions)
+    return table(
+        ("team", *heads, "runs"),
+        map(row, found.teams),
+        class_="runs",
+        caption="level, and time if completed",
+    )
 
 
 def _best_cell(content: SiteContent, place: str, run: RunSummary, alike: Alike) -> Content:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -10,11 +10,19 @@ from pathlib import Path
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.result_reader import LARGEST_RESULT
+from madrob_console.archive.listed_result import ListedResult, PagedResult
+from madrob_console.archive.result_reader import (
+    LARGEST_RESULT,
+    DamagedResultError,
+    UnusableResultError,
+    read_paged_result,
+    read_result,
+)
 from madrob_console.files.bounded import read_all, stamp_of
 from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
-from madrob_console.publishing.overview import hall_page, overview_page, plan_page
+from madrob_console.publishing.hall_page import hall_page
+from madrob_console.publishing.overview import overview_page, plan_page
 from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
@@ -84,7 +92,22 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     if stamp is not None:
         named.append(result)
         yield SiteFile(result, _key(stamp), partial(_result, folder / RESULT_FILE))
-    yield SiteFile.of(place, run_page(content, run, named))
+    key = _key(content.software, stamp, run_page(content, run, named, None))
+    yield SiteFile(place, key, partial(_page, content, run, named))
+
+
+def _page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> bytes:
+    """The page of a run with what its result says."""
+    folder = str(content.source(run))
+    result: PagedResult | ListedResult
+    try:
+        try:
+            result = read_paged_result(folder)
+        except DamagedResultError:
+            result, _ = read_result(folder)
+    except (OSError, UnusableResultError) as error:
+        raise SourceUnreadError(f"{run.folder}: {error}") from None
+    return run_page(content, run, files, result).encode()
 
 
 def _around(content: SiteContent, run: RunSummary) -> Markup:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
+from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.history import RunSummary
+from madrob_console.archive.listed_result import ListedResult, PagedResult
+from madrob_console.archive.result_reader import earlier_issues
 from madrob_console.publishing.site_content import SiteContent, beside
 from madrob_console.publishing.site_frame import (
     condition_link,
@@ -13,28 +17,26 @@ from madrob_console.publishing.site_frame import (
     task_words_of,
     team_link,
 )
-from madrob_console.report.explanations import (
-    DOUBTS_NOTE,
-    INVALID,
-    MANUAL_START_NOTE,
-    NONE,
-    UNCERTAINTY_NOTE,
-    VOIDED,
-    date_text,
-)
-from madrob_console.report.markup import Content, Markup, element, link, listed, section, table
+from madrob_console.report.explanations import INVALID, VOIDED, date_text
+from madrob_console.report.markup import NOTHING, Content, element, link, listed, section
+from madrob_console.report.shared_sections import indicator_section, issues, star, steps
 from madrob_console.standings.competition import why_left_out
-from scoring.indicator_table import IndicatorName, unit_text
-from scoring.result import uncertainty_text, value_text
+from scoring.indicator_table import IndicatorName
 
 
-def run_page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> str:
+def run_page(
+    content: SiteContent,
+    run: RunSummary,
+    files: Sequence[str],
+    result: PagedResult | ListedResult | None,
+) -> str:
     """The page of a run.
 
     Args:
         content: of the site.
         run: one that has a page.
         files: of the run that are on the site, as seen from its root; its report first.
+        result: of the run, without its steps where they cannot be read; None = all but that.
     """
     place = content.places[run.folder]
     named = f"Run {run.run_number} of team {content.who(run.subject)}"
@@ -42,7 +44,7 @@ def run_page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> str
         content,
         place,
         (f"Run {run.run_number} of team ", team_link(content, place, run.subject)),
-        section("Indicators", _values(run), *_notes(run)),
+        NOTHING if result is None else list(_told(result, content.source(run))),
         section("Report and downloads", _files(place, files)),
         title=f"{named} in condition {run.condition}",
         lines=_lines(content, place, run),
@@ -62,36 +64,21 @@ def _lines(content: SiteContent, place: str, run: RunSummary) -> Iterator[Conten
         yield f"Why it does not count: {why_left_out(run)}."
 
 
-def _values(run: RunSummary) -> Markup:
-    def rows() -> Iterator[tuple[Content, Content]]:
-        for name in IndicatorName:
-            star = " *" if name.spec.with_the_start else ""
-            what = element("small", f"{name.spec.better} is better")
-            value = run.values.get(name)
-            if value is None:
-                yield (element("b", name.words, star), what), f"{NONE}{run.sign(name)}"
-                continue
-            known = run.uncertainties.get(name)
-            spread = filter(None, (uncertainty_text(known), unit_text(name.spec.unit)))
-            number = element("b", value_text(value, known) + run.sign(name))
-            unit = element("span", f" {' '.join(spread)}", class_="unit")
-            yield (element("b", name.words, star), what), (number, unit)
-
-    return table(("indicator", "value"), rows(), class_="indicators")
+def _told(result: PagedResult | ListedResult, folder: Path) -> Iterator[Content]:
+    """What the report says of it, too, in the same sections."""
+    values = indicator_section(result.told, _title)
+    if isinstance(result, PagedResult):
+        done = steps(result.steps, result.start) if result.steps else NOTHING
+        again = issues(result.reissues, earlier_issues(folder, result.reissues))
+        yield element("div", values, element("div", done, again), class_="lists")
+    else:
+        yield values
+        yield element("p", f"Another version wrote the result: its steps stand in {RESULT_FILE}.")
 
 
-def _notes(run: RunSummary) -> Iterator[Markup]:
-    if run.doubts:
-        told = [
-            f"{name.words}: {run.doubts[name]}, told in the report"
-            for name in IndicatorName
-            if name in run.doubts
-        ]
-        yield element("p", DOUBTS_NOTE)
-        yield listed(told, "")
-    yield element("p", MANUAL_START_NOTE)
-    if run.uncertainties:
-        yield element("p", element("small", UNCERTAINTY_NOTE))
+def _title(name: IndicatorName) -> Content:
+    what = element("small", f"{name.spec.better} is better")
+    return element("b", name.words, star(name)), what
 
 
 def _files(place: str, files: Sequence[str]) -> Content:

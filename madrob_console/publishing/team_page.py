@@ -15,7 +15,11 @@ from madrob_console.publishing.site_frame import (
     site_page,
     task_words_of,
 )
-from madrob_console.report.explanations import MANUAL_START_NOTE, UNCERTAINTY_NOTE
+from madrob_console.report.explanations import (
+    MANUAL_START_NOTE,
+    NO_UNCERTAINTY_NOTE,
+    UNCERTAINTY_NOTE,
+)
 from madrob_console.report.markup import NOTHING, Content, Markup, element, link, said, section
 from madrob_console.standings.competition import why_left_out
 from madrob_console.standings.web_page import counts
@@ -39,7 +43,7 @@ def team_page(content: SiteContent, subject: int) -> str:
         place,
         (f"Team {subject} ", said(name)),
         *parts,
-        section("How to read it", *(element("small", one) for one in _NOTES)),
+        section("How to read it", *(element("small", one) for one in _notes(runs))),
         title=f"Team {content.who(subject)}",
         lines=_lines(content, place, subject, runs),
     )
@@ -49,11 +53,14 @@ _FAILED_NOTE = (
     "A run that failed is grey and says so. What stands in capitals does not count, with the "
     "reason below its table."
 )
-_NOTES = (
-    _FAILED_NOTE,
-    UNCERTAINTY_NOTE,
-    MANUAL_START_NOTE,
-)
+
+
+def _notes(runs: Sequence[RunSummary]) -> Iterator[str]:
+    yield _FAILED_NOTE
+    yield UNCERTAINTY_NOTE
+    if any(run.values and not run.uncertainties for run in runs):
+        yield NO_UNCERTAINTY_NOTE
+    yield MANUAL_START_NOTE
 
 
 def _lines(

@@ -305,6 +305,27 @@ class TakenBack:
 
 
 @dataclass(frozen=True, slots=True)
+class Reissuing:
+    """Why a result was issued again; the issue before stays (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        issue: number of the issue that came of it.
+        what: which act did it, or the rule change, in the journal's word.
+        reason: why, in the words of who did it; of a protest, what the team says.
+        referee: the referee's name; empty where none is known.
+        ruleset: by which rules the result is made from then on; null = as before.
+    """
+
+    time: float
+    issue: int
+    what: str
+    reason: str
+    referee: str
+    ruleset: RulesetName | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class RemovedEvidence:
     """Evidence of the run that was removed to make room; no score hangs on it.
 
@@ -369,6 +390,7 @@ class Run:
         evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
         removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
+        reissues: why there is more than one, oldest first.
         closure: set by finalising.
         signed_notes: how many of the notes were there when that was done; the others stand beside
             the result.
@@ -403,6 +425,7 @@ class Run:
     evidence: EvidenceAccount | None = None
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0
+    reissues: tuple[Reissuing, ...] = ()
     closure: Closure | None = None
     signed_notes: int = 0
     signed_evidence: EvidenceAccount | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import Phase, Reissuing, Run
 from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
 
@@ -51,20 +51,25 @@ def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
     )
 
 
-def opened_again(run: Run) -> Run:
-    """A final result is open once more, and its next issue has a number; any other stays."""
-    return _with_next_issue(run) if run.phase is Phase.FINAL else run
-
-
-def reissued(run: Run, rules: RulesetName | None) -> Run:
-    """The result gets another issue after a rule change, final or not; it is open afterwards.
+def reissued(
+    run: Run, at: float, what: str, reason: str, referee: str, rules: RulesetName | None = None
+) -> Run:
+    """The result gets another issue, final or not; it is open afterwards.
 
     Args:
         run: before it, and over.
+        at: when, s since the epoch.
+        what: the act or change that does it, in the journal's word.
+        reason: why.
+        referee: who says so; empty where no name is known.
         rules: by which its result is made from now on; None = by those that made it.
     """
-    return replace(_with_next_issue(run), ruleset=rules or run.ruleset)
-
-
-def _with_next_issue(run: Run) -> Run:
-    return replace(run, phase=Phase.STOPPED, closure=None, issue=max(1, run.issue) + 1)
+    issue = max(1, run.issue) + 1
+    return replace(
+        run,
+        phase=Phase.STOPPED,
+        closure=None,
+        issue=issue,
+        reissues=(*run.reissues, Reissuing(at, issue, what, reason, referee, rules)),
+        ruleset=rules or run.ruleset,
+    )

@@ -23,6 +23,12 @@ UNCERTAINTY_NOTE = (
 )
 """What stands below the values of a report, once an uncertainty is known."""
 
+NO_UNCERTAINTY_NOTE = (
+    "Values with four decimals and without +-: no uncertainty is known of them. The result was "
+    "made by an earlier version, or without the recording."
+)
+"""What stands there in its place."""
+
 BIAS_NOTE = (
     "Not in the uncertainties, because the direction is known: an edge is seen half a sampling "
     "interval late on average, so that a time from the start to an edge is too long by that; a "

@@ -22,6 +22,7 @@ from madrob_console.report.explanations import (
 )
 from madrob_console.report.markup import Content, Markup, element, link, page, said
 from madrob_console.report.meanings import definitions
+from madrob_console.report.shared_sections import issues, steps
 from madrob_console.report.surroundings import NOWHERE, PagePlace
 from madrob_console.report.ways import files, other_runs
 from madrob_console.report.where_time_went import phases
@@ -47,7 +48,7 @@ def report_html(
 
     run, result = scored.run, scored.result
     happened = sections.events(result, anchors(seen))
-    measured = element("div", sections.steps(result), happened, class_="pair")
+    measured = element("div", steps(result.steps, result.start), happened, class_="pair")
     parts: tuple[tuple[str, str, Content], ...] = (
         ("protests", "protests", sections.protests(run)),
         ("time", "time", phases(scored, place)),
@@ -56,6 +57,7 @@ def report_html(
         ("pictures", "pictures", pictures(seen, beside=bool(place.files))),
         ("figures", "figures", figures(scored)),
         ("decisions", "decisions", sections.decisions(run)),
+        ("issues", "issued again", issues(run.reissues, place.earlier)),
         ("word", "the team's word", sections.team_word(run)),
         ("setup", "set-up", sections.set_up(scored.record, result)),
         ("quality", "data quality", sections.data_quality(run, result)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
@@ -21,13 +20,10 @@ from madrob_console.referee.run import (
 )
 from madrob_console.report.camera_pictures import Anchors
 from madrob_console.report.explanations import (
-    DOUBTS_NOTE,
     LOCKED_BY,
-    MANUAL_START_NOTE,
     NONE,
     SOURCES,
     TEAM_WORDS,
-    UNCERTAINTY_NOTE,
     date_text,
     since,
     task_text,
@@ -44,9 +40,10 @@ from madrob_console.report.markup import (
     table,
 )
 from madrob_console.report.meanings import anchor
-from scoring.indicator_table import IndicatorName, unit_text
-from scoring.procedure import Ruling, StepRecord
-from scoring.result import EventRecord, Indicator, Result, uncertainty_text, value_text
+from madrob_console.report.shared_sections import indicator_section, star
+from scoring.indicator_table import IndicatorName
+from scoring.procedure import Ruling
+from scoring.result import EventRecord, Result
 from scoring.rulesets import ruleset
 
 _MOST_EVENTS = 30
@@ -100,65 +97,12 @@ def indicators(result: Result) -> Markup:
     """All of them, with unit and explanation."""
     rules = ruleset(result.ruleset)
 
-    def row(name: IndicatorName, indicator: Indicator) -> tuple[Content, Content]:
-        title = element("b", link(f"#{anchor(name)}", name.words), _star(name))
-        what = element("small", rules.explanation(name))
-        if indicator.value is None:
-            return (title, what), element("span", indicator.text, class_="none")
-        known = indicator.uncertainty
-        value = element("b", value_text(indicator.value, known) + indicator.sign)
-        spread = filter(None, (uncertainty_text(known), unit_text(indicator.unit)))
-        unit = element("span", f" {' '.join(spread)}", class_="unit")
-        return (title, what), (value, unit)
+    def title(name: IndicatorName) -> Content:
+        words = element("b", link(f"#{anchor(name)}", name.words), star(name))
+        return words, element("small", rules.explanation(name))
 
-    rows = starmap(row, result.indicators.items())
-    known = any(uncertainty_text(one.uncertainty) for one in result.indicators.values())
-    return section(
-        "Indicators",
-        table(("indicator", "value"), rows, class_="indicators"),
-        doubts(result),
-        element("p", MANUAL_START_NOTE),
-        element("p", f"Handle at rest: {result.rest.words}.") if result.rest else NOTHING,
-        element("p", element("small", UNCERTAINTY_NOTE)) if known else NOTHING,
-        name="indicators",
-    )
-
-
-def _star(name: IndicatorName) -> str:
-    return " *" if name.spec.with_the_start else ""
-
-
-def doubts(result: Result) -> Content:
-    """Each sentence with the indicators that it is on; nothing where nothing is doubted."""
-    if not result.doubts:
-        return NOTHING
-    told = [
-        (element("b", ", ".join(name.words for name in on)), f": {words}.")
-        for words, on in result.doubts.items()
-    ]
-    return element("p", DOUBTS_NOTE), listed(told, "")
-
-
-def steps(result: Result) -> Markup:
-    """What the sensors say, what the referee says, what counts."""
-
-    def row(record: StepRecord) -> tuple[Content, ...]:
-        ruling = record.referee
-        name: list[Content] = [f"{record.step:d} {record.step.text}"]
-        if record.why_not:
-            name.append(element("small", record.why_not))
-        referee: Content = NONE
-        if ruling is not None:
-            referee = RULED[ruling.confirmed], element("small", said(ruling.reason))
-        final = since(record.final, result.start) if record.done else "not done"
-        return name, since(record.sensors, result.start), referee, element("b", final)
-
-    return section(
-        "The six steps",
-        element("p", "Times in s from the start. What the referee says goes before the sensors."),
-        table(("step", "sensors", "referee", "counts"), map(row, result.steps), class_="steps"),
-        name="steps",
-    )
+    rest = element("p", f"Handle at rest: {result.rest.words}.") if result.rest else NOTHING
+    return indicator_section(result.indicators, title, rest)
 
 
 def events(result: Result, pictured: Anchors) -> Markup:

@@ -13,7 +13,8 @@ from madrob_console.archive.folders import (
     parse_folder_name,
 )
 from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.result_reader import read_steps
+from madrob_console.archive.listed_result import ListedResult
+from madrob_console.archive.result_reader import earlier_issues, read_steps
 from madrob_console.archive.scored import Scored
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
@@ -57,12 +58,14 @@ class PagePlace:
         team: the other runs of its team, by condition and number.
         field: the other runs, of all teams, that can be compared with it.
         itself: the run in the list of runs; None = it is not there.
+        earlier: the issues of its result before this one.
     """
 
     files: tuple[str, ...] = ()
     team: tuple[LinkedRun, ...] = ()
     field: tuple[ComparedRun, ...] = ()
     itself: RunSummary | None = None
+    earlier: tuple[ListedResult, ...] = ()
 
 
 NOWHERE = PagePlace()
@@ -115,6 +118,7 @@ class Surroundings:
                 if (phases := self._phases_of(root / run.folder)) is not None
             ),
             itself=itself,
+            earlier=earlier_issues(folder, scored.run.reissues),
         )
 
     def _known(self, root: Path) -> tuple[RunSummary, ...]:

@@ -25,6 +25,10 @@ from scoring.rulesets import ruleset as ruleset_called
 from scoring.signals import Edge
 
 _AS_PUBLISHED = "scored from published files: events as they stand there"
+_NO_UNCERTAINTY = (
+    "no uncertainty is known of the values, and nothing is doubted of them: only the csv files are "
+    "there, not the recording"
+)
 
 
 def evaluate_published(
@@ -63,7 +67,7 @@ def evaluate_published(
     if ruleset.cut_rows:
         rows = cut_rows(rows, run.start_time, end)
     indicators = compute_indicators(events, procedure.done, rows, run.condition, ruleset)
-    remarks = [_AS_PUBLISHED, *_missing_rows(run, ending.stop, thresholds)]
+    remarks = [_AS_PUBLISHED, _NO_UNCERTAINTY, *_missing_rows(run, ending.stop, thresholds)]
     remarks += _made_otherwise(run, ruleset)
     if indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION].value is not None:
         remarks += _filter_edges(run, ruleset, end)

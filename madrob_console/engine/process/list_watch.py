@@ -40,13 +40,19 @@ class ListWatch(Generic[L]):
         source: where the list comes from.
         told: called with the list, and with each that differs from the one before.
         period: between two looks, s.
+        changed: called after each that differs.
     """
 
     def __init__(
-        self, source: ListSource[L], told: Callable[[L], None], period: float = PERIOD
+        self,
+        source: ListSource[L],
+        told: Callable[[L], None],
+        period: float = PERIOD,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self._source = source
         self._told = told
+        self._changed = changed
         self._period = period
         self._list: L | None = None
         self._taken: Stamp | None = None
@@ -79,8 +85,10 @@ class ListWatch(Generic[L]):
     def _take(self, stamp: Stamp | None) -> None:
         listed, self._taken = self._source.read(self._list), stamp
         if listed != self._list:
-            self._list = listed
+            first, self._list = self._list is None, listed
             self._told(listed)
+            if not first:
+                self._changed()
 
     def _work(self) -> None:
         self._seen = self._stamp()

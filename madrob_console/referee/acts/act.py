@@ -17,6 +17,7 @@ from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
 from madrob_console.referee.questions import Ask, Question
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
+from madrob_console.referee.transitions import reissued
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.rest import HandleRest
@@ -222,6 +223,17 @@ class Act(ABC):
     @abstractmethod
     def apply(self, situation: Situation, at: float) -> Run:
         """The state after the act, done at time `at` (s since the epoch)."""
+
+    def opened_again(self, run: Run, at: float) -> Run:
+        """A final result is open once more, and this act is why it is issued again.
+
+        Args:
+            run: before the act; any other than a final one stays as it is.
+            at: when it is done, s since the epoch.
+        """
+        if run.phase is not Phase.FINAL:
+            return run
+        return reissued(run, at, self.name, self.reason_given, self.signature or run.referee)
 
     @property
     def reason_given(self) -> str:

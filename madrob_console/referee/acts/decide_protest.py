@@ -80,7 +80,7 @@ class DecideProtest(Act):
     def apply(self, situation: Situation, at: float) -> Run:
         """It is closed."""
         answer = ProtestAnswer(at, self.end, self.reason, self.referee)
-        run = closed(situation.run, self.number, answer)
+        run = closed(self.opened_again(situation.run, at), self.number, answer)
         return replace(run, decided=run.decided_and(DecisionKind.PROTEST))
 
     @property

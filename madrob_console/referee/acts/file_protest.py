@@ -10,7 +10,6 @@ from madrob_console.referee.acts.withdraw_protest import WithdrawProtest
 from madrob_console.referee.protests import Protest, ProtestTimes, open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write, reasons
 from madrob_console.referee.run import Phase, Run, relative_text, seconds_of
-from madrob_console.referee.transitions import opened_again
 from scoring.indicator_table import IndicatorName
 
 MOST_PROTESTS = 20
@@ -169,7 +168,7 @@ class FileProtest(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """One more protest; the result is open."""
-        run = opened_again(situation.run)
+        run = self.opened_again(situation.run, at)
         instant = None
         if self.after_start is not None and run.start is not None:
             instant = run.start + self.after_start

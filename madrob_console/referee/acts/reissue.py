@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from madrob_console.referee.acts.act import Act, Situation
 from madrob_console.referee.questions import Pick, Sure, reasons
 from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.transitions import opened_again
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,4 +34,4 @@ class Reissue(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """Stopped again: rulings are possible until it is finalised once more."""
-        return opened_again(situation.run)
+        return self.opened_again(situation.run, at)

@@ -11,7 +11,6 @@ from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
-from madrob_console.referee.transitions import opened_again
 
 _NOTHING = "there is nothing to take back"
 _FINAL = "the result is final: re-issue it first"
@@ -93,7 +92,7 @@ class TakeBack(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """As if it had not been decided, but for the record of it."""
-        before = opened_again(situation.run)
+        before = self.opened_again(situation.run, at)
         found = self._found(before)
         if found is None:
             raise ValueError(f"no {self.kind} of that time stands")

@@ -9,7 +9,6 @@ from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd, open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
 from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.transitions import opened_again
 
 _NONE_OPEN = "no protest is open"
 
@@ -54,7 +53,7 @@ class WithdrawProtest(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """It is closed."""
-        run = situation.run
+        run = self.opened_again(situation.run, at)
         answer = ProtestAnswer(at, ProtestEnd.WITHDRAWN, self.reason, run.referee)
         return closed(run, self.number, answer)
 
@@ -101,8 +100,8 @@ def closing_problem(number: int, situation: Situation) -> str | None:
 
 
 def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
-    """The run with a protest that is closed, or open again; a final result is open by that."""
+    """The run with a protest that is closed, or open again."""
     protests = tuple(
         replace(one, answer=answer) if one.number == number else one for one in run.protests
     )
-    return replace(opened_again(run), protests=protests)
+    return replace(run, protests=protests)

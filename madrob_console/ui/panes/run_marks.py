@@ -79,6 +79,9 @@ def _protests(run: Run) -> Iterator[tuple[str, str]]:
 
 def _decisions(run: Run) -> Iterator[tuple[str, str]]:
     """What the referee decided after the stop, or of a step."""
+    for one in reversed(run.reissues):
+        by = f" ({one.referee})" if one.referee else ""
+        yield f"issue {one.issue}", f"{date_of(one.time)}, {one.what}: {one.reason}{by}"
     if run.voided is not None:
         yield "void", f"{_at(run.voided.time, run)}{run.voided.reason}"
     for change in reversed(run.corrections):

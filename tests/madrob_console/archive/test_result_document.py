@@ -104,6 +104,21 @@ def test_a_result_read_back_is_written_to_the_same_bytes(folders: dict[str, Path
     assert read_result(str(folders["completed"]))[0].team == "Delft"
 
 
+def test_a_result_says_who_issued_it_again_and_why(folders: dict[str, Path]) -> None:
+    (again,) = document(folders["completed"])["reissues"]
+    time = again.pop("time")
+    first = json.loads((folders["completed"] / "result_issue_1.json").read_text())
+    assert time >= first["closure"]["time"]
+    assert again == {
+        "issue": 2,
+        "what": "re-issue",
+        "reason": "the team is right",
+        "referee": "R. Eferee",
+        "ruleset": None,
+    }
+    assert first["reissues"] == []
+
+
 def test_a_result_names_what_computed_it(folders: dict[str, Path]) -> None:
     for folder in folders.values():
         assert document(folder)["libraries"] == {

@@ -45,6 +45,7 @@ def test_published_files_are_scored_as_they_stand(tmp_path: Path) -> None:
     publish(recorded(Scenario.NOMINAL), tmp_path)
     (run,) = score(tmp_path)
     assert run.result.quality.remarks[0].startswith("scored from published files")
+    assert run.result.quality.remarks[1].startswith("no uncertainty is known of the values")
     assert run.condition.number == 1
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import subprocess
 import sys
+import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
@@ -24,6 +27,8 @@ from tests.madrob_console.recorded_runs import copy_run
 
 if TYPE_CHECKING:
     from distributed import LocalCluster
+
+ROOT = Path(__file__).parents[3]
 
 
 def test_without_distributed_one_line_names_the_extra(
@@ -70,11 +75,41 @@ def linger(mark: tuple[int, str]) -> None:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
-    """A scheduler, and two workers in processes of their own."""
+    """A scheduler, and two workers in processes of their own that are made anew when they die.
+
+    Dask's nannies would do that too, but give up for good where a worker dies before its nanny has
+    heard that it is up, as it does on a busy machine with a run that kills workers.
+    """
     distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
-    how = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-    with distributed.LocalCluster(n_workers=2, processes=True, **how) as running:
+    ended = threading.Event()
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as running:
+        keepers = [
+            threading.Thread(target=_keep_a_worker, args=(running.scheduler_address, ended))
+            for _ in range(2)
+        ]
+        for keeper in keepers:
+            keeper.start()
         yield running
+        ended.set()
+        for keeper in keepers:
+            keeper.join()
+
+
+def _keep_a_worker(address: str, ended: threading.Event) -> None:
+    """One worker after the other, until it is the end."""
+    options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
+    command = (sys.executable, "-m", "distributed.cli.dask_worker", address, *options)
+    with tempfile.TemporaryDirectory() as folder:
+        while not ended.is_set():
+            with subprocess.Popen(
+                (*command, "--local-directory", folder),
+                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            ) as worker:
+                while worker.poll() is None and not ended.wait(0.05):
+                    pass
+                worker.kill()
 
 
 @pytest.mark.machine
@@ -86,18 +121,19 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    address = cluster.scheduler_address
-    root = tmp_path / "results"
+    address, root = cluster.scheduler_address, tmp_path / "results"
     for number in range(1, 5):
         copy_run(root, number, Scenario.TOUCH_ONLY)
     (root / "subject_009_cond_001_run_001_20231114_221323").mkdir()
     assert main(["score", "--jobs", "1", str(root)]) == 2
     alone = capsys.readouterr()
     monkeypatch.chdir(tmp_path)
+    cluster.wait_for_workers(2)
     assert main(["score", "--scheduler", address, "results"]) == 2
     assert capsys.readouterr() == alone
 
     def spread(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+        cluster.wait_for_workers(2)
         return list(on_cluster(work, items, address, [], lambda item, why: f"{item}: {why}"))
 
     # a worker that dies costs nothing but the time of its runs
@@ -121,6 +157,8 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     results = on_cluster(linger, marks, address, [], lambda item, _why: None)
     with pytest.raises(KeyboardInterrupt):
         _interrupted(results, lingering, monkeypatch)
+    while cluster.scheduler.tasks:
+        time.sleep(0.02)
     (lingering / "enough").touch()
     assert spread(abs, [-1, -2]) == [1, 2]
     assert len(list(lingering.glob("begun_*"))) < 10

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli.interrupting import STOPPED
+from madrob_console.cli.interrupting import STOPPED, interruptible
 from madrob_console.cli.main import main
 from madrob_console.kinds import Scenario
 from tests.madrob_console.recorded_runs import recorded
@@ -48,6 +48,29 @@ def interrupted(arguments: list[str], begun: Callable[[], bool]) -> tuple[int, s
             os.killpg(process.pid, signal.SIGINT)  # all of it hears, as from a terminal
         _, error = process.communicate(timeout=40)
     return process.returncode, error
+
+
+def test_an_alarm_that_was_set_before_a_command_still_comes_to_who_set_it() -> None:
+    class AlarmError(Exception):
+        pass
+
+    def ring(_number: int, _frame: object) -> None:
+        raise AlarmError
+
+    own = signal.setitimer(signal.ITIMER_REAL, 50.0)  # by which a test counts as hanging
+    limit = signal.signal(signal.SIGALRM, ring)
+    try:
+        with restored_ctrl_c():
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            with interruptible():
+                signal.setitimer(signal.ITIMER_REAL, 0.0)  # as an interruption that came again
+            left, _ = signal.getitimer(signal.ITIMER_REAL)
+            assert 30.0 < left <= 50.0
+            with pytest.raises(AlarmError), interruptible():
+                signal.raise_signal(signal.SIGALRM)
+    finally:
+        signal.signal(signal.SIGALRM, limit)
+        signal.setitimer(signal.ITIMER_REAL, *own)
 
 
 @contextmanager

@@ -73,6 +73,9 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     after = result(folder)
     assert (after["issue"], after["ruleset"]) == (2, "robust-2026")
     assert after["setup"] == before["setup"]  # what was set stays on record
+    (again,) = after["reissues"]
+    assert (again["issue"], again["reason"]) == (2, "rules of May")
+    assert (again["referee"], again["ruleset"]) == ("O. Rganiser", "robust-2026")
     assert json.loads((folder / "result_issue_1.json").read_text()) == before
     (line,) = reissues(folder)
     assert (line["origin"], line["referee"]) == ("referee", "O. Rganiser")

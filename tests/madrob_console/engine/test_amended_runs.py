@@ -216,6 +216,14 @@ def test_a_final_result_is_opened_again_and_its_issue_stays(desk: Desk) -> None:
     assert (desk.run_folder / "result_issue_2.json").exists()
     desk.act(SIGNED, Correct(4, PULL, "typed wrongly"))
     assert desk.document["issue"] == 4
+    assert [
+        (one["issue"], one["what"], one["reason"], one["referee"])
+        for one in desk.document["reissues"]
+    ] == [
+        (2, "void", "protest accepted", "R. Eferee"),
+        (3, "take back", "my mistake", "R. Eferee"),
+        (4, "correct", "typed wrongly", "R. Eferee"),
+    ]
     assert desk.agrees()
 
 

@@ -41,6 +41,21 @@ def test_without_a_file_the_settings_are_the_list() -> None:
         assert told == [TeamList({9: "Own"})]
 
 
+def test_a_list_that_changes_is_told_on_and_the_first_one_is_not(tmp_path: Path) -> None:
+    file, told, changes = tmp_path / "teams.csv", list[TeamList](), list[int]()
+    file.write_text("3,Walkers\n")
+    source = TeamSource({}, file)
+    watch = ListWatch(source, told.append, NEVER, lambda: changes.append(len(told)))
+    try:
+        assert (len(told), changes) == (1, [])
+        file.write_text("3,Runners\n")
+        watch.look()
+        watch.look()
+        assert (len(told), changes) == (2, [2])  # the engine knows it first
+    finally:
+        watch.close()
+
+
 def test_a_file_that_is_being_written_is_read_when_it_rests(tmp_path: Path) -> None:
     file, told = tmp_path / "teams.csv", list[TeamList]()
     file.write_text("3,Walkers\n")

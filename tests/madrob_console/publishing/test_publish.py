@@ -20,9 +20,9 @@ from madrob_console.archive.history import RunSummary
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
-from madrob_console.publishing.overview import REFRESH
+from madrob_console.publishing.hall_page import REFRESH
 from madrob_console.publishing.publish import site_files
-from madrob_console.publishing.site_content import SiteContent, condition_place, team_place
+from madrob_console.publishing.site_content import HALL, SiteContent, condition_place, team_place
 from madrob_console.publishing.site_folder import (
     SiteFile,
     SiteRefusedError,
@@ -42,7 +42,7 @@ from tests.madrob_console.publishing.competition_runs import (
     publish,
     stamps,
 )
-from tests.madrob_console.run_folders import EPOCH, write
+from tests.madrob_console.run_folders import EPOCH, VALUES, write
 
 
 class Page(HTMLParser):
@@ -127,6 +127,33 @@ def test_only_the_page_of_the_hall_is_loaded_again_by_itself(results: Path) -> N
     assert REFRESH >= 5
 
 
+@pytest.mark.parametrize(("teams", "lasting"), [(12, REFRESH), (30, 60)])
+def test_no_team_and_no_condition_is_left_out_on_the_screen_of_the_hall(
+    tmp_path: Path, teams: int, lasting: int
+) -> None:
+    """They turn where there are more than can be read, and all were there when it is reloaded."""
+    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n1,1,2\n")
+    for subject in range(1, teams + 1):
+        for condition in (1, 2, 3, 4) if teams == 12 else (1, 2, 3, 4, 7):
+            write(tmp_path / "results", of(subject, 1, condition))
+    site = publish(tmp_path / "results")
+    text, page = (site / HALL).read_text(), Page(site / HALL)
+    assert f'content="{lasting}"' in text
+    named = [link for link in page.found("href") if link.startswith("teams/")]
+    assert {f"teams/{n:03d}.html" for n in range(1, teams + 1)} <= set(named)
+    leaves = re.findall('<div class="leaf"', text)
+    if teams == 12:
+        assert len(leaves) == 1
+        assert "@keyframes" not in text
+        return
+    assert len(leaves) * 10 == lasting
+    delays = [int(found) for found in re.findall(r"animation-delay: (\d+)s", text)]
+    assert delays == list(range(0, lasting, 10))
+    assert f"animation: leaf {lasting}s step-end infinite" in text
+    for words in ("teams 1-12 of 30", "teams 25-30 of 30", "conditions 5 of 5"):
+        assert words in text
+
+
 def test_teams_stand_by_level_first_and_no_failed_run_is_on_top(results: Path) -> None:
     site = publish(results)
     rows = [row for row in Page(site / "conditions/07.html").rows if re.match(r"\d ", row)]
@@ -148,6 +175,15 @@ def test_flags_voids_protests_doubts_and_reasons_are_told(results: Path) -> None
     assert "VOID" in three
     assert "3.9000?" in three
     assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
+
+
+def test_values_of_which_no_uncertainty_is_known_say_so(results: Path) -> None:
+    write(results, of(5, uncertainties=dict.fromkeys(VALUES, Uncertainty(0.005, 0.01))))
+    site, words = publish(results), "no uncertainty is known of them"
+    for subject, told in ((2, True), (5, False)):
+        pages = [site / team_place(subject), *site.glob(f"runs/subject_00{subject}*/index.html")]
+        assert len(pages) == 2
+        assert [words in page.read_text() for page in pages] == [told, told]
 
 
 def test_a_run_with_an_open_protest_is_not_final_on_every_page(results: Path) -> None:

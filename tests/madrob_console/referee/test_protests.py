@@ -81,6 +81,7 @@ def test_nothing_is_signed_over_an_open_protest_in_silence() -> None:
     assert open_protests(final.protests)
     decided = done(final, UPHELD, 300.0)
     assert (decided.phase, decided.closure, decided.issue) == (Phase.STOPPED, None, 2)
+    assert [one.what for one in decided.reissues] == ["decide protest"]
     assert done(decided, sign).phase is Phase.FINAL
 
 

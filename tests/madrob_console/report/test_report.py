@@ -263,7 +263,9 @@ def test_a_report_says_how_far_its_values_can_be_trusted(scored: Scored) -> None
     answer = f"doubt accepted (time to handle: {touch}): seen on video: right"
     assert answer in page.section("Referee decisions")
     untold = Page(report_html(replace(scored, result=replace(result, indicators=plain))))
-    assert "uncertainty" not in untold.section("Indicators")
+    told = untold.section("Indicators")
+    assert "expanded uncertainty" not in told
+    assert "no uncertainty is known of them" in told
 
 
 def test_the_manual_start_is_told_beside_the_times_that_include_it(page: Page) -> None:
