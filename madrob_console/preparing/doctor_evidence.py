@@ -22,6 +22,9 @@ _FINDS = 3.0
 _LOOK_PERIOD, _REST = 0.5, 0.02
 _HOUR = 3600.0
 
+_LARGE = 100_000
+"""Mean bytes of messages that are easily lost: Fast DDS hands over 512 kB at once."""
+
 
 def look_at_evidence(
     choice: EvidenceChoice,
@@ -104,6 +107,11 @@ def _topic(flow: TopicFlow) -> Finding:
     lost = f", {flow.lost} lost on the way" if flow.lost else ""
     text = f"evidence, {flow.type}, {rate}{lost}"
     problem = flow.problem or ("nothing comes now" if flow.silent else "")
+    if flow.lost and flow.byte_rate > _LARGE * flow.rate and not problem:
+        problem = (
+            "have it published reliably, or give its publisher's Fast DDS profile a larger "
+            "`segment_size` (README, Cameras)"
+        )
     if problem:
         return Finding(Severity.WARNING, flow.topic, f"{text}: {problem}")
     return Finding(Severity.WARNING if flow.lost else Severity.OK, flow.topic, text)

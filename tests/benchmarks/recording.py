@@ -27,12 +27,12 @@ MESSAGES = 100_000
 PAYLOAD = 100  # bytes
 WRITER = Goal(times=1.5)
 
-RATES = 300, 3_000, 30_000  # messages/s on all topics together
 DURATION = 5.0  # s
 CHEAPER = Goal(times=1 / 5)
 NONE_LOST = Goal(None)
-MOST = 2
-"""Repeats: each takes half a minute at each rate."""
+MOST = {300: 2, 3_000: 6, 30_000: 2}
+"""Messages/s on all topics together, and repeats: each takes half a minute. One pair by itself gave
+anything from a sixth to a fourth where there is a goal."""
 _domains = count(100)
 
 
@@ -78,14 +78,14 @@ def over_dds(repeats: int) -> list[Figure]:
     """Ten topics from another process: CPU a message and messages lost, at three rates."""
     cost = defaultdict[tuple[str, int], list[float]](list)
     lost = defaultdict[tuple[str, int], list[float]](list)
-    for _ in range(min(repeats, MOST)):
-        for rate in RATES:
+    for rate, most in MOST.items():
+        for _ in range(min(repeats, most)):
             for which in ("ours", "rclpy"):
                 received, microseconds, sent = _flooded(which, rate)
                 cost[which, rate].append(microseconds)
                 lost[which, rate].append(100 * (1 - received / sent))
     figures: list[Figure] = []
-    for rate in RATES:
+    for rate in MOST:
         beside = Baseline("rclpy executor", cost["rclpy", rate])
         goal = CHEAPER if rate >= 3_000 else None
         name = f"{rate} messages/s"

@@ -58,3 +58,19 @@ def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
     texts = [one.text for one in found if one.severity is Severity.WARNING]
     assert any(text.endswith(": nothing comes now") for text in texts)
     assert "no topic is there for /camera/**: start what publishes it, or correct it" in texts
+
+
+@pytest.mark.machine
+def test_large_pictures_that_are_lost_on_the_way_are_told_with_the_remedy(
+    ros_domain: int, peer: Peer
+) -> None:
+    large = Stream(Kind.RAW, "/camera/raw", size=2_000_000)
+    remedy = " lost on the way: have it published reliably, or "
+
+    def told() -> bool:
+        finding = looked("/camera/**", domain=ros_domain).get("/camera/raw")
+        return finding is not None and remedy in finding.text
+
+    with cameras(large):
+        peer.until(lambda: peer.own.count_publishers("/camera/raw"))
+        peer.until(told)  # what floods the way may hold up that it is found
