@@ -145,7 +145,7 @@ def test_an_engine_that_cannot_start_says_why_in_one_line(hall: Hall) -> None:
     hall.speed = 5000.0
     with hall.console() as terminal:
         assert terminal.wait_exit(60.0) == 2
-        assert any("--speed: 5000.0: use 0 to 1000" in line for line in terminal.screen())
+        assert any("--speed: 5000: use 0 to 1000" in line for line in terminal.screen())
 
 
 @pytest.mark.slow
