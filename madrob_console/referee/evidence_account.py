@@ -47,6 +47,11 @@ class RecordedTopic:
         return f"{sum(self.lost.values())} lost ({reasons})" if reasons else ""
 
     @property
+    def left_out_words(self) -> str:
+        """How many were left out by which setting; empty = none."""
+        return f"{self.left_out} left out by `recording.limits`" if self.left_out else ""
+
+    @property
     def troubles(self) -> str:
         """What is wrong with it, without numbers; empty = nothing."""
         reasons = ", ".join(why for why, number in self.lost.items() if number)
@@ -115,7 +120,7 @@ class EvidenceAccount:
         """What is missing, in words; empty where nothing is."""
         remarks = list(self.problems)
         for one in self.topics:
-            words = ", ".join(filter(None, (one.lost_words, one.problem)))
+            words = ", ".join(filter(None, (one.lost_words, one.left_out_words, one.problem)))
             if words:
                 remarks.append(f"{one.topic}: {words}")
         return remarks
