@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.amounts import size_words
 from madrob_console.referee.run import CheckName, Phase, Run, Waiver
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
@@ -228,7 +229,7 @@ def _disk(r: Readings) -> Check:
     return _verdict(
         CheckName.DISK,
         r.disk_free >= r.disk_needed,
-        f"{r.disk_free / 1e9:.1f} GB free, {r.disk_needed / 1e9:.1f} GB needed",
+        f"{size_words(r.disk_free)} free, {size_words(r.disk_needed)} needed",
     )
 
 

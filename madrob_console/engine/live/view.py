@@ -26,8 +26,9 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.protests import due_words, open_protests
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import CheckName, Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step
@@ -98,6 +99,7 @@ class StateView:
             *overdue_protests(run, now),
             at_hand.chronicle.problem,
             *at_hand.result.problems,
+            None if replay else disk_problem(situation.checks),
             evidence_problem(self.equipment.witness.status),
             *(replay.problems if replay else ()),
         )
@@ -160,6 +162,14 @@ def overdue_protests(run: Run, now: float) -> Iterator[str]:
     for one in open_protests(run.protests):
         if one.due < now:
             yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
+
+
+def disk_problem(checks: Iterable[Check]) -> str | None:
+    """Whether the disk has too little room, in words; None = it has enough, or that was waived."""
+    check = next((check for check in checks if check.name is CheckName.DISK), None)
+    if check is None or check.state is not CheckState.FAILED:
+        return None
+    return f"{check.name}: {check.reason}"
 
 
 def evidence_problem(status: WitnessStatus | None) -> str | None:
