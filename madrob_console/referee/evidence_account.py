@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from madrob_console.amounts import counted
+
 
 class EvidenceLoss(StrEnum):
     """Why a message of the evidence is not in the recording."""
@@ -92,7 +94,8 @@ class EvidenceAccount:
         size = sum(one.bytes for one in self.topics) / 1e6
         lost = sum(sum(one.lost.values()) for one in self.topics)
         missing = f", {lost} lost" if lost else ""
-        return f"{len(self.topics)} topics, {messages} messages, {size:.1f} MB{missing}{self._rest}"
+        topics, came = counted(len(self.topics), "topic"), counted(messages, "message")
+        return f"{topics}, {came}, {size:.1f} MB{missing}{self._rest}"
 
     @property
     def _rest(self) -> str:

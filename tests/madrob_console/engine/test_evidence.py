@@ -116,7 +116,7 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
     }
     assert stored["quality"]["remarks"] == []
     texts = [line.text for line in drive.engine.log.lines]
-    assert "evidence recorded: 1 topics, 600 messages, 120.0 MB" in texts
+    assert "evidence recorded: 1 topic, 600 messages, 120.0 MB" in texts
 
 
 def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:

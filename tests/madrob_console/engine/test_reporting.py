@@ -110,7 +110,7 @@ def test_the_frames_of_an_instant_are_written_beside_the_engine(
     reporting.close()
     (nowhere, why), (place, nothing) = told
     assert nowhere == nothing == ""
-    assert "holds no evidence" in why
+    assert "was recorded without evidence" in why
     assert Path(place).name == f"{folder.name}_5.000_s"
     assert len(list(Path(place).glob("*.jpg"))) == 2
     assert Path(place).parent.stat().st_mode & 0o777 == 0o700
