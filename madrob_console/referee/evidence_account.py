@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.amounts import counted
+from madrob_console.amounts import counted, listed
 
 
 class EvidenceLoss(StrEnum):
@@ -127,6 +127,11 @@ class EvidenceAccount:
             if words:
                 remarks.append(f"{one.topic}: {words}")
         return remarks
+
+
+def unseen_words(patterns: Sequence[str]) -> str:
+    """That nobody publishes what patterns of the settings ask for."""
+    return f"nobody publishes {listed(patterns)}"
 
 
 NO_EVIDENCE = EvidenceAccount()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from functools import cache
 from itertools import pairwise
 
@@ -50,6 +51,10 @@ class EvidenceChoice(msgspec.Struct, frozen=True):
         return any(matches(p, topic) for p in self.topics) and not any(
             matches(p, topic) for p in self.excluded
         )
+
+    def unmatched(self, topics: Collection[str]) -> tuple[str, ...]:
+        """The patterns of wanted topics that none of these matches."""
+        return tuple(p for p in self.topics if not any(matches(p, topic) for topic in topics))
 
     def limit(self, topic: str) -> TopicLimit:
         """What holds for a topic."""

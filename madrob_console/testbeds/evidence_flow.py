@@ -50,7 +50,7 @@ class TopicFlow:
     @property
     def silent(self) -> bool:
         """Whether nothing comes now that should."""
-        return not self.rate and not self.kept
+        return not self.publishers or not (self.rate or self.kept)
 
 
 class SilenceWatch:
@@ -58,13 +58,22 @@ class SilenceWatch:
 
     Steady is what has come for `SILENT_AFTER` without as long a pause. Times are steady ones
     (protocol section 8), ns since the epoch.
+
+    Args:
+        named: whether the settings name the topic itself: then it may not be silent from the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, named: bool = False) -> None:
+        self._named = named
+        self._listens: int | None = None
         self._first: int | None = None  # of what came without a pause
         self._last = 0
         self._steady = False
         self._longest: tuple[int, int] | None = None
+
+    def listen(self, at_ns: int) -> None:
+        """It is listened to, from the first call on."""
+        self._listens = at_ns if self._listens is None else self._listens
 
     def begin(self) -> None:
         """A recording begins: what was before is none of it."""
@@ -84,6 +93,8 @@ class SilenceWatch:
 
     def words(self, now_ns: int) -> str:
         """Since when it is silent, or the longest silence since `begin`; empty = there is none."""
+        if self._named and self._first is None and self._listens is not None:
+            return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
         if self._steady and now_ns - self._last > SILENT_AFTER * NS:
             return f"silent since {_time_of_day(self._last)}"
         if self._longest is not None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.amounts import counted, size_words
+from madrob_console.amounts import counted, listed, size_words
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,10 @@ def test_a_size_is_told_in_the_unit_that_says_something(size: int, words: str) -
 def test_no_size_is_told_as_nothing(size: int) -> None:
     number, _ = size_words(size).split()
     assert float(number) > 0.9
+
+
+def test_of_many_names_the_first_are_told() -> None:
+    assert [listed("abcd"[:n]) for n in (1, 2, 4)] == ["a", "a, b", "a, b and 2 more"]
 
 
 def test_one_is_one() -> None:

@@ -100,7 +100,7 @@ class StateView:
             at_hand.chronicle.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
-            evidence_problem(self.equipment.witness.status),
+            *evidence_faults(self.equipment.witness.status),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -172,11 +172,10 @@ def disk_problem(checks: Iterable[Check]) -> str | None:
     return f"{check.name}: {check.reason}"
 
 
-def evidence_problem(status: WitnessStatus | None) -> str | None:
-    """What is wrong with all of the evidence, in words; None = nothing."""
-    if status is None or status.problem is None:
-        return None
-    return f"evidence: {status.problem}"
+def evidence_faults(status: WitnessStatus | None) -> Iterator[str]:
+    """What is wrong with the evidence, in words."""
+    if status is not None:
+        yield from (f"evidence: {words}" for words in status.faults)
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:

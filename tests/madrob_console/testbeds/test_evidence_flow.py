@@ -87,3 +87,15 @@ def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again
 @pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
 def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
     assert silence(came, 1000.0) == ""
+
+
+def test_what_the_settings_name_may_not_be_silent_from_the_first() -> None:
+    for named, said in ((True, "nothing has come"), (False, "")):
+        watch = SilenceWatch(named=named)
+        assert watch.words(9 * NS) == ""  # nobody listens yet
+        for at in range(4, 9):
+            watch.listen(at * NS)
+        assert watch.words(6 * NS) == ""
+        assert watch.words(7 * NS) == said
+        watch.came(7 * NS)
+        assert watch.words(100 * NS) == ""
