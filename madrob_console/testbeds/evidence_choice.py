@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import msgspec
 
-TOPIC_PATTERN = r"^(/([A-Za-z0-9_]|\*)+)+$"
+TOPIC_PATTERN = r"(/([A-Za-z0-9_]|\*)+)+"
 """Of a full topic name with wildcards."""
 
 
