@@ -126,7 +126,7 @@ class EvidenceRecording:
         if left := self._heard.left_over:
             too_many = counted(len(left), "topic")
             problems.append(f"{too_many} too many, {listed(left)}: not recorded")
-        if unseen := self._heard.unseen:
+        if self._heard.settled and (unseen := self._heard.unseen):
             problems.append(unseen_words(unseen))
         if not self._files or (self._files and not self._former and self._written is None):
             problems.append("no process was there to record it")

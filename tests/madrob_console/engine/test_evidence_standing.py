@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
+
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
@@ -65,6 +67,8 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
     news = EvidenceNews(
         settled=True, flows=flows, recordings={1: WRITTEN}, unseen=("/camera/front", "/robot/a")
     )
+    recording.hear(msgspec.structs.replace(news, settled=False), 0.5)
+    assert recording.account().problems == ()  # it has only begun to look
     recording.hear(news, 1.0)
     status = standing(1.0, news, 1.0, "", recording)
     assert status.silent == ("/camera/dead", "/map")
