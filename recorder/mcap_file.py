@@ -66,6 +66,11 @@ class McapFile:
         """Bytes handed to the file."""
         return self._disk.size
 
+    @property
+    def pending(self) -> int:
+        """Bytes that it takes to finish the file, about."""
+        return self._writer.pending
+
     def start(self, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]) -> None:
         """Write the header and the records, register the topics, and reach the disk."""
         self._writer.start(profile=Profile.ROS2, library=f"madrob recorder, {LIBRARY_IDENTIFIER}")

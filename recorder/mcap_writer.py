@@ -82,6 +82,12 @@ class McapWriter:
         self._compressor = zstandard.ZstdCompressor()
         self._summary: defaultdict[Opcode, RecordBuilder] = defaultdict(RecordBuilder)
 
+    @property
+    def pending(self) -> int:
+        """Bytes that are to come without another message, about: chunk at hand and summary."""
+        summary = sum(builder.count for builder in self._summary.values())
+        return self._chunk_bytes + 8 * sum(map(len, self._entries)) + summary
+
     def start(self, profile: str, library: str) -> None:
         """Begin the file."""
         self._put(MCAP0_MAGIC)

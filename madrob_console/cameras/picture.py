@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import struct
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ _PACKED, _RAW = PICTURE_TYPES
 _LONGEST = 16_384  # pixels in a row or a column
 _MOST_SCANS = 100  # a picture is sent in ten at most; each costs as much as all of it
 _SCAN = b"\xff\xda"
+_JPEG, _PNG = b"\xff\xd8", b"\x89PNG\r\n\x1a\n"
+_PNG_HEAD = struct.Struct(">16x2I")  # signature, begin of the chunk IHDR; width, height
 _QUALITIES = (85, 70, 50, 30, 15)
 _SHOWN = 40
 _PLAIN_NAME = re.compile(r"[0-9A-Za-z_]{1,40}")
@@ -148,16 +151,18 @@ def _unpacked(data: bytes, side: int) -> Image.Image:
     """A JPEG or a PNG; the first picture of several."""
     if not data:
         raise PictureError("it is empty")
-    if data.count(_SCAN) > _MOST_SCANS and data.startswith(b"\xff\xd8"):
+    if data.count(_SCAN) > _MOST_SCANS and data.startswith(_JPEG):
         raise PictureError(f"it is a JPEG of more than {_MOST_SCANS} scans")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             picture = Image.open(io.BytesIO(data), formats=("JPEG", "PNG"))
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        _check_png_head(data)
         raise PictureError(f"it claims more than {MOST_PIXELS // 1_000_000} megapixels") from None
     except UnidentifiedImageError:
-        raise PictureError("it is neither JPEG nor PNG") from None
+        _check_png_head(data)
+        raise PictureError(f"it is {_damaged(data)}") from None
     _check_size(*picture.size)
     picture.draft("RGB", (side, side))  # a large JPEG is decoded small
     picture.load()
@@ -165,6 +170,23 @@ def _unpacked(data: bytes, side: int) -> Image.Image:
         return _grey(np.asarray(picture, dtype=np.float64))
     has_colour = picture.mode not in ("1", "L", "LA")
     return picture.convert("RGB" if has_colour else "L")
+
+
+def _check_png_head(data: bytes) -> None:
+    """What a PNG claims that Pillow does not open.
+
+    Raises:
+        PictureError: it claims too many pixels, or none.
+    """
+    if data.startswith(_PNG) and len(data) >= _PNG_HEAD.size:
+        _check_size(*_PNG_HEAD.unpack_from(data))
+
+
+def _damaged(data: bytes) -> str:
+    """What something is that Pillow does not open, in words."""
+    if data.startswith(_PNG):
+        return "a damaged PNG"
+    return "a damaged JPEG" if data.startswith(_JPEG) else "neither JPEG nor PNG"
 
 
 def _check_size(width: int, height: int) -> None:

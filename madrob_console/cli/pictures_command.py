@@ -108,10 +108,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     if not run.is_dir():
         raise MadrobError(f"{run}: no such run folder: name the folder of a run")
     if not has_evidence(run):
-        raise MadrobError(
-            f"{run}: holds no evidence (`madrob tidy` may have removed it): choose the folder of a "
-            "run that was recorded with cameras"
-        )
+        raise MadrobError(f"{run}: {_why_no_evidence(run)}")
     output: Path | None = arguments.output
     if not arguments.at and output is None:
         if arguments.camera != "*" or arguments.width is not None:
@@ -135,6 +132,26 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
             ) from None
         atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
     return made, folder, begin
+
+
+def _why_no_evidence(folder: Path) -> str:
+    """Why a folder holds no evidence, and what to do, in words."""
+    from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
+
+    choose = "choose the folder of a run that was recorded with cameras"
+    try:
+        run = read_run_journal(folder).run
+    except FileNotFoundError:
+        if any(folder.glob("*.mcap")):
+            return f"holds no evidence: {choose}"
+        return "no run is there: name the folder of a run"
+    except UnusableJournalError:
+        return f"holds no evidence: {choose}"
+    if run.removed_evidence:
+        return f"its evidence was removed by `madrob tidy` ({run.removed_evidence[-1].words})"
+    if run.evidence is None or not any(topic.messages for topic in run.evidence.topics):
+        return f"was recorded without evidence: {choose}"
+    return f"its evidence is gone ({run.evidence.words} were recorded): look where its files are"
 
 
 def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:

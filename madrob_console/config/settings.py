@@ -170,9 +170,11 @@ def parse_settings(text: str) -> Settings:
     if len(text) > LARGEST_SETTINGS:
         raise MadrobError("has more than 1 MB, no settings; name a file with --settings")
     try:
-        return msgspec.convert(tomllib.loads(text), Settings)
+        content = tomllib.loads(text)
+        return msgspec.convert(content, Settings)
     except msgspec.ValidationError as error:
-        raise MadrobError(f"{explain(str(error), Settings)}; correct or remove it") from None
+        problem = explain(str(error), Settings, content)
+        raise MadrobError(f"{problem}; correct or remove it") from None
     except (ValueError, RecursionError) as error:  # also numbers and brackets without end
         raise MadrobError(f"is not TOML: {error}") from None
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from msgspec import inspect
+from msgspec import Meta, inspect
+
+_WORDS = "words"
 
 
 def description(kind: inspect.Type) -> str:
@@ -11,6 +13,24 @@ def description(kind: inspect.Type) -> str:
         kind = _without_none(kind)
     schema = kind.extra_json_schema if isinstance(kind, inspect.Metadata) else None
     return str((schema or {})["description"])
+
+
+def text_words(kind: inspect.Type) -> str:
+    """What a text that has to match a pattern is, in words; see `written_as`."""
+    if isinstance(kind, inspect.UnionType):
+        kind = _without_none(kind)
+    extra = kind.extra if isinstance(kind, inspect.Metadata) else None
+    return str((extra or {})[_WORDS])
+
+
+def written_as(pattern: str, words: str) -> Meta:
+    """A text that matches a pattern.
+
+    Args:
+        pattern: of the whole text.
+        words: what it is and how it is written, for somebody who wrote it otherwise.
+    """
+    return Meta(pattern=rf"^({pattern})$", extra={_WORDS: words})
 
 
 def plain(kind: inspect.Type) -> inspect.Type:
@@ -26,10 +46,10 @@ def fields(kind: inspect.Type) -> tuple[inspect.Field, ...]:
 
 
 def type_at(kind: inspect.Type, parts: list[str]) -> inspect.Type:
-    """The type at a place in the settings; a number is a place in a list."""
-    kind = plain(kind)
+    """The type at a place in the settings, with its limits; a number is a place in a list."""
     if not parts:
         return kind
+    kind = plain(kind)
     first, *rest = parts
     if isinstance(kind, inspect.VarTupleType):
         return type_at(kind.item_type, rest)

@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import force_setattr
 
+from madrob_console.config.shape import written_as
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.kinds import RemoteService, SourceKind, ThemeName
 from madrob_console.names import clean_name
@@ -30,9 +31,22 @@ _T = Thresholds()
 _D = _T.doubt
 _L = SensorLimits()
 _E = EvidenceChoice()
-_Topics = Annotated[str, Meta(pattern=TOPIC_PATTERN)]
+_Topics = Annotated[
+    str,
+    written_as(
+        TOPIC_PATTERN,
+        "pattern of topics: it begins with /, and has letters, digits, _ and * between slashes",
+    ),
+]
 _P = USUAL_PROTEST_TIMES
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+_TopicName = Annotated[
+    str,
+    written_as(rf"(/{_NAME})+", "name of a topic: it begins with /, as in /madrob/door"),
+]
+_TypeName = Annotated[
+    str, written_as(rf"{_NAME}/msg/{_NAME}", "message type, as in std_msgs/msg/Float64")
+]
 _Angle = Annotated[float, Meta(ge=0.0, le=3.15)]
 _Angles = tuple[_Angle, _Angle, _Angle, _Angle, _Angle]
 
@@ -212,8 +226,8 @@ class TopicSetting(SettingsTable, frozen=True):
     """One [[topics]]: how this testbed publishes a signal; what is left out stays as it is."""
 
     signal: Signal
-    topic: Annotated[str, Meta(pattern=rf"^(/{_NAME})+$")] | None = None
-    type: Annotated[str, Meta(pattern=rf"^{_NAME}/msg/{_NAME}$")] | None = None
+    topic: _TopicName | None = None
+    type: _TypeName | None = None
     field: str | None = None
     scale: Annotated[float, within(-1e9, 1e9, "factor to the protocol's unit")] = 1.0
     offset: Annotated[float, within(-1e9, 1e9, "added after scaling")] = 0.0

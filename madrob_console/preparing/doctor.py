@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from madrob_console.amounts import size_words
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.version import DISTRIBUTION
 
@@ -158,9 +159,9 @@ def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
         )
         return
     free = shutil.disk_usage(place).free
-    text = f"{folder}: {free / 1e9:.1f} GB free"
+    text = f"{folder}: {size_words(free)} free"
     if free < disk_space:
-        needed = f"{disk_space / 1e9:.1f} GB"
+        needed = size_words(disk_space)
         yield Finding(Severity.WARNING, "results", f"{text}, less than {needed}: make room")
     else:
         yield Finding(Severity.OK, "results", text)

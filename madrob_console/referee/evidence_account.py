@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+
+from madrob_console.amounts import counted, listed
 
 
 class EvidenceLoss(StrEnum):
@@ -47,6 +49,11 @@ class RecordedTopic:
         return f"{sum(self.lost.values())} lost ({reasons})" if reasons else ""
 
     @property
+    def left_out_words(self) -> str:
+        """How many were left out by which setting; empty = none."""
+        return f"{self.left_out} left out by `recording.limits`" if self.left_out else ""
+
+    @property
     def troubles(self) -> str:
         """What is wrong with it, without numbers; empty = nothing."""
         reasons = ", ".join(why for why, number in self.lost.items() if number)
@@ -87,7 +94,8 @@ class EvidenceAccount:
         size = sum(one.bytes for one in self.topics) / 1e6
         lost = sum(sum(one.lost.values()) for one in self.topics)
         missing = f", {lost} lost" if lost else ""
-        return f"{len(self.topics)} topics, {messages} messages, {size:.1f} MB{missing}{self._rest}"
+        topics, came = counted(len(self.topics), "topic"), counted(messages, "message")
+        return f"{topics}, {came}, {size:.1f} MB{missing}{self._rest}"
 
     @property
     def _rest(self) -> str:
@@ -115,10 +123,15 @@ class EvidenceAccount:
         """What is missing, in words; empty where nothing is."""
         remarks = list(self.problems)
         for one in self.topics:
-            words = ", ".join(filter(None, (one.lost_words, one.problem)))
+            words = ", ".join(filter(None, (one.lost_words, one.left_out_words, one.problem)))
             if words:
                 remarks.append(f"{one.topic}: {words}")
         return remarks
+
+
+def unseen_words(patterns: Sequence[str]) -> str:
+    """That nobody publishes what patterns of the settings ask for."""
+    return f"nobody publishes {listed(patterns)}"
 
 
 NO_EVIDENCE = EvidenceAccount()

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.amounts import counted, listed, size_words
+from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.run import CheckName, Phase, Run, Waiver
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
@@ -20,9 +22,6 @@ class CheckState(StrEnum):
     NO_DATA = "no data"
     WAIVED = "waived"
 
-
-_NAMED = 2
-"""Silent topics that are named."""
 
 _NO_ZERO = (
     "this engine has none yet, and one of before may be of a sensor that was switched off since"
@@ -61,7 +60,9 @@ class EvidenceReading:
         lasts: how long that lasts at the rate of now, s; None = unknown, or nothing comes.
         least: so long it must last, s.
         ros: whether there is ROS, where it comes from.
-        silent: topics on which nothing comes now.
+        silent: those of them on which nothing comes now.
+        unseen: patterns of the settings for which nobody publishes anything.
+        scored: patterns that match only what is recorded with the score.
     """
 
     ready: bool
@@ -72,6 +73,18 @@ class EvidenceReading:
     least: float
     ros: bool = True
     silent: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> str:
+        """What does not come, and what needs not be asked for, in words; empty = nothing."""
+        notes = [unseen_words(self.unseen)] if self.unseen else []
+        if self.silent:
+            notes.append(f"{listed(self.silent)}: nothing comes now")
+        if self.scored:
+            notes.append(f"{listed(self.scored)}: recorded with the score, remove the pattern")
+        return "; ".join(notes)
 
 
 NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
@@ -228,7 +241,7 @@ def _disk(r: Readings) -> Check:
     return _verdict(
         CheckName.DISK,
         r.disk_free >= r.disk_needed,
-        f"{r.disk_free / 1e9:.1f} GB free, {r.disk_needed / 1e9:.1f} GB needed",
+        f"{size_words(r.disk_free)} free, {size_words(r.disk_needed)} needed",
     )
 
 
@@ -257,24 +270,24 @@ def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
         return CheckState.FAILED, e.problem
     if not e.ready:
         return CheckState.NO_DATA, "nobody listens yet: wait for it"
+    if not e.topics and e.scored:
+        return CheckState.WARNING, e.notes
     if not e.topics:
         return CheckState.NO_DATA, "none of its topics is there: start what publishes them"
     if e.left is None:
         return CheckState.NO_DATA, "room for it is unknown: check the results folder"
-    good, silent = CheckState.OK, ""
-    if e.silent:
-        more = f" and {len(e.silent) - _NAMED} more" if len(e.silent) > _NAMED else ""
-        silent = f"{', '.join(e.silent[:_NAMED])}{more}: nothing comes now; "
-        good = CheckState.WARNING
+    good = CheckState.WARNING if e.notes else CheckState.OK
+    sends = f"{e.notes}; " if e.notes else ""
+    sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
     if e.lasts is None:
-        text = f"{silent}{e.topics} topics, room for {e.left / 1e9:.1f} GB"
+        text = f"{sends}room for {size_words(e.left)}"
         return (good if e.left or not e.least else CheckState.FAILED), text
     text = f"room for {duration_words(e.lasts)} at the rate of now"
     if e.lasts < e.least:
         needed = duration_words(e.least)
         more = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
         return CheckState.FAILED, f"{text}, {needed} needed: {more}"
-    return good, f"{silent}{e.topics} topics, {text}"
+    return good, f"{sends}{text}"
 
 
 def duration_words(duration: float) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from functools import cache
 from itertools import pairwise
 
 import msgspec
 
-TOPIC_PATTERN = r"^(/([A-Za-z0-9_]|\*)+)+$"
+TOPIC_PATTERN = r"(/([A-Za-z0-9_]|\*)+)+"
 """Of a full topic name with wildcards."""
 
 
@@ -50,6 +51,10 @@ class EvidenceChoice(msgspec.Struct, frozen=True):
         return any(matches(p, topic) for p in self.topics) and not any(
             matches(p, topic) for p in self.excluded
         )
+
+    def unmatched(self, topics: Collection[str]) -> tuple[str, ...]:
+        """The patterns of wanted topics that none of these matches."""
+        return tuple(p for p in self.topics if not any(matches(p, topic) for topic in topics))
 
     def limit(self, topic: str) -> TopicLimit:
         """What holds for a topic."""

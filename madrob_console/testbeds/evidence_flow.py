@@ -19,6 +19,10 @@ SILENT_AFTER = 2.0
 _SHORTEST = 1.0
 """What has come for less than this is told as if it were spread over it, s."""
 
+_UNEVEN, _MORE = 1.0, 1.02
+"""So much earlier than at even distances a message may come, s, and so much faster a topic may be
+than its limit."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicFlow:
@@ -46,7 +50,7 @@ class TopicFlow:
     @property
     def silent(self) -> bool:
         """Whether nothing comes now that should."""
-        return not self.rate and not self.kept
+        return not self.publishers or not (self.rate or self.kept)
 
 
 class SilenceWatch:
@@ -54,13 +58,22 @@ class SilenceWatch:
 
     Steady is what has come for `SILENT_AFTER` without as long a pause. Times are steady ones
     (protocol section 8), ns since the epoch.
+
+    Args:
+        named: whether the settings name the topic itself: then it may not be silent from the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, named: bool = False) -> None:
+        self._named = named
+        self._listens: int | None = None
         self._first: int | None = None  # of what came without a pause
         self._last = 0
         self._steady = False
         self._longest: tuple[int, int] | None = None
+
+    def listen(self, at_ns: int) -> None:
+        """It is listened to, from the first call on."""
+        self._listens = at_ns if self._listens is None else self._listens
 
     def begin(self) -> None:
         """A recording begins: what was before is none of it."""
@@ -80,6 +93,8 @@ class SilenceWatch:
 
     def words(self, now_ns: int) -> str:
         """Since when it is silent, or the longest silence since `begin`; empty = there is none."""
+        if self._named and self._first is None and self._listens is not None:
+            return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
         if self._steady and now_ns - self._last > SILENT_AFTER * NS:
             return f"silent since {_time_of_day(self._last)}"
         if self._longest is not None:
@@ -97,25 +112,27 @@ def _time_of_day(time_ns: int) -> str:
 
 
 class RateLimit:
-    """Lets so many messages a second pass, evenly.
+    """Lets so many messages a second pass, evenly, and all of a topic that is no faster.
+
+    Messages come neither evenly nor exactly as often as a camera is set to: one that is up to half
+    of `_UNEVEN` off its time, at a rate up to `_MORE` of the limit, is no message too many.
 
     Args:
         most_rate: messages a second; None = all.
     """
 
     def __init__(self, most_rate: float | None) -> None:
-        self._interval = 0 if most_rate is None else round(NS / most_rate)
+        self._interval = 0 if most_rate is None else round(NS / (most_rate * _MORE))
         self._due: int | None = None
 
     def passes(self, at_ns: int) -> bool:
         """Whether a message that arrived then, ns, is one of them."""
-        late = self._interval if self._due is None else at_ns - self._due
-        if -self._interval <= late < 0:
+        early = 0 if self._due is None else self._due - at_ns
+        if early > _UNEVEN * NS + self._interval:
+            early = 0  # the clock went back: it all begins anew
+        if early > _UNEVEN * NS:
             return False
-        # a bit late: the next is due as if it had been in time; after a pause, or where the clock
-        # went back, it all begins anew
-        on_time = 0 <= late < self._interval
-        self._due = (at_ns - late if on_time else at_ns) + self._interval
+        self._due = at_ns + max(0, early) + self._interval
         return True
 
 

@@ -87,6 +87,8 @@ class PreStart:
             lasts=self.evidence_lasts(now),
             least=plan.least_room,
             silent=status.silent,
+            unseen=status.unseen,
+            scored=status.scored,
         )
 
     def evidence_lasts(self, now: float) -> float | None:

@@ -26,8 +26,9 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.protests import due_words, open_protests
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import CheckName, Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step
@@ -98,7 +99,8 @@ class StateView:
             *overdue_protests(run, now),
             at_hand.chronicle.problem,
             *at_hand.result.problems,
-            evidence_problem(self.equipment.witness.status),
+            None if replay else disk_problem(situation.checks),
+            *evidence_faults(self.equipment.witness.status),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -162,11 +164,18 @@ def overdue_protests(run: Run, now: float) -> Iterator[str]:
             yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
 
 
-def evidence_problem(status: WitnessStatus | None) -> str | None:
-    """What is wrong with all of the evidence, in words; None = nothing."""
-    if status is None or status.problem is None:
+def disk_problem(checks: Iterable[Check]) -> str | None:
+    """Whether the disk has too little room, in words; None = it has enough, or that was waived."""
+    check = next((check for check in checks if check.name is CheckName.DISK), None)
+    if check is None or check.state is not CheckState.FAILED:
         return None
-    return f"evidence: {status.problem}"
+    return f"{check.name}: {check.reason}"
+
+
+def evidence_faults(status: WitnessStatus | None) -> Iterator[str]:
+    """What is wrong with the evidence, in words."""
+    if status is not None:
+        yield from (f"evidence: {words}" for words in status.faults)
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:

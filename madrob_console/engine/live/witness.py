@@ -7,7 +7,7 @@ from typing import Protocol
 
 from madrob_console.engine.live.topic_watch import Trouble
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
-from madrob_console.referee.evidence_account import NO_EVIDENCE, EvidenceAccount
+from madrob_console.referee.evidence_account import NO_EVIDENCE, EvidenceAccount, unseen_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,8 @@ class WitnessStatus:
         ready: whether somebody listens, and has had the time to find what there is.
         topics: what comes.
         silent: those on which nothing comes now, and nothing is kept for late joiners.
+        unseen: patterns of the settings for which nobody publishes anything.
+        scored: patterns that match only what is recorded with the score.
         account: of the recording that goes on, or was last.
         recording: whether one goes on.
         finishing: whether one is over and not complete on disk.
@@ -67,11 +69,22 @@ class WitnessStatus:
     size: int = 0
     problem: str | None = None
     silent: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
 
     @property
     def byte_rate(self) -> float:
         """Bytes a second of all that is recorded."""
         return sum(topic.byte_rate for topic in self.topics)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What is wrong now with all of it, or with what should come and does not; a line each."""
+        if self.problem is not None:
+            return (self.problem,)
+        unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
+        silent = (topic for topic in self.topics if topic.problem and topic.topic in self.silent)
+        return (*unseen, *(f"{topic.topic}: {topic.problem}" for topic in silent))
 
     @property
     def troubles(self) -> dict[tuple[str, Trouble], str]:

@@ -66,7 +66,7 @@ class EvidenceNews(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         settled: whether all topics are connected, as far as can be told.
         flows: what comes.
-        left_over: topics that are not listened to, because there are too many.
+        left_over, unseen, scored: see `EvidenceIntakes`.
         recordings: by their numbers: what is being recorded, and what was and is being finished.
         left_out, too_large, lost: by topic, of the recording that is going on or was last:
             messages left out on purpose, larger than is recorded, lost on the way.
@@ -76,6 +76,8 @@ class EvidenceNews(msgspec.Struct, frozen=True, tag=True):
     settled: bool = False
     flows: tuple[TopicFlow, ...] = ()
     left_over: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
     recordings: dict[int, EvidenceWritten] = {}
     left_out: dict[str, int] = {}
     too_large: dict[str, int] = {}

@@ -236,12 +236,15 @@ class EvidenceDesk:
         if self._current is not None:
             self._lost = self._lost_now()
         flows = self._intakes.flows()
-        self._settled |= bool(flows) and all(flow.rate for flow in flows)
+        complete = bool(flows) and not self._intakes.unseen
+        self._settled |= complete and all(flow.rate for flow in flows)
         self._settled |= time.monotonic() - self._began > SETTLING
         heard = EvidenceNews(
             settled=self._settled,
             flows=flows,
             left_over=self._intakes.left_over,
+            unseen=self._intakes.unseen,
+            scored=self._intakes.scored,
             recordings={number: one.written for number, one in self._recorders.items()},
             left_out=+self._left_out,
             too_large=+self._too_large,

@@ -6,11 +6,12 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from madrob_console.amounts import size_words
 from madrob_console.engine.process.evidence_queue import EvidenceQueue
 from recorder.bag import Topic, is_evidence
 from recorder.errors import RecorderError, remedy
@@ -33,7 +34,10 @@ WRITER_NICE = 10
 """Niceness of the thread: what waits here waits in memory, what waits in DDS is lost."""
 
 _ROOM_PERIOD = 1.0
-"""Free space is looked at this often, s."""
+"""Free space is looked at this often, s, and before each batch."""
+
+_OVERHEAD, _SPARE = 64, 1_000_000
+"""Of a message beside its data, bytes; and of a file beside its messages: what lists its topics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +235,13 @@ class EvidenceRecorder:
                 self._busy_since = self._monotonic()
             for topic in topics:
                 file.register(topic)
+            now = self._monotonic()
+            if batch or now - looked >= _ROOM_PERIOD:
+                looked = now
+                if full := self._no_room_for(file, batch):
+                    file.sync()  # what was taken so far is in it, and counted so
+                    self._fail(full, file.saved)
+                    return False
             before = file.size
             for message in batch:
                 file.add_message(message)
@@ -239,9 +250,6 @@ class EvidenceRecorder:
             if unsynced >= SYNC_BYTES or now - synced >= SYNC_PERIOD or last:
                 file.sync()
                 synced, unsynced = self._monotonic(), 0
-            if now - looked >= _ROOM_PERIOD:
-                looked = now
-                self._demand_room(file)
             with self._changed:
                 self._size, self._saved = file.size, file.saved.total()
             if file.size > self._most_bytes:
@@ -254,12 +262,17 @@ class EvidenceRecorder:
     def _is_due(self) -> bool:
         return self._ending or self._held or self._queue.size >= BATCH_BYTES
 
-    def _demand_room(self, file: McapFile) -> None:
+    def _no_room_for(self, file: McapFile, batch: Sequence[RawMessage]) -> str:
+        """Why the score would not keep its room, were these written and the file finished."""
+        comes = sum(_OVERHEAD + len(message.data) for message in batch) + file.pending
         free = self._free()
-        if free < self._least_free:
-            file.sync()  # what was taken so far is in it, and counted so
-            need = self._least_free / 1e9
-            raise OSError(f"{free / 1e9:.1f} GB are free, the score keeps {need:.1f} GB for itself")
+        if free - comes - _SPARE >= self._least_free:
+            return ""
+        keeps = size_words(self._least_free)
+        return (
+            f"no more evidence is recorded: {size_words(free)} free, the score keeps {keeps} for "
+            "itself; make room by `madrob tidy`"
+        )
 
     def _free(self) -> int:
         at = os.fstatvfs(self._fd)

@@ -6,11 +6,17 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from madrob_console.amounts import counted, listed
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
-from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
+from madrob_console.referee.evidence_account import (
+    EvidenceAccount,
+    EvidenceLoss,
+    RecordedTopic,
+    unseen_words,
+)
 from recorder.bag import evidence_file_name
 
 QUIET = 1.5
@@ -125,7 +131,10 @@ class EvidenceRecording:
                 "what came then may be missing"
             )
         if left := self._heard.left_over:
-            problems.append(f"{len(left)} topics too many: {left[0]} and others are not recorded")
+            too_many = counted(len(left), "topic")
+            problems.append(f"{too_many} too many, {listed(left)}: not recorded")
+        if self._heard.settled and (unseen := self._heard.unseen):
+            problems.append(unseen_words(unseen))
         if not self._files or (self._files and not self._former and self._written is None):
             problems.append("no process was there to record it")
         topics = _merged([*self._former, _topics(self._heard, self._written)])
@@ -194,6 +203,8 @@ def standing(
         size=0 if recording is None else recording.size,
         problem=problem or None,
         silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
+        unseen=heard.unseen if heard else (),
+        scored=heard.scored if heard else (),
     )
 
 

@@ -15,7 +15,8 @@ from madrob_console.referee.run import CheckName
 from madrob_console.testbeds.outside import Diagnosis, Level
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot, TopicView
+    from madrob_console.amounts import size_words
+from madrob_console.engine.shown.snapshot import Snapshot, TopicView
 
 _ENGINE = "engine"
 _LEVELS = {
@@ -99,7 +100,7 @@ def _disk(snapshot: Snapshot) -> Diagnosis:
         return Diagnosis("disk", _CHECKED[check.state], check.reason, values)
     if free is None:
         return Diagnosis("disk", Level.STALE, "free space unknown", values)
-    return Diagnosis("disk", Level.OK, f"{free / 1e9:.1f} GB free", values)
+    return Diagnosis("disk", Level.OK, f"{size_words(free)} free", values)
 
 
 _CHECKED = {

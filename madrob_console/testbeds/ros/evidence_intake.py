@@ -74,6 +74,7 @@ class EvidenceIntake:
         largest: a larger message is not recorded, bytes.
         words: finds what its messages are made of.
         direct: see `Inbox`.
+        named: see `SilenceWatch`.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class EvidenceIntake:
         words: TypeWords,
         *,
         direct: bool,
+        named: bool = False,
     ) -> None:
         self.name = name
         self.type = ""
@@ -106,7 +108,7 @@ class EvidenceIntake:
         self._kept: deque[RawMessage] = deque(maxlen=_KEPT)
         self._size: int | None = None
         self._meter = FlowMeter(time.monotonic())
-        self._silence = SilenceWatch()
+        self._silence = SilenceWatch(named=named)
         self._now = 0  # steady time, ns
 
     @property
@@ -197,6 +199,7 @@ class EvidenceIntake:
             wall: the same, as the system's clock has it.
         """
         self._now = now
+        self._silence.listen(now)
         topic, handover = self._topic, self._handover
         if topic is None or handover is None or handover.qos is None:
             return None

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TypeVar
 
 from madrob_console.names import terminal_safe
-from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit, matches
 from madrob_console.testbeds.evidence_flow import TopicFlow
 from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.definitions import prefixes
@@ -35,6 +35,11 @@ class EvidenceIntakes:
         environment: where `AMENT_PREFIX_PATH` is looked up.
         name: of the node, in `/madrob`.
 
+    Attributes:
+        left_over: topics that are not listened to, because there are too many.
+        unseen: patterns of the choice that match nothing that somebody publishes, or published.
+        scored: patterns that match nothing but what is recorded elsewhere.
+
     Raises:
         MadrobError: ROS is not installed or does not start.
     """
@@ -58,12 +63,15 @@ class EvidenceIntakes:
         self._words = TypeWords(asks, prefixes(environment))
         self._intakes: dict[str, EvidenceIntake] = {}
         self.left_over: tuple[str, ...] = ()
+        self.unseen: tuple[str, ...] = ()
+        self.scored: tuple[str, ...] = ()
 
     def discover(self, *, recording: bool) -> None:
         """Look for topics and their publishers; call it a few times a second."""
         wanted = []
-        for name, _ in self._node.get_topic_names_and_types():
-            if name in self._own or not self._choice.wants(name):
+        names = {name for name, _ in self._node.get_topic_names_and_types()} - self._own
+        for name in names:
+            if not self._choice.wants(name):
                 continue
             infos = self._node.get_publishers_info_by_topic(name)
             if infos or name in self._intakes:
@@ -77,13 +85,17 @@ class EvidenceIntakes:
                     self._choice.largest,
                     self._words,
                     direct=self._direct,
+                    named=name in self._choice.topics,
                 )
             if name in self._intakes:
                 intake = self._intakes[name]
                 _named(intake, partial(intake.discover, infos, recording=recording))
         self.left_over = tuple(name for name, _ in wanted if name not in self._intakes)
+        there = {name for name, _ in wanted}
+        there |= {name for name in names if any(matches(p, name) for p in self._choice.excluded)}
+        self.unseen = self._choice.unmatched(there | self._own)
+        self.scored = tuple(p for p in self._choice.unmatched(there) if p not in self.unseen)
         if not recording:
-            there = {name for name, _ in wanted}
             for name in [name for name in self._intakes if name not in there]:
                 self._intakes.pop(name).close()
 

@@ -6,11 +6,16 @@ import re
 import shutil
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
 
+from madrob_console.archive.run_journal import journal_held
 from madrob_console.cli.main import main
+from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
 from tests.madrob_console.cameras.frames import film, raw, span, stream
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings
@@ -129,14 +134,33 @@ def test_a_width_that_makes_no_picture_is_refused(
     assert "use 16 to 6000" in error or "'x' is no whole number" in error
 
 
+def test_a_run_whose_evidence_was_removed_or_lost_says_which(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    account = EvidenceAccount((RecordedTopic(FRONT, "a/msg/B", 300, 6_000_000),))
+    at, system = 1_700_000_000.0, Origin.SYSTEM
+    recorded = msgspec.to_builtins(account)
+    for file in run.glob("*_evidence_*"):
+        file.unlink()
+    with journal_held(run) as journal:
+        journal.append([Entry(at, system, Change.EVIDENCE_RECORDED.value, details=recorded)])
+    assert main(["pictures", str(run)]) == 2
+    gone = f"{run}: its evidence is gone (1 topic, 300 messages, 6.0 MB were recorded): look"
+    assert gone in capsys.readouterr().err
+    with journal_held(run) as journal:
+        removed = {"files": ["one"], "bytes": 6_000_000}
+        journal.append([Entry(at, system, Change.EVIDENCE_REMOVED.value, details=removed)])
+    assert main(["pictures", str(run)]) == 2
+    assert f"{run}: its evidence was removed by `madrob tidy` (1 file, 6" in capsys.readouterr().err
+
+
 def test_a_run_without_evidence_is_named_with_what_to_do(
     bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["pictures", str(bare)]) == 2
-    assert (
-        f"{bare}: holds no evidence (`madrob tidy` may have removed it): choose"
-        in capsys.readouterr().err
-    )
+    assert f"{bare}: was recorded without evidence: choose" in capsys.readouterr().err
+    assert main(["pictures", str(tmp_path)]) == 2
+    assert f"{tmp_path}: no run is there: name the folder of a run" in capsys.readouterr().err
     for path in (bare / "result.json", tmp_path / "nowhere"):
         assert main(["pictures", str(path)]) == 2
         assert f"{path}: no such run folder: name the folder" in capsys.readouterr().err

@@ -242,7 +242,18 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
             "topics[1].signal: invalid enum value 'wind'; use 'door angle', 'handle force', ",
         ),
         ("[[topics]]\ntopic = '/a'", "topics[0]: missing `signal`"),
-        ("[[topics]]\nsignal = 'latch'\ntopic = 'a'", "topics[0].topic: expected text matching"),
+        (
+            "[[topics]]\nsignal = 'latch'\ntopic = 'a'",
+            "topics[0].topic: 'a' is no name of a topic: ",
+        ),
+        ("[[topics]]\nsignal = 'latch'\ntype = 'a/B'", "topics[0].type: 'a/B' is no message type"),
+        (
+            "[recording]\ntopics = ['/a', 'b']",
+            "recording.topics[1]: 'b' is no pattern of topics: it",
+        ),
+        ("[recording]\nexcluded = ['/a\"b']", "recording.excluded[0]: '/a\"b' is no pattern of"),
+        ("[[recording.limits]]\ntopics = '/a/'", "recording.limits[0].topics: '/a/' is no pattern"),
+        ("[recording]\ntopics = ['/" + "-" * 999 + "']", "recording.topics[0]: '/------------"),
         ("[[topics]]\nsignal = 'latch'\nscale = 0", "topics[0]: scale: 0 loses the signal"),
         (
             "[[topics]]\nsignal = 'latch'\ntype = 'a/msg/B'",
@@ -274,7 +285,10 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
             "[console]\ntheme = 'solarized'",
             "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
         ),
-        ("[recording]\ntopics = ['camera']", "recording.topics[0]: expected text matching"),
+        (
+            "[recording]\ntopics = ['camera']",
+            "recording.topics[0]: 'camera' is no pattern of topics: it begins with /",
+        ),
         ("[recording]\nlargest = 91", "recording.largest: expected a number <= 90"),
         ("[recording]\nbudget = 0", "recording.budget: expected a number >= 0.001"),
         (

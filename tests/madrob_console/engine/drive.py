@@ -50,6 +50,7 @@ class Drive:
         keepers: Keepers | None = None,
         scorer: Scorer | None = None,
         testbed: str = "Hall A",
+        disk_needed: int = 0,
     ) -> None:
         self.clock = VirtualClock(EPOCH_NS)
         types = MessageTypes()
@@ -59,7 +60,7 @@ class Drive:
             results,
             DEFAULT_MAPPINGS,
             lossless=True,
-            disk_needed=0,
+            disk_needed=disk_needed,
             testbed=testbed,
             random=Random(next(_SEEDS)).randbytes,
         )

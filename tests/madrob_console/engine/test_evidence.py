@@ -116,7 +116,7 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
     }
     assert stored["quality"]["remarks"] == []
     texts = [line.text for line in drive.engine.log.lines]
-    assert "evidence recorded: 1 topics, 600 messages, 120.0 MB" in texts
+    assert "evidence recorded: 1 topic, 600 messages, 120.0 MB" in texts
 
 
 def test_the_result_has_all_that_came_up_to_the_end(drive: Watched) -> None:
@@ -273,7 +273,7 @@ def test_the_check_says_how_long_evidence_can_be_recorded(drive: Watched) -> Non
     drive.prepare(make_setup())
     free = shutil.disk_usage(drive.engine.config.results.parent).free
     said = drive.check(CheckName.EVIDENCE)
-    assert said.startswith("ok: 1 topics, room for ")
+    assert said.startswith("ok: 1 topic, room for ")
     assert said.endswith(" at the rate of now")
     room = drive.engine.snapshot().evidence.room  # type: ignore[union-attr]
     assert room == pytest.approx(min(10**12, free) / COMES.byte_rate, rel=0.1)
@@ -303,6 +303,9 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
     assert second.check(CheckName.EVIDENCE).startswith("failed: room for 30 min")
 
 
+FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a", "/b", "/c")))
+
+
 @pytest.mark.parametrize(
     ("status", "said"),
     [
@@ -313,11 +316,19 @@ def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> N
             WitnessStatus(
                 ready=True, topics=(replace(COMES, rate=0.0, byte_rate=0.0),), silent=(LEFT,)
             ),
-            f"warning: {LEFT}: nothing comes now; 1 topics, room for ",
+            f"warning: {LEFT}: nothing comes now; 0 topics, room for ",
         ),
         (
-            WitnessStatus(ready=True, topics=(COMES,), silent=("/a", "/b", "/c")),
-            "warning: /a, /b and 1 more: nothing comes now; 1 topics, room for ",
+            WitnessStatus(ready=True, topics=FOUR, silent=("/a", "/b", "/c")),
+            "warning: /a, /b and 1 more: nothing comes now; 1 topic, room for ",
+        ),
+        (
+            WitnessStatus(ready=True, topics=(COMES,), unseen=("/camera/front", "/robot/**")),
+            "warning: nobody publishes /camera/front, /robot/**; 1 topic, room for ",
+        ),
+        (
+            WitnessStatus(ready=True, unseen=("/rosout",), scored=("/madrob/**",)),
+            "warning: nobody publishes /rosout; /madrob/**: recorded with the score, remove the ",
         ),
     ],
 )
@@ -327,10 +338,21 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
     assert drive.check(CheckName.EVIDENCE).startswith(said)
 
 
-def test_a_topic_on_which_nothing_comes_stands_in_no_start_s_way(drive: Watched) -> None:
-    drive.witness.status = replace(drive.witness.status, silent=("/camera/right",))
+def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watched) -> None:
+    quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
+    dead = replace(quiet, topic="/camera/dead", problem="silent since 10:00:00")
+    drive.witness.status = replace(
+        drive.witness.status,
+        topics=(COMES, dead, quiet),
+        silent=(dead.topic, quiet.topic),
+        unseen=("/camera/front",),
+    )
     drive.start(make_setup())
     assert drive.engine.run.active
+    assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
+        "evidence: nobody publishes /camera/front",
+        "evidence: /camera/dead: silent since 10:00:00",  # the other may have nothing to say
+    ]
 
 
 def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -118,6 +119,31 @@ def test_the_room_that_the_score_needs_is_left_alone(tmp_path: Path) -> None:
     written = finished(recorder)
     assert "the score keeps" in written.problem
     assert written.refused == {LEFT.name: 1}
+
+
+@pytest.mark.parametrize("size", [200, 100_000, 2_500_000])
+def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    folder, disk, keeps = tmp_path / "run", 12_000_000, 5_000_000
+
+    def free() -> int:
+        return disk - sum(file.stat().st_size for file in folder.iterdir())
+
+    monkeypatch.setattr(
+        os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=max(0, free()), f_frsize=1)
+    )
+    with recording(folder, least_free=keeps) as recorder:
+        number = 0
+        while not recorder.written.problem:
+            if recorder.written.queued < BATCH_BYTES:
+                recorder.put(message(LEFT, number, size), LEFT, 0)
+                number += 1
+    assert recorder.written.problem.startswith("no more evidence is recorded: ")
+    assert " MB free, the score keeps 5.0 MB for itself" in recorder.written.problem
+    assert keeps < free() < keeps + 3 * BATCH_BYTES + size
+    bag = read_bag(folder, evidence=True)
+    assert len(list(bag.messages())) == finished(recorder).messages[LEFT.name]
 
 
 def test_the_largest_message_that_settings_allow_is_recorded(tmp_path: Path) -> None:

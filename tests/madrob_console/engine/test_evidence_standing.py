@@ -2,10 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
+
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
 from madrob_console.engine.process.evidence_standing import EvidenceRecording, standing
+from madrob_console.testbeds.evidence_flow import TopicFlow
 
 USED_UP = "the budget is used up"
 WRITTEN = EvidenceWritten({}, {}, {}, {}, 0, 0, 0.0, "", False)
@@ -71,3 +74,24 @@ def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
     run.recording.hear(news, 2.1)
     account = standing(2.2, news, 2.1, "", run.recording).account
     assert (account.unwritten, account.problems) == (0, ())
+
+
+def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent() -> None:
+    recording = EvidenceRecording(1, EvidencePlace(-1, "run", 0, 0, 10**9, 0))
+    recording.next_file()
+    flows = (
+        TopicFlow("/camera/live", "a/msg/B", 1, 30.0, 6e6, 0),
+        TopicFlow("/camera/dead", "a/msg/B", 0, 0.0, 0.0, 0, "silent since 10:00:00"),
+        TopicFlow("/tf_static", "a/msg/C", 1, 0.0, 0.0, 0, kept=True),
+        TopicFlow("/map", "a/msg/C", 0, 0.0, 0.0, 0, kept=True),
+    )
+    news = EvidenceNews(
+        settled=True, flows=flows, recordings={1: WRITTEN}, unseen=("/camera/front", "/robot/a")
+    )
+    recording.hear(msgspec.structs.replace(news, settled=False), 0.5)
+    assert recording.account().problems == ()  # it has only begun to look
+    recording.hear(news, 1.0)
+    status = standing(1.0, news, 1.0, "", recording)
+    assert status.silent == ("/camera/dead", "/map")
+    assert status.account.problems == ("nobody publishes /camera/front, /robot/a",)
+    assert status.account.remarks()[1:] == ["/camera/dead: silent since 10:00:00"]

@@ -125,6 +125,20 @@ def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -
     assert drive.check(CheckName.RECORDER) == READY
 
 
+def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("madrob_console.engine.live.pre_start.free_space", lambda _root: 2_200_000)
+    drive = Drive(tmp_path, disk_needed=5_000_000)
+    drive.wait(LOOKED)
+    said = "2.2 MB free, 5.0 MB needed"
+    assert f"disk space: {said}" in drive.engine.snapshot().faults
+    drive.prepare(make_setup())
+    assert drive.check(CheckName.DISK) == f"failed: {said}"
+    drive.act(Waive(CheckName.DISK, "more is on its way"))
+    assert not any(fault.startswith("disk space") for fault in drive.engine.snapshot().faults)
+
+
 def fill_with_files(folder: Path) -> None:
     for number in range(100_000):
         (folder / str(number)).touch()

@@ -114,7 +114,7 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     reporting.close()
     places, problems = zip(*told, strict=True)
     assert places == ("", "", *[str(folder / "frames")] * 3)
-    assert "holds no evidence" in problems[0]
+    assert "was recorded without evidence" in problems[0]
     assert "no frame within 1 s" in problems[1]
     assert not any(problems[2:])
     found = sorted(path.name for path in (folder / "frames").iterdir())

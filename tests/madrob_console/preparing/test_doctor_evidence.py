@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import os
+import threading
 
 import pytest
 
-from madrob_console.preparing.doctor_evidence import look_at_evidence
+from madrob_console.preparing.doctor_evidence import PATIENCE, look_at_evidence
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from tests.madrob_console.camera_peer import Kind, Stream, cameras
@@ -35,7 +36,7 @@ def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
     assert right not in found  # it is recorded anyway
     assert found[left].text.startswith(f"evidence, {HALL.kind.type}, ")
     assert found[left].severity is Severity.OK
-    assert "1 topics, " in found["evidence"].text
+    assert "1 topic, " in found["evidence"].text
     assert " GB an hour, the budget of 100 GB is " in found["evidence"].text
 
 
@@ -43,7 +44,31 @@ def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
 def test_patterns_that_match_nothing_are_said(ros_domain: int) -> None:
     finding = looked("/camera/**", domain=ros_domain)["evidence"]
     assert finding.severity is Severity.WARNING
-    assert finding.text.startswith("none of its topics is there")
+    assert finding.text.startswith(f"nobody publishes /camera/**, not seen within {PATIENCE:g} s: ")
+
+
+@pytest.mark.machine
+def test_what_is_recorded_with_the_score_needs_no_pattern(ros_domain: int) -> None:
+    found = looked("/madrob/**", own=("/madrob/door", "/madrob/handle"), domain=ros_domain)
+    said = "/madrob/**: recorded with the score, remove the pattern"
+    assert found == {"evidence": Finding(Severity.WARNING, "evidence", said)}
+
+
+@pytest.mark.machine
+def test_what_turns_up_late_is_waited_for(ros_domain: int) -> None:
+    left, right = HALL.topics
+    found: dict[str, Finding] = {}
+
+    def look() -> None:
+        found.update(looked(left, right, domain=ros_domain))
+
+    looking = threading.Thread(target=look)
+    looking.start()
+    looking.join(4.0)
+    with cameras(HALL):
+        looking.join(30.0)
+    assert {left, right} <= set(found)
+    assert found["evidence"].severity is Severity.OK
 
 
 @pytest.mark.machine
@@ -57,7 +82,7 @@ def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
     assert silent is not None
     texts = [one.text for one in found if one.severity is Severity.WARNING]
     assert any(text.endswith(": nothing comes now") for text in texts)
-    assert "no topic is there for /camera/**: start what publishes it, or correct it" in texts
+    assert any(text.startswith("nobody publishes /camera/**, not seen within ") for text in texts)
 
 
 @pytest.mark.machine

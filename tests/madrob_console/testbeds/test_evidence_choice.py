@@ -56,3 +56,8 @@ def test_the_first_limit_that_matches_a_topic_holds_for_it() -> None:
     assert choice.limit("/camera/left") == left
     assert choice.limit("/camera/right") == all_cameras
     assert choice.limit("/tf") == NO_LIMIT
+
+
+def test_patterns_that_no_topic_matches_are_told() -> None:
+    choice = EvidenceChoice(("/camera/**", "/tf", "/robot/status"))
+    assert choice.unmatched({"/camera/left", "/tf_static"}) == ("/tf", "/robot/status")

@@ -125,3 +125,28 @@ def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
     assert here.problem("/hall/bad") == "ROS fails (no such thing)"
     assert here.problem("/hall/good") == ""
     here.intakes.close()
+
+
+def test_what_nobody_publishes_and_what_has_gone_is_known(ros_domain: int, peer: Peer) -> None:
+    here = Listening(ros_domain, "/hall/named", "/hall/never", "/hall/own", "/none/**")
+    sender = peer.publisher("/hall/named", BOOL)
+
+    def seen() -> bool:
+        here.look()
+        return "/hall/named" not in here.intakes.unseen
+
+    peer.until(seen)
+    assert here.intakes.unseen == ("/hall/never", "/none/**")
+    assert here.intakes.scored == ("/hall/own",)
+    peer.until(lambda: here.looked("/hall/named") == "nothing has come")
+
+    def heard() -> bool:
+        sender.publish(truth(True))
+        here.look()
+        return bool(here.taken.get("/hall/named"))
+
+    peer.until(heard)
+    assert here.problem("/hall/named") == ""
+    peer.own.destroy_publisher(sender)
+    peer.until(lambda: here.looked("/hall/named") == "" and here.intakes.flows()[0].silent)
+    assert "/hall/named" not in here.intakes.unseen
