@@ -98,7 +98,7 @@ class StateView:
             *overdue_protests(run, now),
             at_hand.chronicle.problem,
             *at_hand.result.problems,
-            evidence_problem(self.equipment.witness.status),
+            evidence_problem(self.equipment.witness.status, run.start),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -146,12 +146,15 @@ class StateView:
         status = self.equipment.witness.status
         if status is None:
             return None
+        start = self.at_hand.run.start
+        gaps = () if start is None else (gap.since(start) for gap in status.gaps)
         return EvidenceView(
             status.topics,
             status.recording,
             status.size,
             self.pre_start.evidence_lasts(now),
-            status.problem,
+            status.trouble(start),
+            tuple(gap for gap in gaps if status.recording),
         )
 
 
@@ -162,11 +165,16 @@ def overdue_protests(run: Run, now: float) -> Iterator[str]:
             yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
 
 
-def evidence_problem(status: WitnessStatus | None) -> str | None:
-    """What is wrong with all of the evidence, in words; None = nothing."""
-    if status is None or status.problem is None:
+def evidence_problem(status: WitnessStatus | None, start: float | None) -> str | None:
+    """What is wrong with all of the evidence, in words; None = nothing.
+
+    Args:
+        status: how it stands; None = none is wanted.
+        start: of the run, s since the epoch; None = there is none.
+    """
+    if status is None or (trouble := status.trouble(start)) is None:
         return None
-    return f"evidence: {status.problem}"
+    return f"evidence: {trouble}"
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:
