@@ -135,7 +135,8 @@ class EvidenceAccount:
     @property
     def gap_words(self) -> str:
         """When nothing was recorded; empty = there was no such time."""
-        more = f" and {len(self.gaps) - 1} times more" if len(self.gaps) > 1 else ""
+        number = sum(gap.number for gap in self.gaps)
+        more = f" and {number - 1} times more" if number > 1 else ""
         return f"{self.gaps[0].words}{more}" if self.gaps else ""
 
     @property

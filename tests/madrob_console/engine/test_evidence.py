@@ -365,6 +365,16 @@ def test_too_little_room_blocks_a_start_and_can_be_waived(tmp_path: Path) -> Non
     assert drive.witness.places[0].most_bytes == 6_000_000 * 600
 
 
+def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Path) -> None:
+    drive = Watched(tmp_path / "runs", budget=6_000_000 * 8, least_room=0.0)
+    drive.prepare(replace(make_setup(), timeout=90.0))
+    said = drive.check(CheckName.EVIDENCE)
+    told = "warning: 1 topics, room for 8 s at the rate of now: a run may take 90 s"
+    assert said == told
+    drive.act(Start())
+    assert drive.engine.run.active
+
+
 def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> None:
     results = tmp_path / "runs"
     first = Watched(results, budget=6_000_000 * 7200)

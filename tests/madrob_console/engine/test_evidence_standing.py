@@ -12,7 +12,7 @@ from madrob_console.engine.process.evidence_standing import (
     EvidenceRecording,
     standing,
 )
-from madrob_console.referee.evidence_account import EvidenceGap
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
 from madrob_console.testbeds.evidence_flow import TopicFlow
 
 KILLED = "it was ended by SIGKILL"
@@ -125,6 +125,8 @@ def test_of_many_ends_one_line_has_the_number_and_the_last_gap_all_that_came_lat
     last = account.gaps[-1]
     assert (last.begin, last.end, last.number) == (MOST_GAPS - 0.6, kills + 0.3, 6)
     assert last.words == "from +19.4 s to +25.3 s, 6 times"
+    told_in_short = EvidenceAccount(gaps=account.gaps).gap_words
+    assert told_in_short == f"from +0.4 s to +1.3 s and {kills - 1} times more"
 
 
 def test_a_recording_that_begins_before_its_process_listens_says_what_is_missing() -> None:
