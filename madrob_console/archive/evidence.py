@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -15,12 +16,15 @@ from madrob_console.archive.run_journal import (
     read_run_journal,
 )
 from madrob_console.archive.unfinished import is_held
+from madrob_console.clock import seconds
 from madrob_console.errors import MadrobError
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Phase, Run
 from recorder.bag import is_evidence, is_left_of_evidence
 from recorder.errors import RecorderError
+from recorder.reader import natural_order
 
 
 def repair_evidence(folder: Path) -> bool:
@@ -48,12 +52,30 @@ def repair_evidence(folder: Path) -> bool:
         raise MadrobError(str(error)) from None
 
 
-def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | None:
+def evidence_told(folder: Path, run: Run) -> EvidenceAccount | None:
+    """What a run's journal says of its evidence; where it says nothing, what its folder does.
+
+    Args:
+        folder: of the run.
+        run: as its journal tells it.
+    """
+    if run.evidence is not None or run.removed_evidence:
+        return run.evidence
+    with suppress(OSError):
+        if any(map(is_evidence, os.listdir(folder))):  # noqa: PTH208
+            return CUT_OFF
+    return None
+
+
+def settled_account(
+    folder: Path, told: EvidenceAccount, start: float | None
+) -> EvidenceAccount | None:
     """What is in a run's files of evidence, by their summaries; None while one is not whole.
 
     Args:
         folder: of the run.
         told: its account while they were still being written.
+        start: of the run, s since the epoch; None = unknown.
 
     Raises:
         OSError: the folder cannot be read.
@@ -62,22 +84,32 @@ def settled_account(folder: Path, told: EvidenceAccount) -> EvidenceAccount | No
 
     counts: dict[str, tuple[str, int]] = {}
     problems: list[str] = []
+    spans: list[tuple[float, float]] = []
+    size = 0
     folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        names = sorted(filter(is_left_of_evidence, os.listdir(folder_fd)))  # noqa: PTH208
+        found = filter(is_left_of_evidence, os.listdir(folder_fd))  # noqa: PTH208
+        names = sorted(found, key=natural_order)
         for name in names:
+            of_file = os.stat(name, dir_fd=folder_fd, follow_symlinks=False).st_size
             if not is_evidence(name):
-                size = os.stat(name, dir_fd=folder_fd, follow_symlinks=False).st_size
-                problems.append(f"{name} is left of a repair, {size / 1e6:.1f} MB")
+                problems.append(f"{name} is left of a repair, {of_file / 1e6:.1f} MB")
                 continue
             if (file := summarised(folder_fd, name)) is None:
                 return None
+            size += of_file
+            if start is not None and file.start_ns is not None and file.end_ns is not None:
+                spans.append((_since(file.start_ns, start), _since(file.end_ns, start)))
             for topic in file.topics:
                 before = counts.get(topic.name, ("", 0))[1]
                 counts[topic.name] = topic.type, before + file.counts.get(topic.name, 0)
     finally:
         os.close(folder_fd)
-    return told.settled(counts, problems) if any(map(is_evidence, names)) else None
+    return told.settled(counts, problems, spans, size) if any(map(is_evidence, names)) else None
+
+
+def _since(time_ns: int, start: float) -> float:
+    return round(seconds(time_ns) - start, 2)
 
 
 def settle_account(folder: Path, now: float) -> bool:
@@ -101,7 +133,7 @@ def settle_account(folder: Path, now: float) -> bool:
             return False
         with journal_held(folder) as journal:
             told = _unsettled(folder)
-            account = None if told is None else settled_account(folder, told)
+            account = None if told is None else settled_account(folder, *told)
             if account is None:
                 return False
             if not journal.append([account_entry(account, now)]):
@@ -114,10 +146,12 @@ def settle_account(folder: Path, now: float) -> bool:
         raise MadrobError(f"{folder}: cannot be written ({error.strerror})") from None
 
 
-def _unsettled(folder: Path) -> EvidenceAccount | None:
-    """What a journal says of evidence that was still being written."""
-    told = read_run_journal(folder).run.evidence
-    return None if told is None or told.unwritten == 0 else told
+def _unsettled(folder: Path) -> tuple[EvidenceAccount, float | None] | None:
+    """What a journal says of evidence that was still being written, or does not; and the start."""
+    run = read_run_journal(folder).run
+    over = run.phase in (Phase.STOPPED, Phase.FINAL)
+    told = evidence_told(folder, run) if over else run.evidence
+    return None if told is None or told.unwritten == 0 else (told, run.start)
 
 
 def account_entry(account: EvidenceAccount, now: float) -> Entry:

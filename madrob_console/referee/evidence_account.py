@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -23,12 +25,47 @@ class EvidenceLoss(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class EvidenceGap:
+    """A time of which nothing of the evidence is in the files.
+
+    Attributes:
+        begin: the last of what is there, s since the start of the run; while it is recorded, s
+            since the epoch.
+        end: likewise, the first of what is there again; null = it went on to the end.
+        why: in words.
+        number: how many gaps these are, with some evidence between them: the last one told has all
+            that came later.
+    """
+
+    begin: float
+    end: float | None
+    why: str
+    number: int = 1
+
+    def since(self, start: float) -> EvidenceGap:
+        """The same from the start of the run on.
+
+        Args:
+            start: s since the epoch.
+        """
+        end = None if self.end is None else round(self.end - start, 2)
+        return replace(self, begin=round(self.begin - start, 2), end=end)
+
+    @property
+    def words(self) -> str:
+        """From when to when."""
+        end = "the end" if self.end is None else f"{self.end:+.1f} s"
+        times = f", {self.number} times" if self.number > 1 else ""
+        return f"from {self.begin:+.1f} s to {end}{times}"
+
+
+@dataclass(frozen=True, slots=True)
 class RecordedTopic:
     """One topic of the evidence of a run.
 
     Attributes:
         topic, type: its names.
-        messages, bytes: recorded.
+        messages, bytes: recorded; bytes are null where nobody has told them.
         left_out: messages that the settings leave out on purpose, by their rate.
         lost: messages that were lost, by reason.
         problem: what was wrong with it, in words; empty = nothing.
@@ -37,7 +74,7 @@ class RecordedTopic:
     topic: str
     type: str
     messages: int = 0
-    bytes: int = 0
+    bytes: int | None = 0
     left_out: int = 0
     lost: dict[EvidenceLoss, int] = field(default_factory=dict)
     problem: str = ""
@@ -68,7 +105,7 @@ def _as_found(told: RecordedTopic, found: int) -> RecordedTopic:
     lost = dict(told.lost)
     if found < told.messages:
         lost[EvidenceLoss.DISK] = lost.get(EvidenceLoss.DISK, 0) + told.messages - found
-    size = told.bytes * found // max(1, told.messages)
+    size = told.bytes and told.bytes * found // max(1, told.messages)
     return replace(told, messages=found, bytes=size, lost=lost)
 
 
@@ -81,21 +118,39 @@ class EvidenceAccount:
         problems: what was wrong with all of it, in words.
         unwritten: how many of the messages were not in the file yet; null = nobody knows, their
             process was ended; 0 = all are there.
+        gaps: when nothing was recorded; what came then is counted nowhere.
+        file_bytes: size of the files, where nobody has told what the topics have of it.
     """
 
     topics: tuple[RecordedTopic, ...] = ()
     problems: tuple[str, ...] = ()
     unwritten: int | None = 0
+    gaps: tuple[EvidenceGap, ...] = ()
+    file_bytes: int | None = None
 
     @property
     def words(self) -> str:
         """How much was recorded."""
         messages = sum(one.messages for one in self.topics)
-        size = sum(one.bytes for one in self.topics) / 1e6
+        size = (self.file_bytes or sum(one.bytes or 0 for one in self.topics)) / 1e6
         lost = sum(sum(one.lost.values()) for one in self.topics)
-        missing = f", {lost} lost" if lost else ""
+        missing = f", {self._at_least}{lost} lost" if lost else ""
+        if self.gaps:
+            missing += f", missing {self.gap_words}"
         topics, came = counted(len(self.topics), "topic"), counted(messages, "message")
         return f"{topics}, {came}, {size:.1f} MB{missing}{self._rest}"
+
+    @property
+    def gap_words(self) -> str:
+        """When nothing was recorded; empty = there was no such time."""
+        number = sum(gap.number for gap in self.gaps)
+        more = f" and {number - 1} times more" if number > 1 else ""
+        return f"{self.gaps[0].words}{more}" if self.gaps else ""
+
+    @property
+    def _at_least(self) -> str:
+        """Before numbers of what was lost: nobody counts what comes while nothing is recorded."""
+        return "at least " if self.gaps else ""
 
     @property
     def _rest(self) -> str:
@@ -105,25 +160,38 @@ class EvidenceAccount:
         return f", {self.unwritten} of them still being written" if self.unwritten else ""
 
     def settled(
-        self, counts: Mapping[str, tuple[str, int]], problems: Iterable[str] = ()
+        self,
+        counts: Mapping[str, tuple[str, int]],
+        problems: Iterable[str] = (),
+        spans: Sequence[tuple[float, float]] = (),
+        file_bytes: int | None = None,
     ) -> EvidenceAccount:
         """The account of what is in the files; what is not there did not reach the disk.
 
         Args:
             counts: type and number of messages, by topic, in all files together.
             problems: what is wrong with the files, in words.
+            spans: from when to when there is something in each of them, in their order, s since the
+                start of the run.
+            file_bytes: size of all of them.
         """
         told = {one.topic: one for one in self.topics}
         for topic, (type_name, _) in counts.items():
-            told.setdefault(topic, RecordedTopic(topic, type_name))
-        topics = (_as_found(told[name], counts.get(name, ("", 0))[1]) for name in sorted(told))
-        return EvidenceAccount(tuple(topics), (*self.problems, *problems))
+            told.setdefault(topic, RecordedTopic(topic, type_name, bytes=None))
+        topics = tuple(_as_found(told[name], counts.get(name, ("", 0))[1]) for name in sorted(told))
+        if all(one.bytes is not None for one in topics):
+            file_bytes = None
+        gaps = tuple(_as_it_is(gap, spans) for gap in self.gaps) or tuple(_between(spans))
+        return EvidenceAccount(topics, (*self.problems, *problems), 0, gaps, file_bytes)
 
     def remarks(self) -> list[str]:
         """What is missing, in words; empty where nothing is."""
         remarks = list(self.problems)
+        if len(self.gaps) > 1:  # of one the words tell
+            remarks.append(f"missing {', '.join(gap.words for gap in self.gaps)}")
         for one in self.topics:
-            words = ", ".join(filter(None, (one.lost_words, one.left_out_words, one.problem)))
+            lost = one.lost_words and self._at_least + one.lost_words
+            words = ", ".join(filter(None, (lost, one.left_out_words, one.problem)))
             if words:
                 remarks.append(f"{one.topic}: {words}")
         return remarks
@@ -133,6 +201,27 @@ def unseen_words(patterns: Sequence[str]) -> str:
     """That nobody publishes what patterns of the settings ask for."""
     return f"nobody publishes {listed(patterns)}"
 
+
+def _as_it_is(gap: EvidenceGap, spans: Iterable[tuple[float, float]]) -> EvidenceGap:
+    """A gap that begins where the file before it ends: what was told of that was older."""
+    if gap.number > 1:
+        return gap
+    last = math.inf if gap.end is None else gap.end
+    ends = [end for _, end in spans if gap.begin <= end <= last]
+    return replace(gap, begin=max(ends, default=gap.begin))
+
+
+def _between(spans: Sequence[tuple[float, float]]) -> Iterator[EvidenceGap]:
+    for (_, end), (begin, _) in itertools.pairwise(spans):
+        if begin > end:
+            yield EvidenceGap(end, begin, "the evidence process was started again")
+
+
+CUT_OFF = EvidenceAccount(
+    problems=("the engine was ended before it could tell: what was lost is not known",),
+    unwritten=None,
+)
+"""Of a run of which only the files of evidence tell."""
 
 NO_EVIDENCE = EvidenceAccount()
 """Nothing was recorded, and nothing was wrong."""

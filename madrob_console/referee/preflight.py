@@ -148,7 +148,7 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
-        *_evidence(readings),
+        *_evidence(readings, run),
         _referee(readings),
         _pose(run),
     )
@@ -254,16 +254,16 @@ def _recorder(r: Readings) -> Check:
     return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
 
 
-def _evidence(r: Readings) -> Iterator[Check]:
+def _evidence(r: Readings, run: Run) -> Iterator[Check]:
     """Whether evidence comes, and fits."""
     evidence = r.evidence
     if evidence is None:
         return
-    state, text = _evidence_state(evidence)
+    state, text = _evidence_state(evidence, 0.0 if run.setup is None else run.setup.timeout)
     yield Check(CheckName.EVIDENCE, state, text)
 
 
-def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
+def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
     if not e.ros:
         return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
     if e.problem is not None:
@@ -287,15 +287,20 @@ def _evidence_state(e: EvidenceReading) -> tuple[CheckState, str]:
         needed = duration_words(e.least)
         more = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
         return CheckState.FAILED, f"{text}, {needed} needed: {more}"
+    if e.lasts < timeout:
+        run_takes = f"a run may take {duration_words(timeout)}"
+        return CheckState.WARNING, f"{sends}{text}: {run_takes}"
     return good, f"{sends}{text}"
 
 
 def duration_words(duration: float) -> str:
-    """A long time, s, as people say it: `11 h`, `40 min`."""
+    """A time, s, as people say it: `11 h`, `40 min`, `90 s`."""
     if duration >= 100 * 3600:
         return f"{min(duration / 86400, 9999):.0f} days"
     if duration >= 2 * 3600:
         return f"{duration / 3600:.0f} h"
+    if duration < 120:
+        return f"{duration:.0f} s"
     return f"{duration / 60:.0f} min"
 
 

@@ -27,6 +27,9 @@ from scoring.protocol import EventName, Outcome
 from scoring.rest import HandleRest
 from scoring.rulesets import RulesetName
 
+_LATER = ("unwritten", "gaps", "file_bytes")
+"""What the account of the evidence had not in its first form."""
+
 _LATEST = 1e11  # s since the epoch, within what calendars reach
 
 
@@ -148,7 +151,7 @@ def _with_evidence(run: Run, entry: Entry) -> Run:
     details = entry.details
     if entry.what == Change.EVIDENCE_RECORDED:
         told = {key: details[key] for key in ("topics", "problems")}
-        told["unwritten"] = details.get("unwritten", 0)
+        told |= {key: details[key] for key in _LATER if key in details}
         return replace(run, evidence=msgspec.convert(told, EvidenceAccount))
     names, size = list(details["files"]), max(0, int(details["bytes"]))
     gone = RemovedEvidence(_time(entry.time), len(names), size)

@@ -472,7 +472,7 @@ class Engine:
             troubles["engine", Trouble.BEHIND] = behind
         self._at_hand.note_troubles(troubles, now)
         if (status := self._witness.status) is not None:
-            self._at_hand.note_evidence(status.troubles, now)
+            self._at_hand.note_evidence(status, now)
 
     def _finish(self) -> None:
         """The post-roll is over."""

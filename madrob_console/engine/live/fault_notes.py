@@ -22,8 +22,8 @@ class FaultNotes:
         self._since.clear()
         self._noted.clear()
 
-    def due(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> list[str]:
-        """What is to be noted now, in words.
+    def due(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> list[tuple[str, str]]:
+        """What is to be noted now: topics, and what is wrong with each in words.
 
         Args:
             troubles: what is wrong now, by topic and kind.
@@ -36,4 +36,4 @@ class FaultNotes:
             if key not in self._noted and abs(now - since) >= LASTING
         ]
         self._noted.update(due)
-        return [f"{key[0]}: {troubles[key]}" for key in due]
+        return [(key[0], troubles[key]) for key in due]

@@ -16,6 +16,7 @@ from madrob_console.engine.live.course import Course, Happening
 from madrob_console.engine.live.current_result import CurrentResult
 from madrob_console.engine.live.earlier_runs import EarlierRuns
 from madrob_console.engine.live.equipment import Equipment
+from madrob_console.engine.live.evidence_notes import EvidenceNotes
 from madrob_console.engine.live.fault_notes import FaultNotes
 from madrob_console.engine.live.journal_keeper import OpenJournal
 from madrob_console.engine.live.observation import Observation
@@ -23,6 +24,7 @@ from madrob_console.engine.live.replay import DECIDED_ANEW
 from madrob_console.engine.live.run_recorder import OpenRecording, RunRecorder
 from madrob_console.engine.live.scorer import EarlierRun, RenderedResult, ToScore
 from madrob_console.engine.live.topic_watch import Trouble
+from madrob_console.engine.live.witness import WitnessStatus
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -93,7 +95,7 @@ class RunAtHand:
         self._settling = -math.inf
         self._drift: tuple[RunRecord, float] | None = None
         self._fault_notes = FaultNotes()
-        self._evidence_notes = FaultNotes()
+        self._evidence_notes = EvidenceNotes()
         if replay is not None:
             self.record, self.folder = replay.recorded.recorded_as, replay.source.path
             zero, samples = self.record.handle_zero, self.record.zero_samples
@@ -173,7 +175,7 @@ class RunAtHand:
         self._missing = ()
         self._observation.look_back()
         self._fault_notes.clear()
-        self._evidence_notes.clear()
+        self._evidence_notes = EvidenceNotes()
         self.recorder.clear()
 
     def adopt(self, made: OpenRecording) -> None:
@@ -247,13 +249,24 @@ class RunAtHand:
             troubles: in words, by topic and kind.
             now: s since the epoch.
         """
-        for words in self._fault_notes.due(troubles, now):
-            self.note(Happening(Origin.SYSTEM, Change.FAULT, words, {"time": now}))
+        for topic, words in self._fault_notes.due(troubles, now):
+            self.note(Happening(Origin.SYSTEM, Change.FAULT, f"{topic}: {words}", {"time": now}))
 
-    def note_evidence(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
-        """Write down what is lost of the evidence; arguments as for `note_troubles`."""
-        for words in self._evidence_notes.due(troubles, now):
+    def note_evidence(self, status: WitnessStatus, now: float) -> None:
+        """Write down what is lost of the evidence.
+
+        Args:
+            status: how it stands.
+            now: s since the epoch.
+        """
+        for words in self._evidence_notes.due(status, self._start, now):
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now}))
+
+    @property
+    def _start(self) -> float:
+        """Of the run at hand, s since the epoch."""
+        assert self.run.start is not None
+        return self.run.start
 
     def write(self, entry: Entry) -> None:
         """Write a line of it."""
@@ -270,7 +283,7 @@ class RunAtHand:
         """The bag is closed."""
         self._missing = missing
         self._equipment.clock.release()
-        if (account := self.recorder.evidence) is not None:
+        if (account := self.recorder.evidence(self._start)) is not None:
             self._note_account(account)
         self.run = replace(self.run, issue=1)
         self.score()
@@ -304,7 +317,10 @@ class RunAtHand:
             if self.run.closure is None:
                 self.score()
 
-        look, keepers = partial(settled_account, self.folder, told), self._equipment.keepers
+        look, keepers = (
+            partial(settled_account, self.folder, told, self.run.start),
+            self._equipment.keepers,
+        )
         if ending:
             keepers.own.ask(look, heard)
         else:

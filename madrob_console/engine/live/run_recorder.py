@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
-from msgspec.structs import replace
+from msgspec.structs import replace as changed
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_record import RunRecord
@@ -141,7 +141,7 @@ class RunRecorder:
         self._recording = opened.recording
         for told in self._source.announcement.messages:
             self._recording.add_topics(self._source.topics())
-            self.put([replace(told, receive_ns=now_ns)])  # said before the bag was open
+            self.put([changed(told, receive_ns=now_ns)])  # said before the bag was open
         self._lost_before = self._lost()
         folder = opened.recording.take_evidence_folder()
         self._has_evidence = folder is not None
@@ -200,13 +200,18 @@ class RunRecorder:
         recording = self._recording or self._closing
         return 0.0 if recording is None else recording.silent
 
-    @property
-    def evidence(self) -> EvidenceAccount | None:
-        """What was recorded beside the testbed's topics; None = nothing is wanted."""
+    def evidence(self, start: float) -> EvidenceAccount | None:
+        """What was recorded beside the testbed's topics; None = nothing is wanted.
+
+        Args:
+            start: of the run, s since the epoch.
+        """
         status = self._witness.status
         if status is None:
             return None
-        return status.account if self._has_evidence else _NO_FOLDER
+        if not self._has_evidence:
+            return _NO_FOLDER
+        return replace(status.account, gaps=tuple(gap.since(start) for gap in status.gaps))
 
     def view(self) -> RecorderView:
         """As screens show it."""

@@ -7,13 +7,14 @@ import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import msgspec
 
+from madrob_console.archive.evidence import evidence_told
 from madrob_console.archive.result_writer import ResultFiles, result_files
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
@@ -201,7 +202,8 @@ def read_earlier(folder: Path, key: int) -> tuple[EarlierRun, ScorableRun]:
     opened = open_run(folder)
     recorded = opened.recorded
     data = ScorableRun(recorded.record, opened.assessment, stored=True)
-    scored = data.score(ToScore(recorded.run, folder, files=False))
+    run = replace(recorded.run, evidence=evidence_told(folder, recorded.run))
+    scored = data.score(ToScore(run, folder, files=False))
     return EarlierRun(folder, recorded.entries, scored, key, opened.out_of_date), data
 
 

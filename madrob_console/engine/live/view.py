@@ -100,7 +100,7 @@ class StateView:
             at_hand.chronicle.problem,
             *at_hand.result.problems,
             None if replay else disk_problem(situation.checks),
-            *evidence_faults(self.equipment.witness.status),
+            *evidence_faults(self.equipment.witness.status, run.start),
             *(replay.problems if replay else ()),
         )
         return Snapshot(
@@ -148,12 +148,15 @@ class StateView:
         status = self.equipment.witness.status
         if status is None:
             return None
+        start = self.at_hand.run.start
+        gaps = () if start is None else (gap.since(start) for gap in status.gaps)
         return EvidenceView(
             status.topics,
             status.recording,
             status.size,
             self.pre_start.evidence_lasts(now),
-            status.problem,
+            status.trouble(start),
+            tuple(gap for gap in gaps if status.recording),
         )
 
 
@@ -172,10 +175,15 @@ def disk_problem(checks: Iterable[Check]) -> str | None:
     return f"{check.name}: {check.reason}"
 
 
-def evidence_faults(status: WitnessStatus | None) -> Iterator[str]:
-    """What is wrong with the evidence, in words."""
+def evidence_faults(status: WitnessStatus | None, start: float | None) -> Iterator[str]:
+    """What is wrong with the evidence, in words.
+
+    Args:
+        status: how it stands; None = none is wanted.
+        start: of the run, s since the epoch; None = there is none.
+    """
     if status is not None:
-        yield from (f"evidence: {words}" for words in status.faults)
+        yield from (f"evidence: {words}" for words in status.faults(start))
 
 
 def testbed_problem(told: Announcement, run: Run) -> str | None:

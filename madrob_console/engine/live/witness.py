@@ -7,7 +7,12 @@ from typing import Protocol
 
 from madrob_console.engine.live.topic_watch import Trouble
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
-from madrob_console.referee.evidence_account import NO_EVIDENCE, EvidenceAccount, unseen_words
+from madrob_console.referee.evidence_account import (
+    NO_EVIDENCE,
+    EvidenceAccount,
+    EvidenceGap,
+    unseen_words,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,8 @@ class WitnessStatus:
         silent: those on which nothing comes now, and nothing is kept for late joiners.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
+        gaps: when nothing was recorded in the recording that goes on, or was last, s since the
+            epoch: the start of a run may still move.
         account: of the recording that goes on, or was last.
         recording: whether one goes on.
         finishing: whether one is over and not complete on disk.
@@ -71,6 +78,7 @@ class WitnessStatus:
     silent: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
+    gaps: tuple[EvidenceGap, ...] = ()
 
     @property
     def byte_rate(self) -> float:
@@ -78,23 +86,43 @@ class WitnessStatus:
         return sum(topic.byte_rate for topic in self.topics)
 
     @property
-    def faults(self) -> tuple[str, ...]:
-        """What is wrong now with all of it, or with what should come and does not; a line each."""
-        if self.problem is not None:
-            return (self.problem,)
+    def gap(self) -> EvidenceGap | None:
+        """That in which nothing is recorded now."""
+        last = self.gaps[-1] if self.recording and self.gaps else None
+        return None if last is None or last.end is not None else last
+
+    def trouble(self, start: float | None) -> str | None:
+        """What is wrong with all of it, in words; None = nothing.
+
+        Args:
+            start: of the run, s since the epoch; None = there is none.
+        """
+        if self.gap is None:
+            return self.problem
+        since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
+        return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
+
+    def faults(self, start: float | None) -> tuple[str, ...]:
+        """What is wrong now with all of it, or with what should come and does not; a line each.
+
+        Args:
+            start: as for `trouble`.
+        """
+        if (trouble := self.trouble(start)) is not None:
+            return (trouble,)
         unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
         silent = (topic for topic in self.topics if topic.problem and topic.topic in self.silent)
         return (*unseen, *(f"{topic.topic}: {topic.problem}" for topic in silent))
 
     @property
     def troubles(self) -> dict[tuple[str, Trouble], str]:
-        """What is wrong, in words, by topic."""
+        """What is wrong, in words, by topic; gaps are told apart from it."""
         troubles = {
             (topic.topic, Trouble.EVIDENCE): words
             for topic in self.account.topics
             if (words := topic.troubles)
         }
-        if self.problem is not None:
+        if self.problem is not None and self.gap is None:
             troubles["recording", Trouble.EVIDENCE] = self.problem
         return troubles
 

@@ -155,7 +155,7 @@ class EvidenceProcess:
             if self._closed:
                 break
             self._ended(why)
-            self._pause(delay_after(self._starts_failed))
+            self._pause(delay_after(self._starts_failed), why)
         with self._lock:
             bell, self._bell = self._bell, None
             orders, self._orders = self._orders, deque()
@@ -244,6 +244,8 @@ class EvidenceProcess:
                 case EvidencePlace():
                     self._begin(order)
                     assert self._recording is not None
+                    if self._heard is None:
+                        self._recording.wait_for_process()
                     self._record(child, self._recording)
                 case FinishFile():
                     self._finish(child)
@@ -313,8 +315,8 @@ class EvidenceProcess:
         now = time.monotonic()
         self._status = standing(now, self._heard, self._heard_at, self._trouble, self._recording)
 
-    def _pause(self, duration: float) -> None:
-        """Wait before the next try; orders are heeded meanwhile."""
+    def _pause(self, duration: float, why: str) -> None:
+        """Wait before the next try, there being no process for that reason; orders are heeded."""
         assert self._bell is not None
         end = time.monotonic() + duration
         poll = select.poll()
@@ -329,5 +331,7 @@ class EvidenceProcess:
                 match order:
                     case EvidencePlace():
                         self._begin(order)
+                        assert self._recording is not None
+                        self._recording.lose_process(why)
                     case FinishFile():
                         self._finish(None)

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from madrob_console.amounts import size_words
@@ -56,6 +56,8 @@ class EvidenceWritten:
         ended: whether nothing more comes: what was taken is all counted.
         unwritten: how many of the messages are not in the file yet; None = the file could not be
             finished, and nobody knows.
+        first_ns: when the first message of each topic came, steady ns.
+        saved_ns: up to when there is something in the file, likewise; None = nothing is in it.
     """
 
     messages: dict[str, int]
@@ -69,6 +71,8 @@ class EvidenceWritten:
     finished: bool
     ended: bool = False
     unwritten: int | None = 0
+    first_ns: dict[str, int] = field(default_factory=dict)
+    saved_ns: int | None = None
 
 
 class EvidenceRecorder:
@@ -106,6 +110,8 @@ class EvidenceRecorder:
         self._gave_way: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
         self._size = self._saved = 0
+        self._first_ns: dict[str, int] = {}
+        self._saved_ns: int | None = None
         self._torn = False
         self._problem = ""
         self._ending = False
@@ -127,6 +133,7 @@ class EvidenceRecorder:
             if topic.name not in self._topics:
                 self._topics[topic.name] = topic
                 self._new_topics.append(topic)
+                self._first_ns[topic.name] = message.receive_ns
             self._add(message, 1)
             for gone in self._queue.put(message, priority):
                 self._add(gone, -1)
@@ -172,6 +179,8 @@ class EvidenceRecorder:
                 self._finished,
                 self._ending,
                 None if self._torn else self._messages.total() - self._saved,
+                dict(self._first_ns),
+                self._saved_ns,
             )
 
     def _add(self, message: RawMessage, number: int) -> None:
@@ -252,6 +261,7 @@ class EvidenceRecorder:
                 synced, unsynced = self._monotonic(), 0
             with self._changed:
                 self._size, self._saved = file.size, file.saved.total()
+                self._saved_ns = file.end_ns
             if file.size > self._most_bytes:
                 file.sync()
                 self._fail("the budget is used up: raise `recording.budget`", file.saved)

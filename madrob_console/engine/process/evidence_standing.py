@@ -5,14 +5,17 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from madrob_console.amounts import counted, listed
+from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
+    EvidenceGap,
     EvidenceLoss,
     RecordedTopic,
     unseen_words,
@@ -24,6 +27,14 @@ QUIET = 1.5
 
 SLOW_END = 5.0
 """A recording that is not complete so long after its end is told, s."""
+
+COMES_BACK = 4.0
+"""A new process is waited for so long until all topics are back that came before, s."""
+
+MOST_GAPS = 20
+"""Gaps of a recording that are told one by one."""
+
+_MOST_REASONS = 3
 
 _NOTHING = EvidenceNews()
 
@@ -48,10 +59,13 @@ class EvidenceRecording:
         self._former_size = 0
         self._cut_off = False
         self._heard_at: float | None = None
-        self._problems: list[str] = []
+        self._ends: Counter[str] = Counter()
+        self._gaps: list[EvidenceGap] = []
+        self._awaited: set[str] = set()
+        self._back: float | None = None
         self._heard = _NOTHING
         self._written: EvidenceWritten | None = None
-        self._given_up = False
+        self._given_up = self._torn = False
         self._in_account = ""
 
     @property
@@ -103,26 +117,81 @@ class EvidenceRecording:
             self._heard, self._written, self._heard_at = heard, written, now
             if self.goes_on:
                 self._in_account = written.problem
+            self._close_gap(written, now)
         elif self.ended is not None and now - self.ended > SLOW_END:
             self._given_up = True
 
     def lose_process(self, why: str) -> None:
-        """Its process has ended."""
+        """Its process has ended, or there is none."""
         if not (self.goes_on or self.finishing):
             return
+        self._open_gap(why)
+        self._ends[why] += 1
         self._former.append(_topics(self._heard, self._written))
         self._former_size = self.size
         self._cut_off |= self._files > 0
         self._heard, self._written = _NOTHING, None
-        self._given_up = not self.goes_on
-        what = "what came until it was back is missing"
-        if self._given_up:
-            what = "its last file is not complete: `madrob recover` repairs it"
-        self._problems.append(f"the evidence process was started again ({why}): {what}")
+        self._given_up = self._torn = not self.goes_on
+
+    def wait_for_process(self) -> None:
+        """Its process does not listen yet."""
+        self._open_gap("its process was only being started")
+
+    @property
+    def gaps(self) -> tuple[EvidenceGap, ...]:
+        """When nothing was recorded, s since the epoch; the last one may go on."""
+        return tuple(self._gaps)
+
+    @property
+    def _gap(self) -> EvidenceGap | None:
+        """The one that goes on."""
+        return self._gaps[-1] if self._gaps and self._gaps[-1].end is None else None
+
+    def _open_gap(self, why: str) -> None:
+        """Nothing is recorded from what is in the file on."""
+        written = self._written
+        self._back = None
+        all_there = self.counted and self.unwritten == 0
+        if self._gap is not None or all_there:
+            return
+        saved = None if written is None else written.saved_ns
+        begin = self._gaps[-1].end if self._gaps else None
+        begin = max(begin or 0.0, (saved or self.place.steady_ns) / NS)
+        steady = {flow.topic for flow in self._heard.flows if flow.rate and not flow.kept}
+        self._awaited = steady if written is not None else set()
+        if len(self._gaps) < MOST_GAPS:
+            self._gaps.append(EvidenceGap(begin, None, why))
+        else:
+            last = self._gaps[-1]
+            self._gaps[-1] = replace(last, end=None, why=why, number=last.number + 1)
+
+    def _close_gap(self, written: EvidenceWritten, now: float) -> None:
+        """All that came before comes again, or has had the time to."""
+        if self._gap is None:
+            return
+        self._back = now if self._back is None else self._back
+        first = written.first_ns
+        if now - self._back <= COMES_BACK and not (first and self._awaited <= first.keys()):
+            return
+        times = [first[topic] for topic in self._awaited & first.keys()] or [*first.values()]
+        at = self.place.steady_ns + round(now * NS) - self.place.monotonic_ns
+        self._gaps[-1] = replace(self._gap, end=max(times, default=at) / NS)
+
+    def _problems(self) -> list[str]:
+        """What was wrong with its processes, in words."""
+        if not self._ends:
+            return []
+        reasons = ", ".join(list(self._ends)[:_MOST_REASONS])
+        more = ", and others" if len(self._ends) > _MOST_REASONS else ""
+        times = f" {number} times" if (number := self._ends.total()) > 1 else ""
+        problems = [f"the evidence process had to be started again{times}: {reasons}{more}"]
+        if self._torn:
+            problems.append("its last file is not complete: `madrob recover` repairs it")
+        return problems
 
     def account(self) -> EvidenceAccount:
-        """What was recorded so far."""
-        problems = list(self._problems)
+        """What was recorded so far; when nothing was is told by `gaps`."""
+        problems = self._problems()
         if self._written is not None and self._written.problem:
             problems.append(self._written.problem)
         if (silent := self._silent_at_end) > QUIET:
@@ -205,6 +274,7 @@ def standing(
         silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
         unseen=heard.unseen if heard else (),
         scored=heard.scored if heard else (),
+        gaps=() if recording is None else recording.gaps,
     )
 
 
@@ -248,7 +318,7 @@ def _merged(parts: Sequence[Sequence[RecordedTopic]]) -> tuple[RecordedTopic, ..
             one.topic,
             one.type or other.type,
             one.messages + other.messages,
-            one.bytes + other.bytes,
+            (one.bytes or 0) + (other.bytes or 0),
             one.left_out + other.left_out,
             dict(lost),
             one.problem or other.problem,

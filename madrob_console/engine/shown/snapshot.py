@@ -11,6 +11,7 @@ from madrob_console.engine.shown.playback import PlaybackView
 from madrob_console.engine.shown.requests import Role, TakeOver
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
@@ -148,6 +149,7 @@ class EvidenceView:
         size: of the recording that goes on, or was last, bytes.
         room: how long it can go on at the rate of now, s; None = unknown, or nothing comes.
         problem: what is wrong with all of it, in words; None = nothing.
+        gaps: when nothing was recorded in the recording that goes on, s since the start.
     """
 
     topics: tuple[EvidenceTopicView, ...] = ()
@@ -155,6 +157,7 @@ class EvidenceView:
     size: int = 0
     room: float | None = None
     problem: str | None = None
+    gaps: tuple[EvidenceGap, ...] = ()
 
 
 class Weight(StrEnum):

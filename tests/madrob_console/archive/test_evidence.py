@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
 from madrob_console.files.held import Hold
 from madrob_console.referee.journal import HOLD_FILE
-from recorder.bag import evidence_file_name
+from recorder.bag import METADATA_FILE, evidence_file_name
 from recorder.reader import read_bag
 from tests.madrob_console.recorded_runs import copy_run
 from tests.recorder.samples import add_evidence, strings
@@ -47,9 +48,16 @@ def test_an_engine_that_starts_repairs_evidence_that_was_cut_off(run: Path) -> N
     assert list(bag.messages()) == FRAMES
     assert file.name in (run / "metadata.yaml").read_text()
     after = contents(run)
-    assert {name: after[name] for name in before} | {
-        "metadata.yaml": before["metadata.yaml"]
-    } == before
+    told = (METADATA_FILE, JOURNAL_FILE, RESULT_FILE, "report.html")
+    assert {name for name in before if after[name] != before[name]} <= set(told)
+    stored, now = (json.loads(files[RESULT_FILE]) for files in (before, after))
+    assert {key for key in stored if now[key] != stored[key]} <= {"evidence", "files", "journal"}
+    account = now["evidence"]
+    assert [topic["messages"] for topic in account["topics"]] == [len(FRAMES)]
+    assert "what was lost is not known" in account["problems"][0]
+    assert account["file_bytes"] == file.stat().st_size
+    assert list(repair_all(run.parent)) == []
+    assert contents(run) == after
 
 
 def test_it_does_so_beside_a_run_that_was_cut_off_itself(run: Path) -> None:

@@ -19,6 +19,7 @@ from madrob_console.engine.shown.snapshot import EvidenceTopicView
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
+    EvidenceGap,
     EvidenceLoss,
     RecordedTopic,
 )
@@ -27,6 +28,7 @@ from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.run import CheckName
 from recorder.bag import evidence_file_name
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
+from tests.madrob_console.engine.test_opening import cut_off
 from tests.recorder.samples import add_evidence, strings
 
 LEFT = "/camera/left"
@@ -113,6 +115,8 @@ def test_evidence_begins_and_ends_with_the_recording_and_stands_in_the_result(
         ],
         "problems": [],
         "unwritten": 0,
+        "gaps": [],
+        "file_bytes": None,
     }
     assert stored["quality"]["remarks"] == []
     texts = [line.text for line in drive.engine.log.lines]
@@ -228,6 +232,76 @@ def test_what_is_lost_is_told_once_when_it_begins_and_doubts_nothing(drive: Watc
     assert not any(indicator["doubts"] for indicator in stored["indicators"].values())
 
 
+def test_when_nothing_was_recorded_is_a_fault_until_it_is_and_stands_in_journal_and_result(
+    drive: Watched,
+) -> None:
+    drive.start(make_setup())
+    drive.wait(2.0)
+    start = drive.engine.run.start
+    assert start is not None
+    killed = "it was ended by SIGKILL"
+    begun = EvidenceGap(start + 5.62, None, killed)
+    drive.witness.lose(4)
+    drive.witness.status = replace(drive.witness.status, gaps=(begun,), topics=(), problem=killed)
+    drive.wait(1.0)
+    drive.witness.status = replace(drive.witness.status, problem=None)
+    drive.wait(5.0)
+    fault = f"evidence: nothing is recorded since +5.6 s, it is starting again: {killed}"
+    assert fault in drive.engine.snapshot().faults
+    evidence = drive.engine.snapshot().evidence
+    assert evidence is not None
+    assert evidence.problem == fault.removeprefix("evidence: ")
+    over = replace(begun, end=start + 8.31)
+    drive.witness.status = replace(drive.witness.status, gaps=(over,), topics=(COMES,))
+    drive.wait(1.0)
+    assert fault not in drive.engine.snapshot().faults
+    drive.finish()
+    texts = [line.text for line in drive.engine.log.lines]
+    assert texts.count(f"evidence: nothing is recorded since +5.6 s: {killed}") == 1
+    assert texts.count("evidence: recorded again, missing from +5.6 s to +8.3 s") == 1
+    assert not any(killed in text and "recording" in text for text in texts)
+    stored = told_in(drive.folder)
+    assert stored["gaps"] == [{"begin": 5.62, "end": 8.31, "why": killed, "number": 1}]
+    account = drive.engine.run.evidence
+    assert account is not None
+    assert account.words.endswith(", at least 4 lost, missing from +5.6 s to +8.3 s")
+    assert account.remarks() == [f"{LEFT}: at least 4 lost (4 behind)"]
+    entries, _ = read_journal(drive.folder / "journal.jsonl")
+    assert rebuild(entries).evidence == account
+
+
+def test_of_topics_that_lack_the_same_one_line_tells(drive: Watched) -> None:
+    drive.start(make_setup())
+    lost = tuple(
+        replace(RECORDED, topic=f"/c{number}", lost={EvidenceLoss.ON_THE_WAY: 1})
+        for number in range(5)
+    )
+    drive.witness.status = replace(drive.witness.status, account=EvidenceAccount(lost))
+    drive.wait(3.0)
+    told = [one.text for one in drive.engine.log.lines if one.text.startswith("evidence: ")]
+    assert told == ["evidence: /c0, /c1 and 3 more: messages are lost (on the way)"]
+
+
+def test_a_run_whose_engine_was_ended_is_scored_with_what_is_in_its_files(
+    tmp_path: Path,
+) -> None:
+    folder = cut_off(tmp_path)
+    add_evidence(folder, strings(["a", "b", "c", "d"], LEFT))
+    drive = Drive(tmp_path)
+    told: list[str | None] = []
+    drive.engine.open_run(drive.engine.read_run(folder).result(), told.append)
+    assert told == [None]
+    assert "what was lost is not known" in told_in(folder)["problems"][0]
+    drive.wait(3.0)
+    account = told_in(folder)
+    assert [one["messages"] for one in account["topics"]] == [4]
+    assert account["unwritten"] == 0
+    assert "what was lost is not known" in account["problems"][0]
+    drive.engine.close()
+    assert list(repair_all(tmp_path)) == []
+    assert told_in(folder) == account
+
+
 def test_a_run_that_is_read_back_has_its_evidence(drive: Watched) -> None:
     drive.whole_run(make_setup())
     entries, _ = read_journal(drive.folder / "journal.jsonl")
@@ -289,6 +363,16 @@ def test_too_little_room_blocks_a_start_and_can_be_waived(tmp_path: Path) -> Non
     drive.act(Waive(CheckName.EVIDENCE, "the last run of the day"), Start())
     drive.finish()
     assert drive.witness.places[0].most_bytes == 6_000_000 * 600
+
+
+def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Path) -> None:
+    drive = Watched(tmp_path / "runs", budget=6_000_000 * 8, least_room=0.0)
+    drive.prepare(replace(make_setup(), timeout=90.0))
+    said = drive.check(CheckName.EVIDENCE)
+    told = "warning: 1 topic, room for 8 s at the rate of now: a run may take 90 s"
+    assert said == told
+    drive.act(Start())
+    assert drive.engine.run.active
 
 
 def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,6 +37,8 @@ pytestmark = pytest.mark.machine
 CAMERAS = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
 LEFT = CAMERAS.topics[0]
 PLENTY = 10**12
+START = 1_700_000_000.0
+"""Of a recording, s since the epoch."""
 
 
 class Hall:
@@ -77,7 +81,7 @@ class Hall:
         """As an engine records a run: the bag is there first, and closed last."""
         with BagWriter(self.folder, [], {}):
             handle = os.open(self.folder, os.O_DIRECTORY)
-            self.steady_ns, monotonic = 1_700_000_000 * NS, time.monotonic_ns()
+            self.steady_ns, monotonic = round(START * NS), time.monotonic_ns()
             place = EvidencePlace(
                 handle, self.folder.name, self.steady_ns, monotonic, most_bytes, least_free=0
             )
@@ -166,12 +170,18 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
             here.until(lambda status: "SIGKILL" in (status.problem or ""))
             before = here.topic().messages
             moved = here.folder.rename(tmp_path / "moved")  # the handle stays good
-            here.until(lambda status: status.ready and status.problem is None)
+            here.until(lambda status: status.gaps and status.gap is None)
             here.until(lambda _: here.topic().messages >= before + 10)
             moved.rename(here.folder)
-        (problem,) = here.status.account.problems
+        told = here.status
+        (problem,) = told.account.problems
+        (gap,) = told.gaps
+        (true_gap,) = settled(here.folder, replace(told.account, gaps=told.gaps), 0.0).gaps
     assert "ended by SIGKILL" in problem
-    assert "is missing" in problem
+    times = sorted(message.receive_ns / NS for message in here.recorded())
+    pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
+    assert gap.begin <= pause[0]
+    assert (true_gap.begin, true_gap.end) == pytest.approx(pause, abs=0.2)
     names = {path.name for path in here.folder.glob("*.mcap")}
     assert {evidence_file_name("run", number) for number in range(2)} < names
 
@@ -234,9 +244,9 @@ def ailing(slowness: float = 0.0) -> tuple[str, ...]:
     return (*AILING[:-1], AILING[-1].replace("SLOWNESS", str(slowness)))
 
 
-def settled(folder: Path, told: EvidenceAccount) -> EvidenceAccount:
+def settled(folder: Path, told: EvidenceAccount, start: float = START) -> EvidenceAccount:
     """What is in the files, once they are whole."""
-    account = until(lambda: settled_account(folder, told))
+    account = until(lambda: settled_account(folder, told, start))
     assert account is not None
     return account
 

@@ -4,12 +4,20 @@ from dataclasses import replace
 
 import msgspec
 
+from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
-from madrob_console.engine.process.evidence_standing import EvidenceRecording, standing
+from madrob_console.engine.process.evidence_standing import (
+    COMES_BACK,
+    MOST_GAPS,
+    EvidenceRecording,
+    standing,
+)
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
 from madrob_console.testbeds.evidence_flow import TopicFlow
 
+KILLED = "it was ended by SIGKILL"
 USED_UP = "the budget is used up"
 WRITTEN = EvidenceWritten({}, {}, {}, {}, 0, 0, 0.0, "", False)
 
@@ -20,6 +28,21 @@ class Recorded:
     def __init__(self) -> None:
         self.recording = EvidenceRecording(1, EvidencePlace(-1, "run", 0, 0, 10**9, 0))
         self.recording.next_file()
+
+    def hears(self, at: float, first: dict[str, float], saved: float | None) -> WitnessStatus:
+        """Topics that come since then, and up to when there is something in the file."""
+        in_ns = {topic: round(time * NS) for topic, time in first.items()}
+        saved_ns = None if saved is None else round(saved * NS)
+        written = replace(WRITTEN, first_ns=in_ns, saved_ns=saved_ns)
+        flows = tuple(TopicFlow(topic, "a/msg/B", 1, 10.0, 1e6, 0) for topic in first)
+        news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
+        self.recording.hear(news, at)
+        return standing(at, news, at, "", self.recording)
+
+    def is_killed(self, at: float) -> WitnessStatus:
+        self.recording.lose_process(KILLED)
+        self.recording.next_file()
+        return standing(at, None, 0.0, f"the evidence process is started again: {KILLED}", None)
 
     def says(self, at: float, problem: str, *, finished: bool = False) -> WitnessStatus:
         written = replace(WRITTEN, problem=problem, finished=finished)
@@ -95,3 +118,62 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
     assert status.silent == ("/camera/dead", "/map")
     assert status.account.problems == ("nobody publishes /camera/front, /robot/a",)
     assert status.account.remarks()[1:] == ["/camera/dead: silent since 10:00:00"]
+
+
+def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back() -> None:
+    run = Recorded()
+    run.hears(6.0, {"/left": 0.1, "/right": 0.2}, saved=5.62)
+    run.is_killed(6.5)
+    starting = run.hears(8.0, {}, saved=None)
+    assert starting.gap == EvidenceGap(5.62, None, KILLED)
+    assert run.hears(8.5, {"/left": 8.2}, saved=None).gap is not None
+    assert (
+        starting.trouble(1.0) == f"nothing is recorded since +4.6 s, it is starting again: {KILLED}"
+    )
+    back = run.hears(9.0, {"/left": 8.2, "/right": 8.75}, saved=None)
+    assert back.gap is None
+    assert back.trouble(1.0) is None
+    assert back.gaps == (EvidenceGap(5.62, 8.75, KILLED),)
+
+
+def test_what_never_comes_back_keeps_no_gap_open() -> None:
+    run = Recorded()
+    run.hears(6.0, {"/left": 0.1, "/gone": 0.2}, saved=5.6)
+    run.is_killed(6.5)
+    run.hears(7.0, {"/left": 7.0}, saved=None)
+    later = run.hears(7.1 + COMES_BACK, {"/left": 7.0}, saved=10.0)
+    assert later.gaps == (EvidenceGap(5.6, 7.0, KILLED),)
+
+
+def test_a_process_that_is_not_back_at_the_end_leaves_a_gap_up_to_the_end() -> None:
+    run = Recorded()
+    run.hears(6.0, {"/left": 0.1}, saved=5.6)
+    run.is_killed(6.5)
+    run.recording.ended = 7.0
+    (gap,) = run.recording.gaps
+    assert gap.words == "from +5.6 s to the end"
+    account = replace(run.recording.account(), gaps=(gap,))
+    assert account.words.startswith("1 topic, 0 messages, 0.0 MB, missing from +5.6 s to the end")
+
+
+def test_of_many_ends_one_line_has_the_number_and_the_last_gap_all_that_came_later() -> None:
+    run = Recorded()
+    kills = MOST_GAPS + 5
+    for number in range(kills):
+        run.hears(number + 0.5, {"/left": number + 0.3}, saved=number + 0.4)
+        run.is_killed(number + 0.6)
+    account = run.hears(kills + 0.5, {"/left": kills + 0.3}, saved=None)
+    told = f"the evidence process had to be started again {kills} times: {KILLED}"
+    assert account.account.problems == (told,)
+    assert len(account.gaps) == MOST_GAPS
+    last = account.gaps[-1]
+    assert (last.begin, last.end, last.number) == (MOST_GAPS - 0.6, kills + 0.3, 6)
+    assert last.words == "from +19.4 s to +25.3 s, 6 times"
+    told_in_short = EvidenceAccount(gaps=account.gaps).gap_words
+    assert told_in_short == f"from +0.4 s to +1.3 s and {kills - 1} times more"
+
+
+def test_a_recording_that_begins_before_its_process_listens_says_what_is_missing() -> None:
+    run = Recorded()
+    run.recording.wait_for_process()
+    assert run.hears(2.0, {"/left": 1.5}, saved=None).gaps[0].end == 1.5
