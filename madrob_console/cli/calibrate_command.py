@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.parsing import number
+from madrob_console.cli.parsing import number_within
 from madrob_console.cli.problems import complain
 from madrob_console.cli.progress import progress
 from madrob_console.names import terminal_safe
@@ -57,7 +57,13 @@ def add(commands: options.Commands) -> None:
     )
     handle.add_argument("rest", type=Path, metavar="REST", help="recording without the weight")
     handle.add_argument("weight", type=Path, metavar="WEIGHT", help="recording with the weight")
-    handle.add_argument("--mass", type=number, required=True, metavar="KG", help="of the weight")
+    handle.add_argument(
+        "--mass",
+        type=number_within(0.01, 1000),
+        required=True,
+        metavar="KG",
+        help="of the weight",
+    )
     options.add_choice(
         handle, "--towards", Side, Side.CCW, "side to which the weight pulls the handle"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 from pathlib import Path
@@ -82,7 +81,7 @@ def main(arguments: argparse.Namespace) -> int:
     from madrob_console.engine.shown.requests import Role
 
     begin_at: float | None = arguments.begin_at
-    if begin_at is not None and not (_replays(arguments) and math.isfinite(begin_at)):
+    if begin_at is not None and not _replays(arguments):
         raise MadrobError(
             f"--from {begin_at:g}: give seconds, and with `--testbed replay PATH` only"
         )

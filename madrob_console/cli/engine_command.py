@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.problems import BAD_INPUT, complain
 from madrob_console.cli.which_runs import named_places, site_arguments
 from madrob_console.kinds import SourceKind
@@ -71,7 +71,7 @@ def add(commands: options.Commands) -> None:
     )
     parser.add_argument("--all", action="store_true", help="stop: every engine of this user")
     parser.add_argument(
-        "--pid", type=whole_number, default=None, help="stop: the engine of this process"
+        "--pid", type=whole_within(1), default=None, help="stop: the engine of this process"
     )
     parser.add_argument(
         "--system", action="store_true", help="unit: of the system, not of the user's login"

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from madrob_console.cli.parsing import Parser, number, one_of, whole_number
+from madrob_console.cli.parsing import Parser, number_within, one_of, whole_number, whole_within
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import Scenario, SourceKind
 from madrob_console.testbeds.ros_domain import domain_number
@@ -85,7 +85,7 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     parser.add_argument(
         "--speed",
-        type=_speed,
+        type=number_within(0, FASTEST),
         default=1.0,
         metavar="FACTOR",
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
@@ -157,13 +157,6 @@ def _check_testbed(words: Sequence[str]) -> None:
         return
     if len(words) != 2:
         raise argparse.ArgumentTypeError(f"{kind} needs the path of one bag")
-
-
-def _speed(text: str) -> float:
-    speed = number(text)
-    if 0 <= speed <= FASTEST:
-        return speed
-    raise argparse.ArgumentTypeError(f"{text}: use 0 to {FASTEST:g}")
 
 
 def add_results(parser: argparse.ArgumentParser) -> None:
@@ -302,7 +295,7 @@ def add_idle_time(parser: argparse.ArgumentParser) -> None:
     """How long an engine stays that nobody needs."""
     parser.add_argument(
         "--idle-time",
-        type=number,
+        type=number_within(0),
         default=None,
         metavar="S",
         help="s without a screen and without a run after which the engine ends; else setting "
@@ -327,7 +320,7 @@ def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
     """How work on many runs is shared; `done` is what is done with them."""
     parser.add_argument(
         "--jobs",
-        type=_job_count,
+        type=whole_within(1),
         default=None,
         metavar="N",
         help=f"runs {done} at once; as many as there are cores if not given",
@@ -340,10 +333,8 @@ def add_jobs(parser: argparse.ArgumentParser, done: str) -> None:
     )
 
 
-def _job_count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: give 1 or more")
-    return int(text)
+run_number = whole_within(1, 999)
+"""A subject or a run, as file names have three digits for them; for the type of an argument."""
 
 
 def add_subject(
@@ -353,7 +344,7 @@ def add_subject(
     either = parser.add_mutually_exclusive_group(required=needed and default is None)
     for flag, text in (("--subject", "the team's number"), ("--team", argparse.SUPPRESS)):
         either.add_argument(
-            flag, dest="subject", type=whole_number, default=default, metavar="N", help=text
+            flag, dest="subject", type=run_number, default=default, metavar="N", help=text
         )
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from enum import StrEnum
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
 
 from madrob_console.cli.problems import BAD_INPUT
 
 _Words = TypeVar("_Words", bound=StrEnum)
+_Number = TypeVar("_Number", int, float)
 
 _SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
 _MANY = 6
@@ -64,6 +66,20 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
         super().__init__(**({"formatter_class": CommandHelp} | how))
         self.set_defaults(parser=self)
+        self._between = False
+
+    def parse_known_args(  # type: ignore[override]  # argparse's own has overloads
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse; where any number of things can be named, options may stand between them."""
+        lists = any(action.nargs in ("*", "+") for action in self._get_positional_actions())
+        if self._between or not lists:
+            return super().parse_known_args(args, namespace)
+        self._between = True  # it calls this
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._between = False
 
     def read(self, words: Sequence[str]) -> argparse.Namespace:
         """The arguments; `parser` among them is that of the command.
@@ -135,6 +151,15 @@ def whole_number(text: str) -> int:
         raise argparse.ArgumentTypeError(f"'{text}' is no whole number") from None
 
 
+def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
+    """What makes a whole number in [low, high] of a text; for the type of an argument."""
+
+    def convert(text: str) -> int:
+        return _demand(whole_number(text), low, high)
+
+    return convert
+
+
 _UNITS = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 _MEASURE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([A-Za-z]+)", re.ASCII)
 _PERIODS = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
@@ -158,8 +183,44 @@ def _measured(text: str, units: Mapping[str, float], what: str) -> float:
 
 
 def number(text: str) -> float:
-    """A number; for the type of an argument."""
+    """A number, neither infinite nor none; for the type of an argument."""
+    if not math.isfinite(typed := _number(text)):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number")
+    return typed
+
+
+def number_within(low: float, high: float = math.inf) -> Callable[[str], float]:
+    """What makes a number in [low, high] of a text; for the type of an argument."""
+
+    def convert(text: str) -> float:
+        return _demand(_number(text), low, high)
+
+    return convert
+
+
+def as_setting(table: str, key: str) -> Callable[[str], float]:
+    """What makes a number of a text that is in the range of a setting."""
+
+    def convert(text: str) -> float:
+        from madrob_console.config import Settings
+
+        kind = type(getattr(Settings(), table))
+        _, meta = get_args(get_type_hints(kind, include_extras=True)[key])
+        return _demand(number(text), meta.ge, meta.le)
+
+    return convert
+
+
+def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+
+
+def _demand(typed: _Number, low: float, high: float) -> _Number:
+    """A number in [low, high]; none that is not a number is in there."""
+    if low <= typed <= high:
+        return typed
+    most = "or more" if high == math.inf else f"to {high:g}"
+    raise argparse.ArgumentTypeError(f"{typed:g}: use {low:g} {most}")

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.parsing import number, whole_number
+from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.kinds import SourceKind
 from madrob_console.names import clean_name, terminal_safe
@@ -61,7 +61,7 @@ def add(commands: options.Commands) -> None:
     )
     parser.add_argument(
         "--run",
-        type=whole_number,
+        type=options.run_number,
         default=None,
         metavar="N",
         help="run number; the next free one if not given",
@@ -79,11 +79,13 @@ def add(commands: options.Commands) -> None:
         metavar="X,Y,YAW",
         help="m, m, degrees in the frame madrob_door; the settings' pose of the side if not given",
     )
-    for flag, text in (
-        ("--timeout", "s from the start; else setting `run.timeout`"),
-        ("--countdown", "s before the start; else setting `run.countdown`"),
+    for key, text in (
+        ("timeout", "s from the start; else setting `run.timeout`"),
+        ("countdown", "s before the start; else setting `run.countdown`"),
     ):
-        parser.add_argument(flag, type=number, default=None, metavar="S", help=text)
+        parser.add_argument(
+            f"--{key}", type=as_setting("run", key), default=None, metavar="S", help=text
+        )
     options.add_choice(
         parser,
         "--ruleset",
@@ -99,7 +101,11 @@ def add(commands: options.Commands) -> None:
         "what decides step 6; else setting `run.lock_detection`",
     )
     parser.add_argument(
-        "--wait", type=number, default=20.0, metavar="S", help="s to wait for the pre-start checks"
+        "--wait",
+        type=number_within(0),
+        default=20.0,
+        metavar="S",
+        help="s to wait for the pre-start checks; `inf`: without an end",
     )
     parser.add_argument(
         "--waive", metavar="REASON", default=None, help="let failing pre-start checks pass"
@@ -109,8 +115,8 @@ def add(commands: options.Commands) -> None:
 
 def _pose(text: str) -> tuple[float, float, float]:
     try:
-        x, y, yaw = (float(part) for part in text.split(","))
-    except ValueError:
+        x, y, yaw = (number(part) for part in text.split(","))
+    except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(
             f"{text!r} is no pose: give x,y,yaw in m, m and degrees, as in 1.5,0,180"
         ) from None

@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 
 from madrob_console.cli import options
-from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.parsing import whole_within
 from scoring.imports import imports_kept
 
 
@@ -27,7 +27,7 @@ def add(commands: options.Commands) -> None:
     options.add_domain(parser)
     parser.add_argument(
         "--repeat",
-        type=whole_number,
+        type=whole_within(0),
         default=1,
         metavar="N",
         help="runs before it ends; 0 = no end",

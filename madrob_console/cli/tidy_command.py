@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.asking import says_yes, somebody_there
-from madrob_console.cli.parsing import period, size, whole_number
+from madrob_console.cli.parsing import period, size, whole_within
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.cli.progress import progress
 from madrob_console.errors import MadrobError
@@ -44,7 +44,7 @@ def add(commands: options.Commands) -> None:
     limits = parser.add_argument_group("what stays besides; at least one of these")
     limits.add_argument(
         "--keep-runs",
-        type=whole_number,
+        type=whole_within(0),
         default=None,
         metavar="N",
         help="that of the last N runs, and of the last N practice runs",
@@ -113,8 +113,6 @@ def _limits(arguments: argparse.Namespace) -> TidyLimits:
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
-    if keep is not None and keep < 0:
-        raise MadrobError(f"--keep-runs {keep}: use 0 or more")
     return TidyLimits(keep or 0, age or 0.0, free)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli.options import results_folder, team_list
-from madrob_console.cli.parsing import whole_number
+from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.problems import complain
 from madrob_console.errors import MadrobError
 
@@ -22,7 +22,7 @@ def add_which_runs(parser: argparse.ArgumentParser) -> None:
     """Which runs stand beside each other."""
     parser.add_argument(
         "--best",
-        type=whole_number,
+        type=whole_within(0),
         default=None,
         metavar="N",
         help="only the N best runs of each team in each condition, 0 = all; else setting "
@@ -37,17 +37,11 @@ def add_which_runs(parser: argparse.ArgumentParser) -> None:
 def standings(
     arguments: argparse.Namespace, settings: Settings, collection: Collection
 ) -> CompetitionStandings:
-    """The standings of them.
-
-    Raises:
-        MadrobError: there is no such number of best runs.
-    """
+    """The standings of them."""
     from madrob_console.standings.competition import competition_standings
 
     chosen: int | None = arguments.best
     best = settings.competition.best_runs if chosen is None else chosen
-    if best < 0:
-        raise MadrobError(f"--best {best}: use 1 or more, or 0 for all runs")
     return competition_standings(
         collection.runs,
         made=time.time(),

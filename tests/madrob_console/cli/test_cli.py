@@ -159,7 +159,7 @@ def test_a_bad_setting_is_named(
     [
         (["--subject", "0"], "subject"),
         (["--start-pose", "-1,0,0"], "CCW side"),
-        (["--start-pose", "1.5,0,nan"], "start pose"),
+        (["--start-pose", "1.5,0,nan"], "--start-pose"),
         (["--timeout", "0"], "timeout"),
         (["--team", "Delft"], "--team"),
         (["--team-name", "x" * 200], "--team-name"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import shlex
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -47,7 +49,7 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
     [
         ("run", "setting `run.timeout`, 300 by default"),
         ("run", "setting `results.folder`, ~/madrob_runs by default"),
-        ("run", "s to wait for the pre-start checks (default: 20)"),
+        ("run", "s to wait for the pre-start checks; `inf`: without an end (default: 20)"),
         ("console", "setting `engine.idle_time`, 600 by default"),
         ("console", "setting `console.theme`, dark by default"),
         ("run", "nominal, jerky, slam"),
@@ -86,6 +88,13 @@ def test_a_help_says_the_real_defaults_and_the_choices(
         ("watch --testbed replay", "--testbed: replay needs the path of one bag"),
         ("run --speed -1", "--speed: -1: use 0 to 1000"),
         ("run --speed nan", "--speed: nan: use 0 to 1000"),
+        ("run --wait -3", "--wait: -3: use 0 or more"),
+        ("run --timeout 0.5", "--timeout: 0.5: use 1 to 86400"),
+        ("run --countdown inf", "--countdown: 'inf' is no number"),
+        ("run --subject 1000", "--subject: 1000: use 1 to 999"),
+        ("standings --best -1", "--best: -1: use 0 or more"),
+        ("tidy --keep-runs -1", "--keep-runs: -1: use 0 or more"),
+        ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
         ("run --team Delft", "--team: 'Delft' is no whole number"),
         ("recover", "the following arguments are required: PATH"),
     ],
@@ -100,6 +109,61 @@ def test_a_wrong_word_is_named_with_what_was_meant(
     assert error.endswith("--help`\n")
 
 
+NEGATIVE = {"--from", "--seed", "--start-pose"}
+"""Of these a negative number makes sense."""
+
+ENDLESS = {"--idle-time", "--wait"}
+"""Of these `inf` does: they have no end."""
+
+
+def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for part in action.choices.values():
+                yield from parsers(part)
+
+
+def taken(action: argparse.Action, text: str) -> bool:
+    assert callable(action.type)
+    try:
+        action.type(text)
+    except (argparse.ArgumentTypeError, ValueError):
+        return False
+    return True
+
+
+def numbers() -> Iterator[tuple[str, argparse.Action, str]]:
+    """All options that take a number, and a text that each of them takes."""
+    for parser in parsers(build_parser()):
+        for action in parser._actions:
+            if not callable(action.type) or action.type is Path:
+                continue
+            for text in ("3", "30", "3d", "3GB", "3,0,0", "3/4"):
+                if taken(action, text):
+                    yield parser.prog, action, text
+                    break
+
+
+def test_no_option_takes_a_number_that_makes_no_sense() -> None:
+    found = list(numbers())
+    assert {
+        "--wait",
+        "--timeout",
+        "--jobs",
+        "--best",
+        "--keep-runs",
+        "--older-than",
+        "--width",
+    } <= {name for _, action, _ in found for name in action.option_strings}
+    for command, action, text in found:
+        (name,) = action.option_strings[:1]
+        wrong = {text.replace("3", "nan")}
+        wrong |= set() if name in NEGATIVE else {f"-{text}", "-1e9", "-inf"}
+        wrong |= set() if name in ENDLESS else {text.replace("3", "inf"), "1e999"}
+        assert not [one for one in wrong if taken(action, one)], (command, name)
+
+
 @pytest.mark.parametrize(
     ("line", "first"), [("", "usage: madrob "), ("calibrate", "usage: madrob c")]
 )
@@ -110,3 +174,43 @@ def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
     assert (code, error) == (1, "")
     assert out.startswith(first)
     assert said(capsys, f"{line} --help")[1] == out
+
+
+@pytest.mark.parametrize(
+    ("line", "paths"),
+    [
+        ("publish SITE --best 3 hall_a --practice hall_b", "hall_a hall_b"),
+        ("publish --best 3 SITE hall_a --practice hall_b", "hall_a hall_b"),
+        ("publish --best 3 SITE", ""),
+        ("score one --json two --jobs 2 three", "one two three"),
+        ("score one --ruleset all -- -two", "one -two"),
+        ("report one --output pages two", "one two"),
+        ("standings one --best 3 two", "one two"),
+        ("plan one --json two", "one two"),
+        ("export hall_a --subject 3 hall_b", "hall_a hall_b"),
+        ("table runs one --format csv two", "one two"),
+        ("table samples one --output tables two", "one two"),
+        ("calibrate masks one --output masks.toml two", "one two"),
+    ],
+)
+def test_options_may_stand_between_paths(line: str, paths: str) -> None:
+    arguments = build_parser().read(shlex.split(line))
+    assert arguments.paths == [Path(path) for path in paths.split()]
+    assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("publish --best 3", "the following arguments are required: DIR"),
+        ("score --json", "the following arguments are required: PATH"),
+        ("score one --bets 3 two", "madrob score: --bets: no such option"),
+        ("export one --subject 3 --team 4 two", "--team: not allowed with argument --subject"),
+    ],
+)
+def test_what_is_wrong_between_paths_is_named_in_one_line(
+    line: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, error = said(capsys, line)
+    assert (code, out, error.count("\n")) == (2, "", 1)
+    assert words in error

@@ -467,7 +467,6 @@ def test_a_folder_without_runs_gives_empty_standings(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("--best", "-1"), "--best -1: use 1 or more, or 0 for all runs"),
         (("--competition", "\x1b[31mX"), "--competition 'X': no such runs; there are 'Autumn Cup'"),
         (("--csv", "-", "--json", "-"), "give each kind of file a path of its own"),
         (("--csv", "/nowhere/s.csv"), "/nowhere/s.csv: not written"),

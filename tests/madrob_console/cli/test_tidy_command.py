@@ -140,7 +140,7 @@ def test_a_run_that_refuses_is_named_and_the_rest_goes(
     ("flags", "words"),
     [
         ((), "say what stays: --keep-runs, --older-than or --until-free"),
-        (("--keep-runs", "-1"), "--keep-runs -1: use 0 or more"),
+        (("--keep-runs", "-1"), "--keep-runs: -1: use 0 or more"),
         (("--older-than", "7"), "'7' is no time, as 12h, 7d or 2w are"),
         (("--older-than", "7y"), "'7y' is no time, as 12h, 7d or 2w are"),
         (("--until-free", "50"), "'50' is no size, as 50GB or 500MB are"),
