@@ -10,6 +10,7 @@ from pathlib import Path
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
+from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.files.bounded import read_all, stamp_of
 from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
@@ -82,7 +83,7 @@ def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
     if stamp is not None:
         named.append(result)
-        yield SiteFile(result, _key(stamp), partial(_itself, folder / RESULT_FILE))
+        yield SiteFile(result, _key(stamp), partial(_result, folder / RESULT_FILE))
     yield SiteFile.of(place, run_page(content, run, named))
 
 
@@ -100,14 +101,20 @@ def _around(content: SiteContent, run: RunSummary) -> Markup:
 def _report(content: SiteContent, run: RunSummary, around: Markup) -> bytes:
     places = content.places_of_team(run.subject)
     path = content.source(run) / REPORT_FILE
-    try:
-        data = read_all(path, LARGEST_REPORT)
-    except OSError as error:
-        raise SourceUnreadError(
-            f"{path}: cannot be read ({refusal(error)}); `madrob report` makes it anew"
-        ) from None
+    data = _read(path, LARGEST_REPORT, "`madrob report` makes it anew")
     text = data.decode(errors="replace")
     return report_copy(text, run.folder, places, around).encode()
+
+
+def _result(path: Path) -> bytes:
+    return _read(path, LARGEST_RESULT, "`madrob publish` takes it once it can be read")
+
+
+def _read(path: Path, limit: int, remedy: str) -> bytes:
+    try:
+        return read_all(path, limit)
+    except OSError as error:  # it may be gone since the runs were listed
+        raise SourceUnreadError(f"{path}: cannot be read ({refusal(error)}); {remedy}") from None
 
 
 def _tables(content: SiteContent) -> Iterator[SiteFile]:
@@ -126,10 +133,6 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
         competition = content.standings.title
         made = plan_json(content.plan, competition, content.names, content.software)
         yield SiteFile.of("data/plan.json", made.decode())
-
-
-def _itself(path: Path) -> Path:
-    return path
 
 
 def _key(*of: object) -> str:

@@ -7,7 +7,6 @@ runs that are gone are removed, and never a file of somebody else.
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,8 +18,7 @@ import msgspec
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_all, stamp_of
 from madrob_console.files.held import Hold
-from madrob_console.files.plain import open_plain
-from madrob_console.files.whole import atomic_write, whole_file
+from madrob_console.files.whole import atomic_write
 
 MANIFEST_FILE = ".madrob_site.json"
 """In the folder of a site: what was written there."""
@@ -51,14 +49,14 @@ class SiteFile:
     Attributes:
         name: its path in the site's folder.
         key: what it is made of: the same key, the same content.
-        make: makes its content, or says of which file it is a copy; asked only where it changed.
-            Raises `SourceUnreadError` where what it is made of cannot be read.
+        make: makes its content; asked only where it changed. Raises `SourceUnreadError` where
+            what it is made of cannot be read.
         whole: whether nothing was missing when it was made; else it is made again the next time.
     """
 
     name: str
     key: str
-    make: Callable[[], bytes | Path]
+    make: Callable[[], bytes]
     whole: Callable[[], bool] = lambda: True
 
     @classmethod
@@ -198,22 +196,13 @@ def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> boo
     return there and found.key == file.key
 
 
-def _put(path: Path, content: bytes | Path) -> bool:
+def _put(path: Path, content: bytes) -> bool:
     """Write a file, unless it is already as it shall be; whether it was written."""
-    if isinstance(content, bytes):
-        if _has(path, content):
-            return False
-        atomic_write(path, content)
-        return True
-    with open(open_plain(content), "rb") as source, whole_file(path) as file:  # noqa: PTH123
-        shutil.copyfileobj(source, file)
-    return True
-
-
-def _has(path: Path, content: bytes) -> bool:
     with suppress(OSError):
-        return read_all(path, len(content)) == content
-    return False
+        if read_all(path, len(content)) == content:
+            return False
+    atomic_write(path, content)
+    return True
 
 
 def _demand_site(folder: Path) -> None:

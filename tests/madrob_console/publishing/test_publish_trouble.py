@@ -90,27 +90,34 @@ def test_a_report_that_cannot_be_taken_is_named_and_left_out_alone(
     assert page_of(results, 1, REPORT_FILE).exists()
 
 
-def test_a_report_that_cannot_be_read_to_its_end_keeps_no_page_behind_it_from_being_written(
-    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", [REPORT_FILE, RESULT_FILE])
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENOENT])
+def test_what_cannot_be_read_or_is_gone_meanwhile_keeps_nothing_else_from_being_written(
+    results: Path,
+    name: str,
+    number: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    bad = results / RUNS[0].folder / REPORT_FILE
+    bad = results / RUNS[0].folder / name
 
     def read(path: Path, limit: int) -> bytes:
         if path == bad:
-            raise OSError(errno.EIO, "Input/output error")
+            raise OSError(number, os.strerror(number))
         return read_all(path, limit)
 
     with monkeypatch.context() as patched:
         patched.setattr(madrob_console.publishing.publish, "read_all", read)
         assert publish_code(results) == BAD_INPUT
     told = capsys.readouterr().err
-    assert f"{bad}: cannot be read (Input/output error)" in told
-    assert "make room" not in told
+    assert f"{bad}: cannot be read ({os.strerror(number)}); `madrob " in told
+    assert told.count("\n") == 1
     site = results.parent / "site"
     assert (site / "index.html").exists()
-    assert page_of(results, 1, REPORT_FILE).exists()
+    assert page_of(results, 1, name).exists()
+    assert not page_of(results, 0, name).exists()
     publish(results)
-    assert page_of(results, 0, REPORT_FILE).exists()
+    assert page_of(results, 0, name).exists()
 
 
 def test_a_report_as_the_console_makes_it_may_run_nothing_on_the_site(results: Path) -> None:
