@@ -45,6 +45,9 @@ PICTURES_FOLDER = "pictures"
 PICTURES_INDEX = "index.json"
 """In that folder: which picture is of what."""
 
+FRAMES_FOLDER = "frames"
+"""In a run folder: what its cameras saw at the instants that somebody asked for."""
+
 INDEX_PAGE = "index.html"
 """Where the pages of a competition begin; a run has one of its own among them."""
 

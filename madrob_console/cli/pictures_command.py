@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.problems import BAD_INPUT, Complaints
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
@@ -57,10 +58,10 @@ def add(commands: options.Commands) -> None:
     )
     parser.add_argument(
         "--width",
-        type=_width,
+        type=whole_within(16, _WIDEST),
         default=None,
         metavar="PIXELS",
-        help="the most pixels in a row and in a column; 960 if not given",
+        help=f"the most pixels in a row and in a column, 16 to {_WIDEST}; 960 if not given",
     )
 
 
@@ -121,13 +122,14 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
     _with_cameras(made, run, arguments.camera)
     folder, begin = output or Path(), f"{run.absolute().name}_"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MadrobError(
-            f"{folder}: cannot be made ({error.strerror}): choose another --output"
-        ) from None
-    atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
+    if made.files:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MadrobError(
+                f"{folder}: cannot be made ({error.strerror}): choose another --output"
+            ) from None
+        atomic_writes(folder, {f"{begin}{name}": data for name, data in made.files.items()})
     return made, folder, begin
 
 
@@ -168,9 +170,3 @@ def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[Top
     except MadrobError as error:
         raise MadrobError(f"{run}: {error}") from None
     return [moment for moments in found for moment in moments], mappings
-
-
-def _width(text: str) -> int:
-    if not text.isdecimal() or not 16 <= int(text) <= _WIDEST:
-        raise argparse.ArgumentTypeError(f"{text!r}: use 16 to {_WIDEST} pixels")
-    return int(text)

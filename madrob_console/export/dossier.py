@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from madrob_console.archive.folders import (
+    FRAMES_FOLDER,
     JOURNAL_FILE,
     REPORT_FILE,
     RESULT_FILE,
@@ -42,6 +43,7 @@ _ABOUT: Sequence[tuple[str, str]] = (
     (RESULT_FILE, f"the result that counts; {SCHEMA_FILE} describes every key"),
     ("result_issue_", "an earlier issue of the result"),
     ("/pictures/", "pictures of the cameras"),
+    (f"/{FRAMES_FOLDER}/", "what the cameras saw at an instant that somebody asked for"),
     (f"{TABLES_FOLDER}/", "what the sensors said, as tables"),
     (_EVIDENCE, "evidence: what was recorded beside the testbed's own topics"),
     (".mcap", "the recording (rosbag2, MCAP): `ros2 bag play`, or foxglove.dev"),

@@ -6,10 +6,9 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import NamedTuple
 
-from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE
+from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE, REPORT_FILE
 from madrob_console.engine.process.background import PAUSE, Background, Finished
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.names import terminal_safe
@@ -68,7 +67,6 @@ class Reporting:
         self._reports = reports
         self._publish = tuple(publish)
         self._background = Background(command, busy, pause)
-        self._frames: Path | None = None
 
     def report(self, folder: Path, scored: bytes | memoryview) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
@@ -154,7 +152,7 @@ class Reporting:
         self._background.ask(name, ["export", *options, *self._options], done)
 
     def frames(self, run: Path, at: float, done: Callable[[str, str], None]) -> None:
-        """Write what the cameras saw at an instant of a run.
+        """Write what the cameras saw at an instant of a run into its folder.
 
         Args:
             run: its folder.
@@ -162,14 +160,7 @@ class Reporting:
             done: told the folder with the files and why there are none, one of which is empty; in
                 the thread of the chores.
         """
-        instant = f"{at:.3f}"
-        if self._frames is None:
-            try:
-                self._frames = Path(mkdtemp(prefix="madrob_frames_"))
-            except OSError as error:
-                done("", f"no folder for the frames ({error.strerror}): make room in /tmp")
-                return
-        folder = self._frames / f"{run.absolute().name}_{instant}_s"
+        instant, folder = f"{at:.3f}", run.absolute() / FRAMES_FOLDER
 
         def told(finished: Finished) -> None:
             done("" if finished.code else str(folder), _why(finished) if finished.code else "")

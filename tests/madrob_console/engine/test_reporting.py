@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.scored import score_opened
-from madrob_console.cameras.run_pictures import run_pictures
+from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.engine.process.reporting import Reporting
@@ -95,25 +95,37 @@ def test_an_engines_page_shows_what_the_cameras_saw(tmp_path: Path) -> None:
 
 
 @pytest.mark.machine
-def test_the_frames_of_an_instant_are_written_beside_the_engine(
+def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = Path(shutil.copytree(completed(), tmp_path / completed().name))
+    elsewhere = tmp_path / "temporary"
+    elsewhere.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(elsewhere))
     told: list[tuple[str, str]] = []
     reporting = Reporting(aside.COMMAND, lambda: False)
     reporting.frames(folder, 5.0, lambda *words: told.append(words))
     assert reporting.wait(60.0)
+    assert not (folder / "frames").exists()
     film(folder, "/camera/front", "/camera/side")
-    reporting.frames(folder, 5.0, lambda *words: told.append(words))
-    assert reporting.wait(60.0)
+    for at in (900.0, 5.0, 6.5, 5.0):
+        reporting.frames(folder, at, lambda *words: told.append(words))
+        assert reporting.wait(60.0)
     reporting.close()
-    (nowhere, why), (place, nothing) = told
-    assert nowhere == nothing == ""
-    assert "holds no evidence" in why
-    assert Path(place).name == f"{folder.name}_5.000_s"
-    assert len(list(Path(place).glob("*.jpg"))) == 2
-    assert Path(place).parent.stat().st_mode & 0o777 == 0o700
+    places, problems = zip(*told, strict=True)
+    assert places == ("", "", *[str(folder / "frames")] * 3)
+    assert "holds no evidence" in problems[0]
+    assert "no frame within 1 s" in problems[1]
+    assert not any(problems[2:])
+    found = sorted(path.name for path in (folder / "frames").iterdir())
+    assert found == [
+        f"{folder.name}_01_at_{at}_s_camera_{camera}.jpg"
+        for at in ("5_000", "6_500")
+        for camera in ("front", "side")
+    ]
+    assert not list(elsewhere.iterdir())
+    renewed_pictures(folder, score_opened(folder))
+    assert sorted(path.name for path in (folder / "frames").iterdir()) == found
 
 
 @pytest.mark.machine
