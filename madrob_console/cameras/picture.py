@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,20 @@ class PictureError(MadrobError):
     """A message holds no picture that can be shown; the text says why, for one line."""
 
 
-def decoded(message: RawMessage, side: int = SIDE) -> Image.Image:
-    """The picture in a message of a camera, made small: RGB or grey, without anything beside it.
+class Decoded(NamedTuple):
+    """What a message of a camera shows.
+
+    Attributes:
+        picture: RGB or grey, without anything beside it.
+        scale: what its grey stands for, in words; empty where it is what was seen.
+    """
+
+    picture: Image.Image
+    scale: str = ""
+
+
+def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
+    """The picture in a message of a camera, made small.
 
     Args:
         message: a `sensor_msgs/msg/CompressedImage` (JPEG or PNG, whatever it says that it is) or a
@@ -69,7 +81,8 @@ def decoded(message: RawMessage, side: int = SIDE) -> Image.Image:
         raise PictureError(f"its bytes are no {message.type}") from None
     packed = message.type == _PACKED
     try:
-        picture = _unpacked(bytes(content.data), side) if packed else _raw(content)
+        found = Decoded(_unpacked(bytes(content.data), side)) if packed else _raw(content)
+        picture = found.picture
         picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
     except PictureError:
         raise
@@ -79,7 +92,7 @@ def decoded(message: RawMessage, side: int = SIDE) -> Image.Image:
         words = terminal_safe(str(error))[:100] or type(error).__name__
         raise PictureError(f"it cannot be decoded ({words})") from None
     picture.info.clear()  # comments and profiles are not for whoever gets the file
-    return picture
+    return found
 
 
 def opened(data: bytes, side: int = SIDE) -> Image.Image:
@@ -165,14 +178,15 @@ def _check_size(width: int, height: int) -> None:
 # ---------------------------------------------------------------------- raw pictures
 
 
-def _raw(message: Message) -> Image.Image:
+def _raw(message: Message) -> Decoded:
     width, height, step = int(message.width), int(message.height), int(message.step)
     _check_size(width, height)
     encoding = str(message.encoding)
-    if encoding not in _ENCODINGS:
+    depth = _DEPTHS.get(encoding)
+    if depth is None and encoding not in _ENCODINGS:
         name = encoding if _PLAIN_NAME.fullmatch(encoding) else repr(encoding[:_SHOWN])
         raise PictureError(f"the encoding {terminal_safe(name)} is not shown")
-    size, make = _ENCODINGS[encoding]
+    size = _ENCODINGS[encoding][0] if depth is None else depth.size
     data = np.frombuffer(message.data, dtype=np.uint8)
     row = width * size
     if step < row or step * height > len(data):
@@ -181,9 +195,37 @@ def _raw(message: Message) -> Image.Image:
             f"{len(data)} bytes"
         )
     rows = data[: step * height].reshape(height, step)[:, :row]
-    if size == 2 and encoding in _WIDE:
-        return make(rows.view() if message.is_bigendian else _swapped(rows))
-    return make(rows)
+    if depth is not None:
+        return _depth(rows, depth, ">" if message.is_bigendian else "<")
+    make = _ENCODINGS[encoding][1]
+    if encoding in _WIDE:
+        return Decoded(make(rows.view() if message.is_bigendian else _swapped(rows)))
+    return Decoded(make(rows))
+
+
+class _Depth(NamedTuple):
+    """How distances are sent: bytes of a pixel, numpy's name of the number, its unit in m."""
+
+    size: int
+    number: str
+    unit: float
+
+
+def _depth(rows: Pixels, kind: _Depth, order: str) -> Decoded:
+    """Distances as grey: the nearest dark, the farthest white, what has none black."""
+    found = np.ascontiguousarray(rows).view(f"{order}{kind.number}")
+    there = np.isfinite(found) if kind.number == "f4" else found > 0
+    if not there.any():
+        raise PictureError("no pixel of it has a depth")
+    depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
+    low, high = float(depths.min()), float(depths.max())
+    depths -= low
+    depths *= (255 - _NEAREST) / ((high - low) or 1.0)
+    depths += _NEAREST
+    grey = np.zeros(found.shape, np.uint8)
+    grey[there] = np.rint(depths, out=depths)
+    words = f"depth {low * kind.unit:.3g} to {high * kind.unit:.3g} m"
+    return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
 
 
 def _swapped(rows: Pixels) -> Pixels:
@@ -275,7 +317,6 @@ _ENCODINGS: Mapping[str, tuple[int, Callable[[Pixels], Image.Image]]] = {
     "mono8": (1, _mono),
     "8UC1": (1, _mono),
     "mono16": (2, _mono16),
-    "16UC1": (2, _mono16),
     "yuv422": (2, _UYVY),
     "uyvy": (2, _UYVY),
     "yuv422_yuy2": (2, _YUYV),
@@ -285,5 +326,11 @@ _ENCODINGS: Mapping[str, tuple[int, Callable[[Pixels], Image.Image]]] = {
 }
 """By the names of `sensor_msgs/image_encodings.hpp`: bytes of a pixel, and what makes a picture."""
 
-_WIDE = frozenset({"mono16", "16UC1", *(f"bayer_{pattern}16" for pattern in _PATTERNS)})
+_DEPTHS: Mapping[str, _Depth] = {"32FC1": _Depth(4, "f4", 1.0), "16UC1": _Depth(2, "u2", 0.001)}
+"""Those of distances, as REP 118 has them: m, and mm of which 0 is none."""
+
+_NEAREST = 40
+"""The grey of the nearest, apart from black."""
+
+_WIDE = frozenset({"mono16", *(f"bayer_{pattern}16" for pattern in _PATTERNS)})
 """Those whose numbers have two bytes."""

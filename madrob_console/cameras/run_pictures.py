@@ -87,6 +87,7 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
         log_time: when the frame was logged, s since the epoch.
         difference: how much later the frame is than the moment, by the testbed's clock, s.
         clock: how its time was told from the camera's clock, in words.
+        scale: what the grey of the picture stands for, in words; empty = it is what was seen.
         problem: why there is no picture, in words.
     """
 
@@ -103,6 +104,7 @@ class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
     log_time: float | None = None
     difference: float | None = None
     clock: str = ""
+    scale: str = ""
     problem: str = ""
 
 
@@ -244,7 +246,7 @@ class _Maker:
         self._names = _file_names([camera.topic for camera in cameras.cameras])
         self._monotonic = monotonic
         self._until = monotonic() + WORKING_TIME
-        self._made: dict[tuple[int, int, int], Jpeg | str] = {}
+        self._made: dict[tuple[int, int, int], tuple[Jpeg, str] | str] = {}
         self._files: dict[str, bytes] = {}
         self._left_out = 0
 
@@ -294,16 +296,19 @@ class _Maker:
         if isinstance(made, str):
             return msgspec.structs.replace(known, problem=made)
         name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}.jpg"
-        self._files[name] = made.data
-        return msgspec.structs.replace(known, file=name, width=made.width, height=made.height)
+        file, scale = made
+        self._files[name] = file.data
+        return msgspec.structs.replace(
+            known, file=name, width=file.width, height=file.height, scale=scale
+        )
 
-    def _picture(self, frame: CameraFrame) -> Jpeg | str:
-        """A frame as JPEG with its size, or why there is none; each is decoded once."""
+    def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
+        """A frame as JPEG and what its grey is, or why there is none; each is decoded once."""
         if frame.found.key not in self._made:
             self._made[frame.found.key] = self._decode(frame)
         return self._made[frame.found.key]
 
-    def _decode(self, frame: CameraFrame) -> Jpeg | str:
+    def _decode(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
         from madrob_console.cameras.picture import (
             MOST_BYTES,
             MOST_MESSAGE,
@@ -315,7 +320,8 @@ class _Maker:
         try:
             message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
             most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
-            return jpeg(decoded(message, self._side), most)
+            picture, scale = decoded(message, self._side)
+            return jpeg(picture, most), scale
         except (PictureError, RecorderError) as error:
             return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
 
@@ -325,6 +331,11 @@ def nothing_near(entry: PictureEntry) -> str:
     if entry.file:
         return ""
     return entry.problem or f"no frame within {FARTHEST:g} s"
+
+
+def caption_words(entry: PictureEntry) -> str:
+    """What is to be known of a picture: what its grey stands for, and its camera's clock."""
+    return "; ".join(filter(None, (entry.scale, entry.clock)))
 
 
 def difference_words(entry: PictureEntry) -> str:

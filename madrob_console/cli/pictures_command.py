@@ -68,7 +68,11 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Find the frames and write them; what cannot be shown is named."""
     with imports_kept():
-        from madrob_console.cameras.run_pictures import difference_words, nothing_near
+        from madrob_console.cameras.run_pictures import (
+            caption_words,
+            difference_words,
+            nothing_near,
+        )
 
     run: Path = arguments.run
     with Complaints() as bad:
@@ -84,7 +88,7 @@ def main(arguments: argparse.Namespace) -> int:
                 bad.add(f"{run}: {entry.topic} at {entry.since_start:.2f} s: {why}", run)
                 continue
             path = folder / f"{begin}{entry.file}"
-            print(terminal_safe(f"{path}: {difference_words(entry)}; {entry.clock}"))
+            print(terminal_safe(f"{path}: {difference_words(entry)}; {caption_words(entry)}"))
     return 0 if made.files else BAD_INPUT
 
 

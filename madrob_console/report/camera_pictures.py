@@ -10,6 +10,7 @@ from madrob_console.archive.folders import PICTURES_FOLDER
 from madrob_console.cameras.run_pictures import (
     PictureEntry,
     RunPictures,
+    caption_words,
     difference_words,
     nothing_near,
 )
@@ -98,7 +99,7 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
 
 def _caption(entry: PictureEntry) -> Iterator[Content]:
     yield element("b", difference_words(entry)), " ", said(entry.topic)
-    yield element("small", entry.clock)
+    yield element("small", caption_words(entry))
 
 
 def _embedded(entry: PictureEntry, data: bytes, share: int) -> Markup | None:

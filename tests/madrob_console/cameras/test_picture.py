@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
+import tracemalloc
 import zlib
 from collections.abc import Callable
 
@@ -24,6 +26,10 @@ from madrob_console.cameras.picture import (
 )
 from recorder.message import RawMessage
 from tests.madrob_console.cameras.frames import COMPRESSED, RAW, compressed, packed, pattern, raw
+
+
+def seen(message: RawMessage) -> Image.Image:
+    return decoded(message).picture
 
 
 def message(data: bytes, told: str = "jpeg") -> RawMessage:
@@ -84,18 +90,56 @@ def _yuv(order: str) -> bytes:
     ],
 )
 def test_raw_pictures_have_their_colours(encoding: str, size: int, data: bytes) -> None:
-    assert_shown(decoded(raw(data, encoding, 16, 16, 16 * size)))
+    assert_shown(seen(raw(data, encoding, 16, 16, 16 * size)))
 
 
 @pytest.mark.parametrize("big", [False, True])
 def test_grey_of_two_bytes_is_stretched_to_the_brightest(*, big: bool) -> None:
     values = np.array([[0, 1000], [2000, 4000]], dtype=">u2" if big else "<u2")
-    picture = decoded(raw(values.tobytes(), "mono16", 2, 2, 4, big=big))
+    picture = seen(raw(values.tobytes(), "mono16", 2, 2, 4, big=big))
     assert np.asarray(picture).ravel().tolist() == [0, 63, 127, 255]
 
 
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize(
+    ("encoding", "number", "depths", "grey", "words"),
+    [
+        ("32FC1", "f4", [0.4, 1.0, 2.5, 6.1], [40, 63, 119, 255], "depth 0.4 to 6.1 m"),
+        (
+            "32FC1",
+            "f4",
+            [math.nan, math.inf, -math.inf, 2.5],
+            [0, 0, 0, 40],
+            "depth 2.5 to 2.5 m, black: none",
+        ),
+        ("32FC1", "f4", [-3e38, 0.0, 0.0, 3e38], [40, 148, 148, 255], "depth -3e+38 to 3e+38 m"),
+        ("16UC1", "u2", [0, 400, 3250, 6100], [0, 40, 148, 255], "depth 0.4 to 6.1 m, black: none"),
+    ],
+)
+def test_depth_is_grey_from_the_nearest_to_the_farthest_and_says_which(
+    *, encoding: str, number: str, depths: list[float], grey: list[int], words: str, big: bool
+) -> None:
+    values = np.array(depths, dtype=f"{'>' if big else '<'}{number}")
+    step = 2 * values.itemsize + 3  # a row may be longer than its pixels
+    rows = b"".join(pair.tobytes() + b"\xff\xff\xff" for pair in (values[:2], values[2:]))
+    picture, scale = decoded(raw(rows, encoding, 2, 2, step, big=big))
+    assert np.asarray(picture).ravel().tolist() == pytest.approx(grey, abs=1)
+    assert scale == words
+
+
+def test_a_large_depth_image_takes_no_more_than_a_picture_does() -> None:
+    side = 2800  # as many as a message holds
+    depths = np.linspace(0.5, 9.0, side * side, dtype="<f4").reshape(side, side)
+    tracemalloc.start()
+    picture, scale = decoded(raw(depths.tobytes(), "32FC1", side, side, 4 * side))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (picture.size, scale) == ((SIDE, SIDE), "depth 0.5 to 9 m")
+    assert most < 6 * depths.nbytes
+
+
 def test_grey_of_one_byte_is_as_it_is() -> None:
-    assert np.asarray(decoded(raw(bytes([1, 2, 3, 4]), "mono8", 2, 2, 2))).ravel().tolist() == [
+    assert np.asarray(seen(raw(bytes([1, 2, 3, 4]), "mono8", 2, 2, 2))).ravel().tolist() == [
         1,
         2,
         3,
@@ -106,19 +150,19 @@ def test_grey_of_one_byte_is_as_it_is() -> None:
 def test_rows_may_be_longer_than_their_pixels() -> None:
     rows = np.zeros((16, 64), np.uint8)
     rows[:, :48] = COLOURS.reshape(16, 48)
-    assert_shown(decoded(raw(rows.tobytes(), "rgb8", 16, 16, 64)))
+    assert_shown(seen(raw(rows.tobytes(), "rgb8", 16, 16, 64)))
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
 @pytest.mark.parametrize("told", ["jpeg", "png", "bgr8; jpeg compressed bgr8", "", "\x1b[2Jlie"])
 def test_what_a_compressed_picture_is_its_bytes_say(kind: str, told: str) -> None:
-    picture = decoded(message(packed(pattern(3), kind), told))
+    picture = seen(message(packed(pattern(3), kind), told))
     assert picture.size == (160, 120)
     assert picture.mode == "RGB"
 
 
 def test_a_large_picture_is_made_small() -> None:
-    picture = decoded(message(packed(Image.effect_noise((3000, 2000), 90))))
+    picture = seen(message(packed(Image.effect_noise((3000, 2000), 90))))
     assert picture.size == (SIDE, SIDE * 2 // 3)
     made = jpeg(picture)
     assert len(made.data) <= MOST_BYTES
@@ -139,7 +183,7 @@ def test_nothing_of_a_file_is_passed_on_but_the_picture() -> None:
     exif[0x010E] = "SECRET"
     pattern(1).save(file, "JPEG", comment=b"SECRET", exif=exif)
     assert file.getvalue().count(b"SECRET") == 2
-    assert b"SECRET" not in jpeg(decoded(message(file.getvalue()))).data
+    assert b"SECRET" not in jpeg(seen(message(file.getvalue()))).data
 
 
 def _png(width: int, height: int, data: bytes = b"") -> bytes:
@@ -175,7 +219,11 @@ HOSTILE: dict[str, tuple[RawMessage, str]] = {
     "unpacks without end": (message(_png(10, 10, zlib.compress(bytes(10**8)))), ""),
     "scans": (message(_scans(150)), "more than 100 scans"),
     "no such encoding": (raw(bytes(4), "\x1b[2Jrgb", 1, 1, 3), "the encoding"),
-    "another encoding": (raw(bytes(4), "32FC1", 1, 1, 4), "the encoding 32FC1 is not shown"),
+    "another encoding": (raw(bytes(4), "32SC1", 1, 1, 4), "the encoding 32SC1 is not shown"),
+    "no depth": (raw(b"\x00\x00\xc0\x7f", "32FC1", 1, 1, 4), "no pixel of it has a depth"),
+    "no depth in mm": (raw(bytes(8), "16UC1", 2, 2, 4), "no pixel of it has a depth"),
+    "depth too short": (raw(bytes(10), "32FC1", 100, 100, 400), "not in its 10 bytes"),
+    "depth claims": (raw(bytes(4), "32FC1", 30_000, 30_000, 120_000), "megapixels"),
     "too short": (raw(bytes(10), "rgb8", 100, 100, 300), "not in its 10 bytes"),
     "rows too short": (raw(bytes(30_000), "rgb8", 100, 100, 3), "in rows of 3 bytes"),
     "claims": (raw(bytes(10), "rgb8", 2**32 - 1, 2**32 - 1, 2**32 - 1), "megapixels"),
@@ -196,10 +244,10 @@ HOSTILE: dict[str, tuple[RawMessage, str]] = {
 def test_a_picture_that_lies_is_named_in_one_line(name: str) -> None:
     sent, why = HOSTILE[name]
     if not why:  # what it claims is there, and nothing of the rest is unpacked
-        assert decoded(sent).size == (10, 10)
+        assert seen(sent).size == (10, 10)
         return
     with pytest.raises(PictureError) as caught:
-        decoded(sent)
+        seen(sent)
     told = str(caught.value)
     assert why in told
     assert told.isprintable()
@@ -225,7 +273,7 @@ pictures = st.one_of(
 @given(pictures, st.text(max_size=20))
 @settings(max_examples=200, deadline=None)
 def test_whatever_bytes_come_there_is_a_small_picture_or_one_line(data: bytes, told: str) -> None:
-    _small_or_told(lambda: decoded(message(data, told.replace("\0", ""))))
+    _small_or_told(lambda: seen(message(data, told.replace("\0", ""))))
 
 
 sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
@@ -234,7 +282,10 @@ sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
 @given(
     st.binary(max_size=400),
     st.sampled_from(
-        ["rgb8", "mono16", "bayer_rggb8", "bayer_gbrg16", "uyvy", "yuyv", "bgra8", "?"]
+        [
+            *("rgb8", "mono16", "bayer_rggb8", "bayer_gbrg16", "uyvy", "yuyv", "bgra8"),
+            *("32FC1", "16UC1", "?"),
+        ]
     ),
     sizes,
     sizes,
@@ -245,13 +296,13 @@ sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
 def test_whatever_a_raw_picture_claims_there_is_a_small_picture_or_one_line(
     data: bytes, encoding: str, width: int, height: int, step: int, big: bool
 ) -> None:
-    _small_or_told(lambda: decoded(raw(data, encoding, width, height, step, big=big)))
+    _small_or_told(lambda: seen(raw(data, encoding, width, height, step, big=big)))
 
 
 @given(st.binary(max_size=300), st.sampled_from([COMPRESSED, RAW]))
 @settings(max_examples=200, deadline=None)
 def test_whatever_a_message_is_there_is_a_small_picture_or_one_line(data: bytes, kind: str) -> None:
-    _small_or_told(lambda: decoded(RawMessage("/c", kind, b"\x00\x01\x00\x00" + data, 1, 1)))
+    _small_or_told(lambda: seen(RawMessage("/c", kind, b"\x00\x01\x00\x00" + data, 1, 1)))
 
 
 def _small_or_told(make: Callable[[], Image.Image]) -> None:

@@ -6,11 +6,12 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from madrob_console.cli.main import main
-from tests.madrob_console.cameras.frames import film, span, stream
+from tests.madrob_console.cameras.frames import film, raw, span, stream
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings
 
@@ -142,3 +143,24 @@ def test_a_run_without_evidence_is_named_with_what_to_do(
     add_evidence(bare, strings(["no camera"]))
     assert main(["pictures", str(bare)]) == 2
     assert "no camera * in its evidence" in capsys.readouterr().err
+
+
+def test_a_depth_camera_is_shown_with_its_distances_as_caption(
+    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin, end = span(bare)
+    depths = np.linspace(0.4, 6.1, 64 * 48, dtype="<f4").tobytes()
+    times = np.arange(begin, end, 0.2)
+    frames = [
+        raw(depths, "32FC1", 64, 48, 256, topic="/camera/depth", stamp=at, log=at + 0.01)
+        for at in times
+    ]
+    add_evidence(bare, frames)
+    assert main(["pictures", str(bare), "--at", "5", "--output", str(tmp_path / "frames")]) == 0
+    path, _, told = capsys.readouterr().out.partition(": ")
+    assert re.search(r"^[-+]?\d+ ms; depth 0[.]4 to 6[.]1 m; camera clock ", told)
+    with Image.open(path) as picture:
+        assert (picture.mode, picture.size) == ("L", (64, 48))
+    assert main(["report", str(bare)]) == 0
+    page = (bare / "report.html").read_text()
+    assert page.count("<small>depth 0.4 to 6.1 m; camera clock ") == page.count("<img ") > 0
