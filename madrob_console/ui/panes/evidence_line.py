@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.preflight import duration_words
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
+from madrob_console.ui.look.words import cut_inside, shortened
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import EvidenceTopicView, EvidenceView, Snapshot
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 _GAP = "  "
 _ROOMY = 100
 """From this width on the size is shown, too."""
+
+_LEAST_NAME = 8
+"""Cells of the first topic's name, however narrow the line is."""
 
 _ENDINGS = ("/image_raw/compressed", "/image/compressed", "/compressed", "/image_raw", "/image")
 
@@ -28,14 +32,17 @@ class EvidenceLine(View):
             return ()
         spans = [Span("evidence", Tone.STRONG)]
         for span in _whole(evidence, roomy=width >= _ROOMY):
-            spans.append(Span(span.text[: width - width_of(tuple(spans))], span.tone))
+            spans.append(Span(shortened(span.text, width - width_of(tuple(spans))), span.tone))
         names = _short_names([topic.topic for topic in evidence.topics])
         topics = sorted(evidence.topics, key=lambda topic: (not _is_poor(topic), topic.topic))
         for number, topic in enumerate(topics):
-            shown = _topic(topic, names[topic.topic])
+            shown = _topic(topic, name := names[topic.topic])
             more = f"{_GAP}and {len(topics) - number} more"
             rest = width - width_of(tuple(spans))
             needed = width_of(shown) + (len(more) if number < len(topics) - 1 else 0)
+            if number == 0 and len(name) - _LEAST_NAME >= needed - rest > 0:
+                shown = _topic(topic, cut_inside(name, len(name) - (needed - rest)))
+                needed = rest
             if needed > rest:
                 spans.append(Span(more[:rest], Tone.DIM))
                 break

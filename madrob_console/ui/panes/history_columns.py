@@ -10,6 +10,7 @@ from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import FlagWeight, worst
 from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.flag_lines import FLAG_TONES, flag_sign
 from madrob_console.ui.panes.run_columns import (
     MISSING,
@@ -39,8 +40,8 @@ _CLOSING_TONES = {
     "protested": Tone.WARN,
     PROTEST_OPEN: Tone.BAD,
 }
-_OUTCOME = 12
-"""Cells of the outcome with its signs; `completed*!!` has so many."""
+_OUTCOME = 13
+"""Cells of the outcome with its signs; `completed P!!` has so many."""
 
 
 def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Column[RunSummary]]:
@@ -57,7 +58,7 @@ def columns(name: Callable[[RunSummary], str] = attrgetter("team")) -> list[Colu
             falling=True,
         ),
         number_column("subj", "subject", lambda r: r.subject, 4),
-        text_column("team", "team", name, 9, ample=18),
+        text_column("team", "team", name, 8, ample=18),
         number_column("run", "run number", lambda r: r.run_number, 4),
         number_column("cond", "condition", lambda r: r.condition, 5),
         text_column("task", "task", lambda r: condition_words(r.condition).way, 20, comfort=True),
@@ -81,19 +82,17 @@ def _indicator(name: IndicatorName) -> Column[RunSummary]:
 
 
 def _outcome(run: RunSummary) -> Span:
-    """The word, `P` where a protest is open or `*` where it is not final, the sign of its flags."""
+    """The word; `P` where a protest is open or `*` where it is not final, the sign of its flags."""
     void = run.outcome is Outcome.ABORTED or run.voided
     unsigned = "*" if run.issue and not run.final and not void else ""
     if run.protest_due is not None:
         unsigned = "P"
     heaviest, signs = worst(run.flags), unsigned + flag_sign(run.flags)
-    text = run.outcome_word + signs
-    if len(text) > _OUTCOME:
-        text = run.outcome_word + signs[-1:]
     tone = Tone.BAD if run.problem else _OUTCOME_TONES[run.outcome]
     if tone is not Tone.BAD and heaviest in (FlagWeight.CAUTION, FlagWeight.ALARM):
         tone = FLAG_TONES[heaviest]
-    return Span(text, tone)
+    word = shortened(run.outcome_word, _OUTCOME - len(f" {signs}" if signs else ""))
+    return Span(f"{word} {signs}".rstrip(), tone)
 
 
 def _source(run: RunSummary) -> Span:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
 
 KEYS = (
-    "Enter opens, x next, / filter, v which, o O sort, <- ->; "
+    "Enter opens, x next, / filter, v which, o O sort, <- -> columns; "
     "* not final, P protest, ! flags, ? doubted"
 )
 

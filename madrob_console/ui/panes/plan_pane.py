@@ -222,20 +222,20 @@ def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> 
     """What a cell of the grid says; all of it without a `view`.
 
     `1/2` is one attempt done of two, `1!2` the same where one is not valid, `+1` one out of plan;
-    `P` in place of `/` and `!` and before `L`: a protest is open.
+    `P` at the end: a protest is open.
     """
     if attempts is None:
         return Span("")
     of, done, valid = attempts.planned, attempts.done, attempts.valid
-    protested = attempts.open_protests > 0
-    sign = "P" if protested else "/" if valid == done else "!"
+    protested = "P" if attempts.open_protests else ""
+    sign = "/" if valid == done else "!"
     level = "-" if attempts.best_level is None else f"{attempts.best_level}"
-    counts = f"{done}{sign}{of}" if of else f"+{done}{'P' * protested}"
+    counts = f"{done}{sign}{of}" if of else f"+{done}"
     texts = {
         None: f"{counts}L{level}" if done else f"{counts}  ",
         CellView.DONE: counts,
-        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}{'P' * protested}",
-        CellView.LEVEL: f"{'P' * protested}L{level}" if done else ".",
+        CellView.VALID: f"{valid}{sign}{of}" if of else f"+{valid}",
+        CellView.LEVEL: f"L{level}" if done else ".",
     }
     if is_next:
         tone = Tone.NOTICE
@@ -245,7 +245,7 @@ def cell(attempts: Attempts | None, view: CellView | None, *, is_next: bool) -> 
         tone = Tone.PLAIN if done else Tone.DIM
     else:
         tone = Tone.GOOD if 0 < of <= valid else Tone.WARN
-    return Span(texts[view], tone)
+    return Span(texts[view] + protested, tone)
 
 
 def about(attempts: Attempts, teams: Mapping[int, str]) -> str:

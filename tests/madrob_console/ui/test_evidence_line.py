@@ -50,3 +50,13 @@ def test_without_a_wish_there_is_no_line_and_what_is_wrong_with_all_of_it_is_sai
     assert drawn(EvidenceView()) == "evidence  none of its topics is there"
     problem = "the evidence process is started again: it was ended by SIGKILL"
     assert drawn(EvidenceView(problem=problem)) == f"evidence  {problem}"
+
+
+def test_what_has_no_room_is_cut_with_a_sign() -> None:
+    problem = "the evidence process is started again: it was ended by SIGKILL"
+    assert drawn(EvidenceView(problem=problem), 40) == "evidence  the evidence process is start…"
+    silent = camera("hall_3/above_the_door/left", problem="silent for 42 s")
+    text = drawn(EvidenceView((silent, camera("right")), True, 0, 60.0), 78)
+    assert text == (
+        "evidence  12.2 MB/s  cam…or/left 29.8 Hz 6.1 MB/s, silent for 42 s  and 1 more"
+    )

@@ -14,7 +14,7 @@ from madrob_console.ui.panes.history_columns import columns
 from madrob_console.ui.panes.history_pane import HistoryPane, about
 from madrob_console.ui.panes.history_pane import summary as head_line
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import UNDECIDED_START, summary
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary
 from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.madrob_console.ui.pane_app import PANE, Shown, showing
 
@@ -76,7 +76,7 @@ def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[int, in
         async with showing(HistoryPane(Results().load), size) as shown:
             assert teams(shown) == ["5", "2", "4", "1", "1", "3", "2", "1"]
             assert "unfinished" in shown.marked
-            for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed!!"):
+            for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"):
                 assert words in shown.text
             (practice,) = (row for row in shown.rows() if " SIM " in row)
             assert " 1 Delft " in practice
@@ -296,3 +296,14 @@ def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark(
                 assert teams(shown) == ["3"]
 
     asyncio.run(drive())
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [(Outcome.COMPLETED, "completed P!!"), (Outcome.INTERRUPTED, "INTERRUP… P!!")],
+)
+def test_signs_stand_apart_from_the_outcome_and_are_never_cut(outcome: Outcome, words: str) -> None:
+    run = summary(1, outcome=outcome, protest_due=EPOCH, flags=(UNDECIDED_START,))
+    (column,) = (one for one in columns() if one.title == "outcome")
+    shown = column.fit(column.cell(run).text, column.width)
+    assert shown.rstrip() == words
