@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -117,7 +119,7 @@ def _limits(arguments: argparse.Namespace) -> TidyLimits:
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
-    """One a run: which, how old, how much, and why it stays."""
+    """One a run: which, how old, how much, and why it stays, below it on a narrow terminal."""
     from madrob_console.ui.look.words import size_text
 
     rows = [
@@ -125,10 +127,14 @@ def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
         for one in found
     ]
     longest = max((len(row[0]) for row in rows), default=0)
-    return [
-        f"{folder:<{longest}}  {age:>6}  {amount:>7}  {f'stays: {kept}' if kept else 'goes'}"
-        for folder, age, amount, kept in rows
-    ]
+    width = get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    lines: list[str] = []
+    for folder, age, amount, kept in rows:
+        head = f"{folder:<{longest}}  {age:>6}  {amount:>7}"
+        words = f"stays: {kept}" if kept else "goes"
+        fits = len(head) + 2 + len(words) <= width
+        lines += [f"{head}  {words}"] if fits else [head, f"  {words}"]
+    return lines
 
 
 def _age(seconds: float) -> str:

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from madrob_console.referee.journal import HOLD_FILE
 from recorder.listing import put_listing
 from tests.madrob_console.recorded_runs import appealed, final
 from tests.recorder.samples import add_evidence, strings
+from tests.terminal import Terminal
 
 FRAMES = strings(["a picture", "another"])
 
@@ -166,3 +168,18 @@ def test_a_folder_that_is_not_there_is_named(
 ) -> None:
     assert tidy(tmp_path / "no", "--older-than", "7d") == 2
     assert "no such results folder; name one with --results" in capsys.readouterr().err
+
+
+@pytest.mark.machine
+def test_on_a_narrow_terminal_no_word_is_broken(root: Path, tmp_path: Path) -> None:
+    (root / "practice").mkdir()
+    *_, last = sorted(root.glob("subject_*"))
+    last.rename(root / "practice" / last.name)
+    line = ["tidy", "--results", str(root), "--keep-runs", "0", "--dry-run"]
+    where = {"XDG_CONFIG_HOME": str(tmp_path / "config")}
+    with Terminal([sys.executable, "-m", "madrob_console.cli", *line], env=where) as terminal:
+        assert terminal.wait_exit() == 0
+        told = terminal.output.decode().splitlines()
+    assert "  stays: it was protested" in told
+    assert "  stays: it is the last practice run" in told
+    assert all(len(row) <= 80 for row in told[:-1])
