@@ -198,9 +198,10 @@ def _protest_lines(one: Protest, run: Run) -> Iterator[str]:
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"
+    came = f"; {one.late_decision}" if one.late_decision else ""
     yield f"  {answer.end.upper()}"
     yield f"  {'in words:':<15}{terminal_safe(answer.reason)}"
-    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}"
+    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}{came}"
 
 
 def _time(at: float) -> str:

@@ -134,7 +134,8 @@ def _changed(run: Run, entry: Entry) -> Run:
             return _with_evidence(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
             name = details.get("ruleset")
-            return reissued(run, None if name is None else RulesetName(name))
+            rules = None if name is None else RulesetName(name)
+            return reissued(run, rules, _time(entry.time))
         case Change.RESULT_WRITTEN:
             return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:

@@ -370,6 +370,9 @@ class Run:
         removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
         closure: set by finalising.
+        signed: when the result was signed, s since the epoch: the first time since it changed, also
+            while it is open again; None = never.
+        changed: when a ruling, a correction, a void or a re-issue changed it last, likewise.
         signed_notes: how many of the notes were there when that was done; the others stand beside
             the result.
         ruleset: by which rules the result was re-issued; None = by those that were set.
@@ -403,6 +406,8 @@ class Run:
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0
     closure: Closure | None = None
+    signed: float | None = None
+    changed: float | None = None
     signed_notes: int = 0
     ruleset: RulesetName | None = None
     journal: JournalMark | None = None

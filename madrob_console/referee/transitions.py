@@ -56,14 +56,20 @@ def opened_again(run: Run) -> Run:
     return _with_next_issue(run) if run.phase is Phase.FINAL else run
 
 
-def reissued(run: Run, rules: RulesetName | None) -> Run:
+def changed(run: Run, at: float) -> Run:
+    """What the result says is another one since `at`: teams have all the time for a protest."""
+    return replace(run, changed=at, signed=None)
+
+
+def reissued(run: Run, rules: RulesetName | None, at: float) -> Run:
     """The result gets another issue after a rule change, final or not; it is open afterwards.
 
     Args:
         run: before it, and over.
         rules: by which its result is made from now on; None = by those that made it.
+        at: when that was done, s since the epoch.
     """
-    return replace(_with_next_issue(run), ruleset=rules or run.ruleset)
+    return changed(replace(_with_next_issue(run), ruleset=rules or run.ruleset), at)
 
 
 def _with_next_issue(run: Run) -> Run:

@@ -234,7 +234,9 @@ def _protest(one: Protest, run: Run) -> Markup:
     else:
         state = element("strong", answer.end.upper())
         by = said(answer.referee or "the referee")
-        decision = state, ": ", said(answer.reason), f" ({date_text(answer.time)}, ", by, ")"
+        came = f"; {one.late_decision}" if one.late_decision else ""
+        decided = f" ({date_text(answer.time)}{came}, "
+        decision = state, ": ", said(answer.reason), decided, by, ")"
     rows: list[tuple[str, Content]] = [
         ("by", said(one.team)),
         ("about", about),

@@ -11,7 +11,7 @@ from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
 from madrob_console.referee.run import Correction, DecisionKind, Phase, Run, RunSetup
 from madrob_console.referee.teams import TeamList
-from madrob_console.referee.transitions import opened_again
+from madrob_console.referee.transitions import changed, opened_again
 from scoring.protocol import BenchmarkType, Condition
 
 _NO_RUN = "no run is set up yet"
@@ -138,7 +138,7 @@ class Correct(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """Set up as it should have been."""
-        run = opened_again(situation.run)
+        run = changed(opened_again(situation.run), at)
         setup = run.setup
         if setup is None:
             raise ValueError(_NO_RUN)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from madrob_console.referee.acts.act import Act, Situation
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, Voiding
-from madrob_console.referee.transitions import opened_again
+from madrob_console.referee.transitions import changed, opened_again
 from scoring.protocol import Outcome
 
 _SURE = Sure("Void it? It can be taken back.")
@@ -58,7 +58,7 @@ class Void(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """It counts no more."""
-        run = opened_again(situation.run)
+        run = changed(opened_again(situation.run), at)
         voided = Voiding(at, self.reason, run.referee)
         return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
 
