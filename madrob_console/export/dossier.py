@@ -16,7 +16,11 @@ from madrob_console.archive.folders import (
     parse_folder_name,
 )
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
-from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
+from madrob_console.archive.run_journal import (
+    UnusableJournalError,
+    evidence_removed,
+    read_run_journal,
+)
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
@@ -129,6 +133,8 @@ def export_dossier(
         left_out = [] if parts.recording else ["the recording was left out on demand"]
         if bag.evidence_left_out and not parts.evidence:
             left_out.append("the evidence was left out on demand")
+        if gone := evidence_removed(run):
+            left_out.append(f"the evidence was {gone}")
         archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
         archive.finish(at)
         size = file.tell()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
@@ -497,6 +498,16 @@ class Run:
             return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
         interrupted = self.outcome is Outcome.INTERRUPTED
         return Ending(self.outcome, self.outcome_reason, None if interrupted else self.stop)
+
+    def evidence_removed(self, date: Callable[[float], str]) -> str:
+        """When its evidence was removed, in words; empty = it was not.
+
+        Args:
+            date: a time in words, of s since the epoch.
+        """
+        if not self.removed_evidence:
+            return ""
+        return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
 
     def remarks(self) -> list[str]:
         """What the referee's decisions and the testbed's faults say about the data, in words."""

@@ -7,7 +7,6 @@ from itertools import starmap
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
@@ -270,16 +269,18 @@ def data_quality(run: Run, result: Result) -> Markup:
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
-        _evidence(run.evidence),
+        _evidence(run),
         name="quality",
     )
 
 
-def _evidence(evidence: EvidenceAccount | None) -> Markup:
-    """What was recorded beside the testbed's topics."""
-    if evidence is None:
+def _evidence(run: Run) -> Markup:
+    """What was recorded beside the testbed's topics, and whether it is there still."""
+    if (evidence := run.evidence) is None:
         return NOTHING
-    told = element("p", f"Evidence, of which nothing is scored: {evidence.words}.")
+    words = f"Evidence, of which nothing is scored: {evidence.words}"
+    gone = run.evidence_removed(date_text)
+    told = element("p", words, ("; ", element("strong", gone)) if gone else NOTHING, ".")
     missing = evidence.remarks()
     return Markup(told + listed(missing, "")) if missing else told
 
