@@ -36,7 +36,7 @@ from madrob_console.referee.run import Run, relative_text
 PROTESTS_FILE = "PROTESTS.txt"
 """In the archive: who protested, what about, and what was decided."""
 
-TABLES_FOLDER = "tidy"
+TABLES_FOLDER = "tables"
 """In the archive: the samples as tables."""
 
 _EVIDENCE = "_evidence_"
