@@ -64,7 +64,7 @@ def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
     ]
     of = len({entry.moment for entry in entries})
     told_once: list[Content] = [
-        (said(topic), f": no picture at {count} of {of} moments, {why}.")
+        (_named(topic), f": no picture at {count} of {of} moments, {why}.")
         for (topic, why), count in often.items()
     ]
     known = [*map(said, shown.index.problems), *told_once]
@@ -81,6 +81,11 @@ def anchors(shown: RunPictures) -> Anchors:
         for entry in shown.index.pictures
         if entry.file in shown.files
     }
+
+
+def _named(topic: str) -> Markup:
+    """A camera's name: where it has to break, it does so before a slash."""
+    return Markup(said(topic).replace("/", "<wbr>/").replace("<<wbr>/", "</"))
 
 
 def _missing(shown: RunPictures) -> Counter[tuple[str, str]]:
@@ -113,7 +118,7 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
     small = None if data is None else _embedded(entry, data, share)
     if small is None:
         why = nothing_near(entry) or f"the file {entry.file} cannot be read"
-        words: Content = (said(entry.topic), f": no picture, {why}.")
+        words: Content = (_named(entry.topic), f": no picture, {why}.")
         return element("figure", element("p", words, class_="missing"))
     if beside:
         small = link(f"{PICTURES_FOLDER}/{entry.file}", small)
@@ -122,7 +127,7 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
 
 def _caption(entry: PictureEntry) -> Iterator[Content]:
     far = {"class_": "far"} if is_far(entry) else {}
-    yield element("b", difference_words(entry), **far), " ", said(entry.topic)
+    yield element("b", difference_words(entry), **far), " ", _named(entry.topic)
     yield element("small", caption_words(entry))
 
 
