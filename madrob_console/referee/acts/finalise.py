@@ -17,7 +17,7 @@ _TEAM = Pick(
     (
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
-        Option("p", "disagrees, but files no protest (P files one)", TeamWord.PROTESTED),
+        Option("p", "protested in words only; one to be decided is filed by P", TeamWord.PROTESTED),
         Option("b", "absent", TeamWord.ABSENT),
     ),
 )
