@@ -193,19 +193,9 @@ _EVENT_WORDS = {
 }
 
 
-def event_words(name: str, destination: Side | None = None) -> str:
-    """What an event says to people, by its name; one that is not known keeps its name.
-
-    Args:
-        name: of the event, from anywhere.
-        destination: the side that the robot wants to reach, if known.
-    """
-    if name not in _EVENT_WORDS:
-        return name
-    event = EventName(name)
-    if destination is not None and event is EventName.moves_to(destination):
-        return f"robot crossed to the {destination.upper()} side"
-    return event.words
+def event_words(name: str) -> str:
+    """What an event says to people, by its name; one that is not known keeps its name."""
+    return EventName(name).words if name in _EVENT_WORDS else name
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,7 @@ def moments_called(
         return (Moment(name, f"{typed:.3f} s", start + typed, typed),)
     known = [one for one in _named(events, run, start) if math.isfinite(one.time)]
     wanted = _key(text)
-    if found := [one for one in known if wanted in _called(one, run)]:
+    if found := [one for one in known if wanted in _called(one)]:
         return tuple(found)
     there = ", ".join(dict.fromkeys(terminal_safe(one.name) for one in known))
     raise MadrobError(
@@ -109,9 +109,8 @@ def _named(events: Sequence[tuple[str, float]], run: Run, start: float) -> Itera
         yield Moment("protest", "protest", at, at - start)
 
 
-def _called(moment: Moment, run: Run) -> Iterable[str]:
-    side = None if run.setup is None else run.setup.condition.destination_side
-    return map(_key, (moment.name, moment.words, event_words(moment.name, side)))
+def _called(moment: Moment) -> Iterable[str]:
+    return map(_key, (moment.name, moment.words))
 
 
 def _key(text: str) -> str:

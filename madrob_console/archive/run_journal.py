@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -102,6 +103,18 @@ def ever_protested(folder: Path) -> bool:
         or (entry.what == Finalise.name and entry.details.get("team_word") == TeamWord.PROTESTED)
         for entry in entries
     )
+
+
+def evidence_removed(folder: Path) -> str:
+    """When the evidence of a run was removed, in words; empty = it was not, or nobody knows."""
+    try:
+        return read_run_journal(folder).run.evidence_removed(_utc)
+    except (UnusableJournalError, OSError):
+        return ""
+
+
+def _utc(at: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(at))
 
 
 def _run_of(entries: tuple[Entry, ...]) -> Run:

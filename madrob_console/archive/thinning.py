@@ -11,7 +11,7 @@ from pathlib import Path
 
 from madrob_console.archive.digests import listed_in
 from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.history import History, RunSummary, time_words
 from madrob_console.archive.run_journal import (
     RunJournal,
     UnusableJournalError,
@@ -24,8 +24,9 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.held import locked_by_another
 from madrob_console.files.plain import open_plain
 from madrob_console.referee.journal import Entry, Origin, refusal_words
+from madrob_console.referee.protests import USUAL_PROTEST_TIMES
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import Phase
+from madrob_console.referee.run import Phase, Run
 from recorder.bag import is_left_of_evidence
 
 
@@ -37,11 +38,13 @@ class TidyLimits:
         keep_runs: that of so many runs, the newest ones; of official and practice runs each.
         older_than: that of runs of the last so many s.
         until_free: what is left once so many bytes of the disk are free; the oldest goes first.
+        filing: that of runs signed in the last so many s: a protest may come.
     """
 
     keep_runs: int = 0
     older_than: float = 0.0
     until_free: float | None = None
+    filing: float = USUAL_PROTEST_TIMES.filing
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,11 @@ def evidence_at(root: Path, limits: TidyLimits, now: float, free: float) -> list
         if (files := _files(folder)) is None:
             continue
         one = RunEvidence(folder, run, tuple(files), sum(files.values()))
-        kept = _always_kept(one, newest[run.folder]) or _within(limits, one, newest, now)
+        kept = (
+            _always_kept(one, newest[run.folder])
+            or _within(limits, one, newest, now)
+            or _may_be_protested(folder, limits.filing, now)
+        )
         if not kept and limits.until_free is not None and free >= limits.until_free:
             kept = "there is room enough"
         free += 0 if kept else one.size
@@ -104,7 +111,9 @@ def run_going_on(root: Path) -> str | None:
     return next((name for name in open_ones if is_held(root / name / JOURNAL_FILE)), None)
 
 
-def remove_evidence(of: RunEvidence, now: float) -> None:
+def remove_evidence(
+    of: RunEvidence, now: float, filing: float = USUAL_PROTEST_TIMES.filing
+) -> None:
     """Remove the evidence of a run for good; its journal says so first.
 
     The bag lists it no more before it goes: a kill at any moment leaves a bag that every reader
@@ -113,6 +122,7 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
     Args:
         of: a run whose evidence may go.
         now: s since the epoch.
+        filing: as in `TidyLimits`.
 
     Raises:
         MadrobError: somebody works on the run or did so since, or the disk refuses.
@@ -121,7 +131,8 @@ def remove_evidence(of: RunEvidence, now: float) -> None:
     try:
         with journal_held(folder) as journal, _opened(folder) as folder_fd:
             known = read_run_journal(folder)
-            if (why := _why_not_now(of, known)) is not None:
+            why = _why_not_now(of, known) or _protest_words(known.run, filing, now)
+            if why:
                 raise MadrobError(f"{folder}: {why}: nothing of it was removed")
             files = _files(folder) or {}
             _list_without(folder, folder_fd, files, check_only=True)
@@ -205,6 +216,20 @@ def _within(limits: TidyLimits, one: RunEvidence, newest: dict[str, int], now: f
     return ""
 
 
+def _may_be_protested(folder: Path, filing: float, now: float) -> str:
+    """Why the evidence of a signed run stays for the time of protests; empty = that is over."""
+    try:
+        return _protest_words(read_run_journal(folder).run, filing, now)
+    except (UnusableJournalError, OSError) as error:
+        return str(error)
+
+
+def _protest_words(run: Run, filing: float, now: float) -> str:
+    if run.signed is None or now > (until := run.signed + filing):
+        return ""
+    return f"a protest is possible until {time_words(until)}"
+
+
 def _is_recorded(one: RunEvidence) -> bool:
     """Whether somebody writes, or repairs, the evidence of a run."""
     for name in one.files:
@@ -220,11 +245,11 @@ def _is_recorded(one: RunEvidence) -> bool:
     return False
 
 
-def _why_not_now(of: RunEvidence, known: RunJournal) -> str | None:
-    """Why the evidence has to stay by what its journal says now, held; None = it has not."""
+def _why_not_now(of: RunEvidence, known: RunJournal) -> str:
+    """Why the evidence has to stay by what its journal says now, held; empty = it has not."""
     if known.run.phase is not Phase.FINAL and not of.run.practice:
         return "its result is not final any more"
-    return "it was protested" if ever_protested(of.folder) else None
+    return "it was protested" if ever_protested(of.folder) else ""
 
 
 def _is_told(known: RunJournal, files: Iterable[str]) -> bool:

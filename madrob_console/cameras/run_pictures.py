@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 INDEX_FORMAT: Final = 1
 """Version of the layout of the index."""
+
+FAR = 0.1
+"""A frame farther from its moment may show something else, s: three periods at 30 Hz."""
 
 MOST_PICTURES = 200
 """Of a run; what happens later has none."""
@@ -338,10 +342,40 @@ def caption_words(entry: PictureEntry) -> str:
     return "; ".join(filter(None, (entry.scale, entry.clock)))
 
 
+def is_far(entry: PictureEntry) -> bool:
+    """Whether a frame is so far from its moment that it may show something else."""
+    return abs(entry.difference or 0.0) > FAR
+
+
 def difference_words(entry: PictureEntry) -> str:
-    """How far a frame is from its moment: `-12 ms`, where it is earlier."""
-    ms = round(1000 * (entry.difference or 0.0))
+    """How far a frame is from its moment: `-12 ms` where it is earlier; `389 ms LATER` if far."""
+    ms = _ms(entry)
+    if is_far(entry):
+        return f"{abs(ms)} ms {'LATER' if ms > 0 else 'EARLIER'}"
     return f"{ms:+d} ms" if ms else "0 ms"
+
+
+def named_by_distance(made: RunPictures) -> RunPictures:
+    """The same with names of files that say how far each frame is from its moment.
+
+    For files that no index lies beside.
+    """
+    names: dict[str, str] = {}
+    for entry in made.index.pictures:
+        if entry.file in made.files:
+            ms, (stem, ending) = _ms(entry), os.path.splitext(entry.file)  # noqa: PTH122
+            side = "" if not ms else "_later" if ms > 0 else "_earlier"
+            names[entry.file] = f"{stem}_{abs(ms)}_ms{side}{ending}"
+    listed = tuple(
+        msgspec.structs.replace(entry, file=names.get(entry.file, entry.file))
+        for entry in made.index.pictures
+    )
+    index = msgspec.structs.replace(made.index, pictures=listed)
+    return RunPictures(index, {names[name]: data for name, data in made.files.items()})
+
+
+def _ms(entry: PictureEntry) -> int:
+    return round(1000 * (entry.difference or 0.0))
 
 
 def _described(camera: Camera, at: float) -> CameraEntry:

@@ -120,7 +120,7 @@ def show(
         from madrob_console.engine.shown.requests import Role
         from madrob_console.ui.terminal import check_terminal, run_console
 
-    check_terminal(os.environ, (sys.__stdin__, sys.__stdout__, sys.__stderr__))
+    check_terminal(os.environ, (sys.__stdin__, sys.__stdout__))
     engines = engines_meant(arguments)
     if len(engines) > 1:
         return ask_which(engines, "console" if role is Role.REFEREE else "watch")

@@ -100,6 +100,7 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     from madrob_console.cameras.nearest_frames import has_evidence
     from madrob_console.cameras.run_pictures import (
         moments_in,
+        named_by_distance,
         pictures_of,
         renewed_pictures,
     )
@@ -122,6 +123,8 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
         moments, mappings = moments_in(scored), scored.record.mappings
     made = pictures_of(run, moments, mappings, arguments.camera, arguments.width or SIDE)
     _with_cameras(made, run, arguments.camera)
+    if arguments.at:
+        made = named_by_distance(made)
     folder, begin = output or Path(), f"{run.absolute().name}_"
     if made.files:
         try:

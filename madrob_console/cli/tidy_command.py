@@ -34,10 +34,10 @@ def add(commands: options.Commands) -> None:
         main,
         "make room: remove the evidence (cameras, other topics) of old runs",
         "Recordings of what is scored, results, reports and pictures stay. So does the evidence of "
-        "a run that was ever protested, goes on or is open in a console, of an official one that "
-        "is not final, of the last run and of the last practice run. It says what goes and what "
-        "stays and why, and asks. "
-        "Each run's journal and report say what was removed.",
+        "a run that was ever protested or still can be in time, goes on or is open in a console, "
+        "of an official one that is not final, of the last run and of the last practice run. It "
+        "says what goes and what stays and why, and asks. Each run's journal and report say what "
+        "was removed.",
         examples=(
             "madrob tidy --older-than 7d --dry-run",
             "madrob tidy --keep-runs 20 --until-free 50GB    # only as much as it takes",
@@ -79,8 +79,9 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.files.whole import free_space
         from madrob_console.ui.look.words import size_text
 
-    limits = _limits(arguments)
-    root = options.results_folder(arguments, load_settings(arguments.settings))
+    settings = load_settings(arguments.settings)
+    limits = _limits(arguments, settings.protests.filing)
+    root = options.results_folder(arguments, settings)
     if not root.is_dir():
         raise MadrobError(f"{root}: no such results folder; name one with --results")
     free = free_space(root)
@@ -106,16 +107,16 @@ def main(arguments: argparse.Namespace) -> int:
         if not says_yes(f"Remove the evidence of {runs} for good? [y/N] "):
             print("nothing was removed")
             return NOT_REMOVED
-    return _remove(going, root)
+    return _remove(going, root, limits.filing)
 
 
-def _limits(arguments: argparse.Namespace) -> TidyLimits:
+def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
     from madrob_console.archive.thinning import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
-    return TidyLimits(keep or 0, age or 0.0, free)
+    return TidyLimits(keep or 0, age or 0.0, free, filing)
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
@@ -141,7 +142,7 @@ def _age(seconds: float) -> str:
     return f"{seconds / 86400:.0f} d" if seconds >= 2 * 86400 else f"{seconds / 3600:.1f} h"
 
 
-def _remove(going: Sequence[RunEvidence], root: Path) -> int:
+def _remove(going: Sequence[RunEvidence], root: Path, filing: float) -> int:
     from madrob_console.archive.thinning import remove_evidence
     from madrob_console.files.whole import free_space
     from madrob_console.ui.look.words import size_text
@@ -152,7 +153,7 @@ def _remove(going: Sequence[RunEvidence], root: Path) -> int:
             for number, one in enumerate(going):
                 tell(number, len(going))
                 try:
-                    remove_evidence(one, time.time())
+                    remove_evidence(one, time.time(), filing)
                 except MadrobError as error:
                     bad.add(error, one.folder)
                 else:

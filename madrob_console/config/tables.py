@@ -142,7 +142,7 @@ class ProtestSettings(SettingsTable, frozen=True):
     """[protests]: a competition's deadlines; past one it is told, and nothing happens by itself."""
 
     filing: Annotated[
-        float, within(0, 1e6, "s after a result is final; later ones need a reason")
+        float, within(0, 1e6, "s after a result is signed; later ones need a reason")
     ] = _P.filing
     decision: Annotated[float, within(0, 1e6, "s after it was filed it is due")] = _P.decision
 

@@ -16,7 +16,11 @@ from madrob_console.archive.folders import (
     parse_folder_name,
 )
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
-from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
+from madrob_console.archive.run_journal import (
+    UnusableJournalError,
+    evidence_removed,
+    read_run_journal,
+)
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
@@ -32,7 +36,7 @@ from madrob_console.referee.run import Run, relative_text
 PROTESTS_FILE = "PROTESTS.txt"
 """In the archive: who protested, what about, and what was decided."""
 
-TABLES_FOLDER = "tidy"
+TABLES_FOLDER = "tables"
 """In the archive: the samples as tables."""
 
 _EVIDENCE = "_evidence_"
@@ -129,6 +133,8 @@ def export_dossier(
         left_out = [] if parts.recording else ["the recording was left out on demand"]
         if bag.evidence_left_out and not parts.evidence:
             left_out.append("the evidence was left out on demand")
+        if gone := evidence_removed(run):
+            left_out.append(f"the evidence was {gone}")
         archive.add(README_FILE, _readme(run, archive, left_out).encode(), at)
         archive.finish(at)
         size = file.tell()
@@ -198,9 +204,10 @@ def _protest_lines(one: Protest, run: Run) -> Iterator[str]:
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"
+    came = f"; {one.late_decision}" if one.late_decision else ""
     yield f"  {answer.end.upper()}"
     yield f"  {'in words:':<15}{terminal_safe(answer.reason)}"
-    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}"
+    yield f"  {decided + ':':<15}{_time(answer.time)}, {terminal_safe(by)}{came}"
 
 
 def _time(at: float) -> str:

@@ -21,6 +21,7 @@ from madrob_console.archive.history import VOID, RunSummary
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
+from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
@@ -119,7 +120,9 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         layout = foxglove_layout(mappings, thresholds, zeros[-1] if zeros else None)
         text = msgspec.json.format(msgspec.json.encode(layout).decode(), indent=2)
         archive.add(LAYOUT_FILE, f"{text}\n".encode(), now)
-        problems = [terminal_safe(problem) for problem in archive.problems]
+        gone = ((run, evidence_removed(run)) for run in runs)
+        removed = [f"{run.name}: its evidence was {words}" for run, words in gone if words]
+        problems = [terminal_safe(words) for words in (*archive.problems, *removed)]
         renamed = [terminal_safe(words) for words in archive.renamed]
         kind = "PRACTICE runs" if practice else "runs"
         title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())

@@ -34,7 +34,7 @@ from scoring.protocol import Outcome
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Indicator
 
-LONGEST_WORDS = 120
+LONGEST_WORDS = 300
 """Of a flag, characters."""
 
 NO_INDICATORS: Mapping[IndicatorName, Indicator] = MappingProxyType({})

@@ -21,7 +21,8 @@ class ProtestTimes:
     """A competition's deadlines.
 
     Attributes:
-        filing: until so long after a result is final a protest is in time, s.
+        filing: until so long after a result is signed a protest is in time, s. It runs on while
+            another protest is open, and begins anew once the result was changed.
         decision: so long after it was filed it is to be decided, s.
     """
 
@@ -84,6 +85,14 @@ class Protest:
         return self.answer is None
 
     @property
+    def late_decision(self) -> str:
+        """That it was decided after its deadline, as `late_words`; empty where it was not."""
+        answer = self.answer
+        if answer is None or answer.end is ProtestEnd.WITHDRAWN:
+            return ""
+        return late_words(self.due, answer.time)
+
+    @property
     def title(self) -> str:
         """Its number and what it is about."""
         return f"protest {self.number} ({self.about})"
@@ -95,18 +104,27 @@ def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
 
 
 def due_words(due: float, now: float) -> str:
-    """How long there is to decide a protest: `12 min left`, `OVERDUE by 1 h 05 min`.
+    """How long there is to decide a protest: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`.
 
     Args:
         due: when it is to be decided, s since the epoch.
         now: s since the epoch.
     """
     left = due - now
+    if abs(left) < 1.0:
+        return "due now"
     return f"{_long(left)} left" if left >= 0 else f"OVERDUE by {_long(-left)}"
 
 
+def late_words(due: float, decided: float) -> str:
+    """That a decision came late: `LATE, 12 min after it was due`; empty where it was in time."""
+    return f"LATE, {_long(decided - due)} after it was due" if decided > due else ""
+
+
 def _long(duration: float) -> str:
-    """A duration in whole minutes, begun ones not counted; in days where there are some."""
+    """A duration in whole minutes, begun ones not counted; in s below one, in days above two."""
+    if duration < 60:
+        return f"{duration:.0f} s"
     minutes = int(duration // 60)
     if minutes < 60:
         return f"{minutes} min"

@@ -18,6 +18,7 @@ from madrob_console.referee.run import FalseStart, Phase, RemovedEvidence, Run, 
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,
+    changed,
     decide_false_starts,
     reissued,
     stop,
@@ -139,7 +140,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             name = details.get("ruleset")
             rules = None if name is None else RulesetName(name)
             at = _time(entry.time)
-            return reissued(run, at, entry.what, entry.reason, entry.referee, rules)
+            return changed(reissued(run, at, entry.what, entry.reason, entry.referee, rules), at)
         case Change.RESULT_WRITTEN:
             return replace(run, issue=max(run.issue, int(details["issue"])))
         case _:

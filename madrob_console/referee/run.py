@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
@@ -392,6 +393,9 @@ class Run:
         issue: number of the result's latest issue; 0 before the first.
         reissues: why there is more than one, oldest first.
         closure: set by finalising.
+        signed: when the result was signed, s since the epoch: the first time since it changed, also
+            while it is open again; None = never.
+        changed: when a ruling, a correction, a void or a re-issue changed it last, likewise.
         signed_notes: how many of the notes were there when that was done; the others stand beside
             the result.
         signed_evidence: the `evidence` as it was told then; the files may say more since.
@@ -427,6 +431,8 @@ class Run:
     issue: int = 0
     reissues: tuple[Reissuing, ...] = ()
     closure: Closure | None = None
+    signed: float | None = None
+    changed: float | None = None
     signed_notes: int = 0
     signed_evidence: EvidenceAccount | None = None
     ruleset: RulesetName | None = None
@@ -517,6 +523,16 @@ class Run:
             return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
         interrupted = self.outcome is Outcome.INTERRUPTED
         return Ending(self.outcome, self.outcome_reason, None if interrupted else self.stop)
+
+    def evidence_removed(self, date: Callable[[float], str]) -> str:
+        """When its evidence was removed, in words; empty = it was not.
+
+        Args:
+            date: a time in words, of s since the epoch.
+        """
+        if not self.removed_evidence:
+            return ""
+        return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
 
     def remarks(self) -> list[str]:
         """What the referee's decisions and the testbed's faults say about the data, in words."""

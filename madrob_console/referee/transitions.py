@@ -51,6 +51,11 @@ def stop(run: Run, outcome: Outcome, at: float, reason: str) -> Run:
     )
 
 
+def changed(run: Run, at: float) -> Run:
+    """What the result says is another one since `at`: teams have all the time for a protest."""
+    return replace(run, changed=at, signed=None)
+
+
 def reissued(
     run: Run, at: float, what: str, reason: str, referee: str, rules: RulesetName | None = None
 ) -> Run:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import groupby
 
@@ -12,6 +13,7 @@ from madrob_console.cameras.run_pictures import (
     RunPictures,
     caption_words,
     difference_words,
+    is_far,
     nothing_near,
 )
 from madrob_console.report.markup import (
@@ -33,9 +35,10 @@ _SIDES = ((20_000, 480), (9_000, 320), (0, 240))  # from so many bytes for each:
 
 _TOLD = (
     "The frame of each camera that is nearest to what happened, and how far it is from it: -12 ms "
-    "is earlier. Nothing is scored from pictures. Cameras have clocks of their own; how far one is "
-    "ahead of the testbed's (+) is estimated from stamps and reception, and put right. A delay "
-    "that is always there, as between lens and stamp, looks like a clock that is off."
+    "is earlier; one that is far off says LATER or EARLIER. Nothing is scored from pictures. "
+    "Cameras have clocks of their own; how far one is ahead of the testbed's (+) is estimated from "
+    "stamps and reception, and put right. A delay that is always there, as between lens and stamp, "
+    "looks like a clock that is off."
 )
 
 Anchors = Mapping[tuple[float, str], str]
@@ -53,11 +56,19 @@ def pictures(shown: RunPictures, *, beside: bool = True) -> Markup:
         return NOTHING
     entries = shown.index.pictures
     share = MOST_EMBEDDED * 3 // 4 // max(1, len(shown.files))
+    often = {key: count for key, count in _missing(shown).items() if count > 1}
+    left = (entry for entry in entries if _key(entry, shown) not in often)
     moments = [
         _moment(list(group), shown, share, beside=beside)
-        for _, group in groupby(entries, key=lambda entry: entry.moment)
+        for _, group in groupby(left, key=lambda entry: entry.moment)
     ]
-    problems = listed(map(said, shown.index.problems), "") if shown.index.problems else NOTHING
+    of = len({entry.moment for entry in entries})
+    told_once: list[Content] = [
+        (_named(topic), f": no picture at {count} of {of} moments, {why}.")
+        for (topic, why), count in often.items()
+    ]
+    known = [*map(said, shown.index.problems), *told_once]
+    problems = listed(known, "") if known else NOTHING
     kept = element("span", f" Larger ones are in the folder {PICTURES_FOLDER}.", class_="beside")
     told = element("p", element("small", _TOLD, kept if beside and shown.files else NOTHING))
     return section("What the cameras saw", told, problems, moments, name="pictures")
@@ -70,6 +81,23 @@ def anchors(shown: RunPictures) -> Anchors:
         for entry in shown.index.pictures
         if entry.file in shown.files
     }
+
+
+def _named(topic: str) -> Markup:
+    """A camera's name: where it has to break, it does so before a slash."""
+    return Markup(said(topic).replace("/", "<wbr>/").replace("<<wbr>/", "</"))
+
+
+def _missing(shown: RunPictures) -> Counter[tuple[str, str]]:
+    """How often each camera has no picture, by its topic and why."""
+    return Counter(
+        _key(entry, shown) for entry in shown.index.pictures if entry.file not in shown.files
+    )
+
+
+def _key(entry: PictureEntry, shown: RunPictures) -> tuple[str, str]:
+    """Of which camera, and why it has no picture; empty where it has one."""
+    return entry.topic, "" if entry.file in shown.files else nothing_near(entry)
 
 
 def _moment(entries: list[PictureEntry], shown: RunPictures, share: int, *, beside: bool) -> Markup:
@@ -90,7 +118,7 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
     small = None if data is None else _embedded(entry, data, share)
     if small is None:
         why = nothing_near(entry) or f"the file {entry.file} cannot be read"
-        words: Content = (said(entry.topic), f": no picture, {why}.")
+        words: Content = (_named(entry.topic), f": no picture, {why}.")
         return element("figure", element("p", words, class_="missing"))
     if beside:
         small = link(f"{PICTURES_FOLDER}/{entry.file}", small)
@@ -98,7 +126,8 @@ def _figure(entry: PictureEntry, shown: RunPictures, share: int, *, beside: bool
 
 
 def _caption(entry: PictureEntry) -> Iterator[Content]:
-    yield element("b", difference_words(entry)), " ", said(entry.topic)
+    far = {"class_": "far"} if is_far(entry) else {}
+    yield element("b", difference_words(entry), **far), " ", _named(entry.topic)
     yield element("small", caption_words(entry))
 
 

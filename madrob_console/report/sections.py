@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.run import (
     AcceptedDoubts,
@@ -178,7 +177,9 @@ def _protest(one: Protest, run: Run) -> Markup:
     else:
         state = element("strong", answer.end.upper())
         by = said(answer.referee or "the referee")
-        decision = state, ": ", said(answer.reason), f" ({date_text(answer.time)}, ", by, ")"
+        came = f"; {one.late_decision}" if one.late_decision else ""
+        decided = f" ({date_text(answer.time)}{came}, "
+        decision = state, ": ", said(answer.reason), decided, by, ")"
     rows: list[tuple[str, Content]] = [
         ("by", said(one.team)),
         ("about", about),
@@ -212,16 +213,18 @@ def data_quality(run: Run, result: Result) -> Markup:
         "Data quality",
         listed(remarks, "Nothing to remark."),
         table(_QUALITY, rows, class_="quality") if quality.signals else NOTHING,
-        _evidence(run.evidence),
+        _evidence(run),
         name="quality",
     )
 
 
-def _evidence(evidence: EvidenceAccount | None) -> Markup:
-    """What was recorded beside the testbed's topics."""
-    if evidence is None:
+def _evidence(run: Run) -> Markup:
+    """What was recorded beside the testbed's topics, and whether it is there still."""
+    if (evidence := run.evidence) is None:
         return NOTHING
-    told = element("p", f"Evidence, of which nothing is scored: {evidence.words}.")
+    words = f"Evidence, of which nothing is scored: {evidence.words}"
+    gone = run.evidence_removed(date_text)
+    told = element("p", words, ("; ", element("strong", gone)) if gone else NOTHING, ".")
     missing = evidence.remarks()
     return Markup(told + listed(missing, "")) if missing else told
 

@@ -433,11 +433,13 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _act(self, act: Act, name: str) -> None:
         durable = not act.at_once
         if not await self._awaited.done(Perform.of(act), done_text(act), durable=durable):
+            self._console.drafts.refused(name)
             if isinstance(act, Start):  # its number may be used now
                 self._console.panes.setup.propose_again(only_later=True)
             elif isinstance(act, Abort):
                 self.run_worker(self._void_instead(act.reason), group="keys")  # it is answered
             return
+        self._console.drafts.done(name)
         if act.signature:
             self._console.panes.setup.remember_referee(act.signature)
         if name in ("next", "again"):
@@ -494,6 +496,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Nothing happens."""
         if event.dialog in self._console.dialogs:
             await self._console.close(event.dialog)
+            self._console.drafts.left()
             self._ahead.closed()
             self._console.say("Closed: nothing was done.")
 

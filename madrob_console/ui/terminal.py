@@ -87,7 +87,7 @@ def check_terminal(environ: Mapping[str, str], streams: Iterable[TextIO | None] 
 
     Args:
         environ: of the process.
-        streams: input, output and error output.
+        streams: input and output.
 
     Raises:
         MadrobError: TERM is `dumb` or not set, or one of the streams is a file or a pipe.

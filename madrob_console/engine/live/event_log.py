@@ -6,10 +6,10 @@ from collections import deque
 
 from madrob_console.engine.shown.snapshot import LogLine, Weight
 from madrob_console.names import terminal_safe
-from madrob_console.referee.acts import Act, SetUp
+from madrob_console.referee.acts import Act
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, act_of
-from scoring.protocol import Side, event_words
+from scoring.protocol import event_words
 
 KEPT_LINES = 200
 
@@ -20,7 +20,6 @@ class EventLog:
     def __init__(self) -> None:
         self._lines: deque[LogLine] = deque(maxlen=KEPT_LINES)
         self._number = 0
-        self._destination: Side | None = None
 
     @property
     def lines(self) -> tuple[LogLine, ...]:
@@ -36,19 +35,17 @@ class EventLog:
         time = float(entry.details.get("time", entry.time))
         relative = None if start is None else time - start
         act = act_of(entry)
-        if isinstance(act, SetUp):
-            self._destination = act.setup.condition.destination_side
-        words, weight = _said(entry, self._destination) if act is None else _done(act)
+        words, weight = _said(entry) if act is None else _done(act)
         text = terminal_safe(f"{words}: {entry.reason}" if entry.reason else words)
         self._lines.append(LogLine(self._number, time, relative, entry.origin, text, weight))
         self._number += 1
 
 
-def _said(entry: Entry, destination: Side | None) -> tuple[str, Weight]:
+def _said(entry: Entry) -> tuple[str, Weight]:
     """What a line says without its reason, and how much it wants to be seen."""
     match entry.what:
         case Change.EVENT:
-            return event_words(str(entry.details["event"]), destination), Weight.PLAIN
+            return event_words(str(entry.details["event"])), Weight.PLAIN
         case Change.FALSE_START:
             return f"FALSE START: {event_words(str(entry.details['event']))}", Weight.ALARM
         case Change.WITHDRAWN:

@@ -11,6 +11,7 @@ from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
 from madrob_console.referee.run import Correction, DecisionKind, Phase, Run, RunSetup
 from madrob_console.referee.teams import TeamList
+from madrob_console.referee.transitions import changed
 from scoring.protocol import BenchmarkType, Condition
 
 _NO_RUN = "no run is set up yet"
@@ -137,7 +138,7 @@ class Correct(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """Set up as it should have been."""
-        run = self.opened_again(situation.run, at)
+        run = changed(self.opened_again(situation.run, at), at)
         setup = run.setup
         if setup is None:
             raise ValueError(_NO_RUN)

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.acts.withdraw_protest import closed, closing_problem, on_which
-from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd, open_protests
+from madrob_console.referee.protests import (
+    Protest,
+    ProtestAnswer,
+    ProtestEnd,
+    late_words,
+    open_protests,
+)
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write
 from madrob_console.referee.run import DecisionKind, Phase, Run
 
@@ -34,6 +41,7 @@ class DecideProtest(Act):
         end: how it is decided.
         reason: in words, for the team.
         referee: who decides.
+        late: that it is after its deadline, in words; empty = in time. Given out by the engine.
     """
 
     name = "decide protest"
@@ -45,6 +53,7 @@ class DecideProtest(Act):
     end: ProtestEnd
     reason: str
     referee: str
+    late: str = ""
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
@@ -77,6 +86,12 @@ class DecideProtest(Act):
 
         return on_which(view, "Decide a protest", decision)
 
+    def settled(self, situation: Situation) -> Act:
+        """With a word where it comes late."""
+        known = (one for one in situation.run.protests if one.number == self.number)
+        due = next((one.due for one in known), math.inf)
+        return replace(self, late=late_words(due, situation.time))
+
     def apply(self, situation: Situation, at: float) -> Run:
         """It is closed."""
         answer = ProtestAnswer(at, self.end, self.reason, self.referee)
@@ -91,9 +106,9 @@ class DecideProtest(Act):
     @property
     def done(self) -> str:
         """How."""
-        return f"protest {self.number} {self.end}"
+        return self.logged
 
     @property
     def logged(self) -> str:
-        """How."""
-        return f"protest {self.number} {self.end}"
+        """How, and whether late."""
+        return f"protest {self.number} {self.end}{f' ({self.late})' if self.late else ''}"

@@ -15,8 +15,8 @@ from scoring.indicator_table import IndicatorName
 MOST_PROTESTS = 20
 """Against one run."""
 
-_LATEST = 86_400.0
-"""Nothing that happens later than this has to do with the run, s from its start."""
+_MARGIN = 60.0
+"""What is in question happened no longer than this before or after the recording, s."""
 
 _LONGEST = 2000
 """Of what a team says, characters."""
@@ -69,8 +69,8 @@ class FileProtest(Act):
             return f"a protest has at most {_LONGEST} characters: write the rest beside it"
         if not self.team.strip():
             return "a protest needs the name of the team"
-        if self.after_start is not None and not abs(self.after_start) <= _LATEST:
-            return "the time in question must lie within a day of the run's start"
+        if self.after_start is not None and (outside := _outside(self.after_start, run)):
+            return outside
         if run.phase is Phase.FINAL and not situation.scored:
             return "the result is being written"
         late = _lateness(run, situation.time, situation.protest_times)
@@ -132,8 +132,7 @@ class FileProtest(Act):
                 [one for one in IndicatorName if one in view.indicators] or list(IndicatorName)
             )
         )
-        none = Option("0", "nothing: close this", None)
-        question = Pick("Which indicator?", (none, *options))
+        question = Pick("Which indicator?", options)
         return Ask(cls.title, (question,), lambda words: cls._ask_words(view, words, None))
 
     @classmethod
@@ -141,6 +140,8 @@ class FileProtest(Act):
         at = seconds_of(typed)
         if at is None:
             return f"{typed!r} is no time: 12.5, -3 or 1:05 is one"
+        if outside := _outside(at, view.run):
+            return outside
         return cls._ask_words(view, f"{relative_text(at, 0.0)} s", at)
 
     @classmethod
@@ -203,10 +204,23 @@ class FileProtest(Act):
 
 
 def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
-    """Why a protest comes too late now, in words; empty = it does not."""
-    if run.phase is not Phase.FINAL or run.closure is None:
+    """Why a protest comes too late now, in words; empty = it does not.
+
+    A deadline runs on while the result is open again, for another protest for instance.
+    """
+    if run.signed is None or (passed := now - run.signed) <= times.filing:
         return ""
-    passed = now - run.closure.time
-    if passed <= times.filing:
+    return f"signed {passed / 60:.0f} min ago, protests within {times.filing / 60:.0f} min"
+
+
+def _outside(after_start: float, run: Run) -> str:
+    """Why a time has nothing to do with the run, in words; empty = it may have."""
+    start, began = run.start, run.countdown_began
+    first = 0.0 if start is None or began is None else began - start
+    last = 0.0 if start is None or run.stop is None else run.stop - start
+    if first - _MARGIN <= after_start <= last + _MARGIN:
         return ""
-    return f"final for {passed / 60:.0f} min, protests within {times.filing / 60:.0f} min"
+    return (
+        f"the recording goes from {first:.0f} s to {last:.0f} s: {after_start:g} s is more than "
+        f"{_MARGIN:.0f} s outside it"
+    )

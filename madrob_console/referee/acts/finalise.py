@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.flags import FlagKind, undecided
+from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write
 from madrob_console.referee.run import Closure, Phase, Run, TeamWord
 
@@ -15,9 +17,7 @@ _TEAM = Pick(
     (
         Option("n", "nothing yet: do not finalise", None),
         Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
-        Option(
-            "p", "protested, and it is signed all the same (P keeps it open)", TeamWord.PROTESTED
-        ),
+        Option("p", "protested in words only; one to be decided is filed by P", TeamWord.PROTESTED),
         Option("b", "absent", TeamWord.ABSENT),
     ),
 )
@@ -98,10 +98,12 @@ class Finalise(Act):
     def apply(self, situation: Situation, at: float) -> Run:
         """The result is final."""
         run, closure = situation.run, Closure(at, self.referee, self.team_word, self.note)
+        signed = at if run.signed is None else run.signed
         return replace(
             run,
             phase=Phase.FINAL,
             closure=closure,
+            signed=signed,
             signed_notes=len(run.notes),
             signed_evidence=run.evidence,
         )
@@ -119,13 +121,26 @@ class Finalise(Act):
 
 def _checklist(view: RunView) -> tuple[str, ...]:
     """What is to be seen before a result is final, what is undecided first; empty = nothing."""
-    if not (found := view.flags):
+    found, unchanged = view.flags, _without_effect(view.run)
+    if not (found or unchanged):
         return ()
     steps = ", ".join(f"{record.step:d}" for record in view.steps if record.done)
     rows = [f"Before it is final: {view.run.outcome}, steps that count: {steps or 'none'}"]
     for flag in undecided(found):
         how = DECIDED_BY.get(flag.kind)
         rows.append(f"! {flag.words}" + (f": {how}" if how else ""))
+    rows += [f"! {one.title} was upheld: nothing was changed since" for one in unchanged]
     if others := [flag.words for flag in found if not flag.undecided]:
         rows.append(f"- {'; '.join(others)}")
     return tuple(rows)
+
+
+def _without_effect(run: Run) -> list[Protest]:
+    """Protests that were upheld, and nothing about the result is another since they were filed."""
+    changed = -math.inf if run.changed is None else run.changed
+    upheld = (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
+    return [
+        one
+        for one in run.protests
+        if one.answer is not None and one.answer.end in upheld and changed < one.time
+    ]

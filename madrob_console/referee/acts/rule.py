@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, relative_text
+from madrob_console.referee.transitions import changed
 from scoring.procedure import Ruling
 from scoring.protocol import Step
 
@@ -60,9 +61,8 @@ class Rule(Act):
         """One more ruling."""
         run = situation.run
         ruling = Ruling(self.step, self.confirmed, at, self.reason, run.referee)
-        return replace(
-            run, decided=run.decided_and(DecisionKind.RULING), rulings=(*run.rulings, ruling)
-        )
+        decided = run.decided_and(DecisionKind.RULING)
+        return changed(replace(run, decided=decided, rulings=(*run.rulings, ruling)), at)
 
     @property
     def done(self) -> str:

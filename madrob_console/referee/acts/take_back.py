@@ -11,10 +11,12 @@ from madrob_console.referee.doubt_answers import doubted_words
 from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
+from madrob_console.referee.transitions import changed
 
 _NOTHING = "there is nothing to take back"
 _FINAL = "the result is final: re-issue it first"
 _OF_A_FINAL_RESULT = (DecisionKind.VOID, DecisionKind.CORRECTION, DecisionKind.PROTEST)
+_CHANGES = (DecisionKind.RULING, DecisionKind.VOID, DecisionKind.CORRECTION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,8 @@ class TakeBack(Act):
             raise ValueError(f"no {self.kind} of that time stands")
         record = TakenBack(at, found.kind, found.time, found.words, self.reason, before.referee)
         run = _without(before, self.kind)
+        if self.kind in _CHANGES:
+            run = changed(run, at)
         return replace(run, taken_back=(*run.taken_back, record))
 
     def _found(self, run: Run) -> Decision | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from madrob_console.referee.acts.act import Act, Situation
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
 from madrob_console.referee.run import DecisionKind, Phase, Run, Voiding
+from madrob_console.referee.transitions import changed
 from scoring.protocol import Outcome
 
 _SURE = Sure("Void it? It can be taken back.")
@@ -57,7 +58,7 @@ class Void(Act):
 
     def apply(self, situation: Situation, at: float) -> Run:
         """It counts no more."""
-        run = self.opened_again(situation.run, at)
+        run = changed(self.opened_again(situation.run, at), at)
         voided = Voiding(at, self.reason, run.referee)
         return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
 

@@ -85,8 +85,7 @@ def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> 
         Option(chr(ord("a") + at), f"{one.title} of {one.team}", number)
         for at, (number, one) in enumerate(list(waiting.items())[:9])
     )
-    none = Option("0", "nothing: close this", None)
-    question = Pick("Which one?", (none, *options))
+    question = Pick("Which one?", options)
     return Ask(title, (question,), lambda number: then(waiting[number]))
 
 

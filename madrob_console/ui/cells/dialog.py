@@ -12,6 +12,7 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
+from madrob_console.ui.cells.drafts import DraftKey, Drafts
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, paragraph, width_of
 from madrob_console.ui.keys.asks import Intent
@@ -122,6 +123,7 @@ class Dialog(Vertical):
         about: which run they are about.
         fresh: what is asked as things stand; None = nothing can change it.
         ahead: which keys were typed for something else.
+        drafts: texts of acts that were refused.
     """
 
     class Answered(Message):
@@ -154,8 +156,11 @@ class Dialog(Vertical):
         about: str = "",
         fresh: FreshAsk | None = None,
         ahead: TypeAhead | None = None,
+        drafts: Drafts | None = None,
     ) -> None:
         super().__init__(name=name)
+        self._about = about
+        self._drafts = drafts or Drafts()
         self.ask = ask
         self._fresh = fresh
         self._ahead = ahead or TypeAhead()
@@ -353,6 +358,8 @@ class Dialog(Vertical):
         answered = self._open.pop(0)
         if answer is not None:
             self._answers.append(answer)
+            if isinstance(answered, Write):
+                self._drafts.typed(self._asked(answered), answer)
         if not self._open:
             self.post_message(self.Answered(self, tuple(self._answers)))
             return
@@ -365,9 +372,15 @@ class Dialog(Vertical):
         prompt.question, prompt.answers = question, tuple(self._answers)
         prompt.cursor, prompt.complaint, prompt.notice = 0, "", ""
         self._field.display = isinstance(question, Write)
-        self._field.value = question.initial if isinstance(question, Write) else ""
+        self._field.value = self._initial(question) if isinstance(question, Write) else ""
         prompt.redraw()
         self.take_focus()
+
+    def _initial(self, question: Write) -> str:
+        return self._drafts.kept(self._asked(question)) or question.initial
+
+    def _asked(self, question: Write) -> DraftKey:
+        return DraftKey(self.name or "", f"{self._about} {self.ask.title}", question.text)
 
 
 def _kind(question: Question) -> object:

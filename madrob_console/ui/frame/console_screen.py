@@ -26,6 +26,7 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.drafts import Drafts
 from madrob_console.ui.cells.label import Label
 from madrob_console.ui.cells.lines import TONE_CLASSES, Tone, View
 from madrob_console.ui.frame.fault_line import FaultLine
@@ -101,6 +102,7 @@ class ConsoleScreen(Screen[None]):
     Attributes:
         pane: the name of the pane shown.
         dialogs: those that are open, the front one last.
+        drafts: texts of acts that were refused.
         frames: the folder of the cameras' frames that were asked for last; empty = none were.
     """
 
@@ -144,6 +146,7 @@ class ConsoleScreen(Screen[None]):
         self._behind = "setup"
         self.pane = "setup"
         self.dialogs: list[Dialog] = []
+        self.drafts = Drafts()
 
     def compose(self) -> ComposeResult:
         """Top to bottom."""
@@ -472,7 +475,7 @@ class ConsoleScreen(Screen[None]):
         """Open a dialog in front of everything; `fresh` asks as things stand later."""
         from madrob_console.ui.cells.dialog import Dialog
 
-        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead)
+        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
         self.dialogs.append(dialog)
         await self.query_one("#body").mount(dialog)
         dialog.take_focus()

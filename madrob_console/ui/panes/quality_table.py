@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
+from madrob_console.ui.look.words import date_of
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
@@ -46,8 +47,11 @@ def _evidence(snapshot: Snapshot, width: int) -> Sequence[Line]:
     evidence = snapshot.run.evidence
     if evidence is None:
         return ()
+    gone = snapshot.run.evidence_removed(date_of)
+    words = f"{evidence.words}{f'; {gone}' if gone else ''}"
+    head = (Span("evidence ", Tone.STRONG),)
     return [
-        line(Span("evidence ", Tone.STRONG), Span(evidence.words)),
+        *paragraph(words, width, Tone.WARN if gone else Tone.PLAIN, head),
         *(row for text in evidence.remarks() for row in paragraph(text, width, Tone.DIM)),
     ]
 

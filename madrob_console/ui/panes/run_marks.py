@@ -74,7 +74,8 @@ def _protests(run: Run) -> Iterator[tuple[str, str]]:
         late = f"; late, admitted: {one.late}" if one.late else ""
         yield f"protest {one.number}", f"{one.team}, about {one.about}{at}: {one.text}{late}"
         if (answer := one.answer) is not None:
-            yield "  decision", f"{answer.end}: {answer.reason} ({answer.referee})"
+            came = f"; {one.late_decision}" if one.late_decision else ""
+            yield "  decision", f"{answer.end}: {answer.reason} ({answer.referee}){came}"
 
 
 def _decisions(run: Run) -> Iterator[tuple[str, str]]:

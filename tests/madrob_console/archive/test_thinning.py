@@ -143,6 +143,21 @@ def test_practice_is_signed_by_nobody_and_may_go_all_the_same(root: Path) -> Non
     assert [run.problem for run in History(root).refresh()] == [None, None, None]
 
 
+def test_evidence_of_a_signed_run_stays_while_a_protest_may_come(root: Path, run: Path) -> None:
+    signed = read_run_journal(run).run.signed
+    assert signed is not None
+    filing = NOW - signed + 60.0
+    words = look(root, TidyLimits(filing=filing))[run.name]
+    assert words.startswith("a protest is possible until ")
+    assert words.endswith(time.strftime("%H:%M", time.localtime(NOW + 60.0)))
+    one = the_one(root)
+    with pytest.raises(MadrobError, match="a protest is possible until"):
+        remove_evidence(one, NOW, filing)
+    assert evidence_left(run)
+    remove_evidence(one, NOW + 61.0, filing)
+    assert not evidence_left(run)
+
+
 def protested(root: Path) -> None:
     put_evidence(place(root, appealed(), 30))
 

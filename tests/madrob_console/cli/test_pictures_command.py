@@ -45,6 +45,10 @@ def test_each_camera_s_frame_at_an_instant_becomes_a_file_that_is_printed(
         path, _, told = line.partition(": ")
         assert Path(path).parent == output
         assert Path(path).name.startswith(f"{run.name}_01_at_5_250_s_camera_")
+        ms, side = int(told.split()[0]), ""
+        if ms:
+            side = "_later" if ms > 0 else "_earlier"
+        assert path.endswith(f"_{abs(ms)}_ms{side}.jpg")
         assert re.fullmatch(
             r"[-+]?\d+ ms; camera clock \+0\.1\d\d s \+- 0\.0\d\d s against the testbed's", told
         )
@@ -72,9 +76,9 @@ def test_an_instant_may_be_an_event_and_cameras_may_be_chosen(
     at = ["--at", "door_opens", "--at", "0:03"]
     assert main(["pictures", str(run), *at, "--camera", "*fro*"]) == 0
     names = [line.partition(": ")[0] for line in capsys.readouterr().out.splitlines()]
-    assert names == [
-        f"{run.name}_01_door_opens_camera_front.jpg",
-        f"{run.name}_02_at_3_000_s_camera_front.jpg",
+    assert [re.sub(r"_\d+_ms(_later|_earlier)?[.]jpg$", "", name) for name in names] == [
+        f"{run.name}_01_door_opens_camera_front",
+        f"{run.name}_02_at_3_000_s_camera_front",
     ]
     assert all((tmp_path / name).is_file() for name in names)
 

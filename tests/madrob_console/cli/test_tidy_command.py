@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -113,7 +114,17 @@ def test_the_report_says_that_evidence_was_removed(root: Path) -> None:
     assert tidy(root, "--keep-runs", "0", "--yes") == 0
     page = report.read_text()
     assert "Evidence removed" in page
+    assert "removed by tidy on" in readme_of(root, "--team", "3", "--practice")
+    dossier = readme_of(root, "--run", report.parent.name, "--dossier")
+    assert "the evidence was removed by tidy on" in dossier
     assert re.search(r"on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB", page)
+
+
+def readme_of(root: Path, *what: str) -> str:
+    target = root.parent / "exported.zip"
+    assert main(["export", *what, "--results", str(root), "--output", str(target)]) == 0
+    with ZipFile(target) as packed:
+        return packed.read("README.txt").decode()
 
 
 def test_nothing_goes_while_a_run_goes_on(root: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -327,7 +327,7 @@ def test_the_log_speaks_of_events_as_people_do(tmp_path: Path) -> None:
         "handle touched",
         "door opens",
         "robot approaches on the CCW side",
-        "robot crossed to the CW side",
+        "robot leaves the doorway on the CW side",
         "door closes",
     }
     assert not any("_" in line.text for line in drive.engine.log.lines)

@@ -46,7 +46,7 @@ def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead
     assert list(watch.overdue(DUE - 1.0, "")) == []
     (words,) = watch.overdue(DUE + 30.0, "")
     which = "protest against run 2 of subject 4 in condition 7"
-    assert words == f"{which}: OVERDUE by 0 min; h opens it, P decides it"
+    assert words == f"{which}: OVERDUE by 30 s; h opens it, P decides it"
     assert list(watch.open(DUE - 600.0)) == [
         "protest against run 2 of subject 4 in condition 7: 10 min left",
         "protest against run 1 of subject 5 in condition 7: 11 min left",

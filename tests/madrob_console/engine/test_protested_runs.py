@@ -247,7 +247,8 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
         assert f"{name}/{part}" in files
     assert files[f"{name}/pictures/door_opens.jpg"] == b"a picture"
     assert any("_evidence_" in one for one in files)
-    assert {"tidy/" + f"{name}_{table}.csv" for table in ("door", "handle", "passage")} <= {*files}
+    tables = {f"tables/{name}_{table}.csv" for table in ("door", "handle", "passage")}
+    assert tables <= {*files}
     assert any(one.endswith("_jointState.csv") for one in files)
     assert b"Protest 1" in files[PROTESTS_FILE]
     assert b"UPHELD" in files[PROTESTS_FILE]

@@ -12,8 +12,10 @@ from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
     Finalise,
+    Rule,
     Situation,
     TakeBack,
+    Void,
     WithdrawProtest,
 )
 from madrob_console.referee.acts.file_protest import MOST_PROTESTS
@@ -146,13 +148,77 @@ def test_a_late_protest_needs_a_reason_and_one_before_the_signature_is_never_lat
     assert SLOW.refusal(here(STOPPED, 1e6)) is None
 
 
+def test_a_decision_after_its_deadline_is_called_late_and_a_withdrawal_is_not() -> None:
+    filed = done(STOPPED, SLOW)
+    due = filed.protests[0].due
+    late = UPHELD.settled(here(filed, due + 720.0))
+    assert late.logged == "protest 1 upheld (LATE, 12 min after it was due)"
+    assert done(filed, UPHELD, due + 720.0).protests[0].late_decision
+    assert not done(filed, UPHELD, due - 1.0).protests[0].late_decision
+    assert not done(filed, WithdrawProtest(1, "satisfied"), due + 720.0).protests[0].late_decision
+
+
+def listed_before_it_is_final(run: Run) -> str:
+    asked = Finalise.ask(View(run), "f")
+    assert isinstance(asked, Ask)
+    assert isinstance(asked.questions[0], Pick)
+    return "\n".join(asked.questions[0].listed)
+
+
+def test_an_upheld_protest_that_changed_nothing_is_named_before_the_signature() -> None:
+    filed = done(STOPPED, SLOW)
+    hint = "protest 1 (step 4) was upheld: nothing was changed since"
+    assert hint in listed_before_it_is_final(done(filed, UPHELD, 300.0))
+    rejected = replace(UPHELD, end=ProtestEnd.REJECTED)
+    assert hint not in listed_before_it_is_final(done(filed, rejected, 300.0))
+    ruled = done(filed, Rule(Step.CROSS, confirmed=True, reason="video"), 290.0)
+    assert hint not in listed_before_it_is_final(done(ruled, UPHELD, 300.0))
+
+
+def test_a_time_outside_the_recording_is_refused_where_it_is_typed() -> None:
+    run = replace(STOPPED, countdown_began=95.0, start=100.0, stop=130.0)
+    asked = FileProtest.ask(View(run), "P")
+    assert isinstance(asked, Ask)
+    when = asked.make("time")
+    assert isinstance(when, Ask)
+    for typed in ("99999", "-66", "91"):
+        said = when.make(typed)
+        assert isinstance(said, str)
+        assert said.startswith("the recording goes from -5 s to 30 s: ")
+    for typed in ("12.5", "-65", "1:30"):
+        assert isinstance(when.make(typed), Ask)
+
+
+def test_the_deadline_runs_on_while_another_protest_is_open() -> None:
+    assert FINAL.signed is not None
+    late = FINAL.signed + 601.0
+    opened = done(FINAL, SLOW, FINAL.signed + 30.0)
+    assert "signed 10 min ago" in refused(opened, SLOW, late)
+    rejected = done(opened, replace(UPHELD, end=ProtestEnd.REJECTED), late)
+    again = done(rejected, Finalise(TeamWord.ABSENT, "R. Eferee"), late + 1.0)
+    assert "signed 10 min ago" in refused(again, SLOW, late + 2.0)
+
+
+def test_a_result_that_was_changed_can_be_protested_as_long_as_the_first() -> None:
+    assert FINAL.signed is not None
+    late = FINAL.signed + 601.0
+    opened = done(FINAL, SLOW, FINAL.signed + 30.0)
+    for change in (Rule(Step.CROSS, confirmed=True, reason="video"), Void("wrong robot")):
+        changed = done(opened, change, late)
+        assert SLOW.refusal(here(changed, late + 1.0)) is None
+        decided = done(changed, UPHELD, late + 2.0)
+        again = done(decided, Finalise(TeamWord.ABSENT, "R. Eferee"), late + 3.0)
+        assert SLOW.refusal(here(again, late + 600.0)) is None
+        assert SLOW.refusal(here(again, late + 604.0)) is not None
+
+
 @pytest.mark.parametrize(
     ("act", "words"),
     [
         (replace(SLOW, text=" "), "a protest needs the team's words"),
         (replace(SLOW, team=""), "a protest needs the name of the team"),
         (replace(SLOW, text="x" * 2001), "at most 2000 characters"),
-        (replace(SLOW, after_start=float("nan")), "within a day"),
+        (replace(SLOW, after_start=float("nan")), "more than 60 s outside it"),
     ],
 )
 def test_what_is_no_protest_is_refused_with_words(act: FileProtest, words: str) -> None:
@@ -211,9 +277,9 @@ def test_who_decides_is_asked_where_no_referee_is_known() -> None:
 @pytest.mark.parametrize(
     ("left", "words"),
     [
-        (0.0, "0 min left"),
+        (0.0, "due now"),
         (725.0, "12 min left"),
-        (-30.0, "OVERDUE by 0 min"),
+        (-30.0, "OVERDUE by 30 s"),
         (-3900.0, "OVERDUE by 1 h 05 min"),
         (86400.0 * 3, "3 days left"),
     ],

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -70,6 +71,17 @@ def test_no_color_means_no_colour_and_everything_still_reads() -> None:
         terminal.send(F8)
         terminal.wait_for("> n no, the run goes on")
         assert not COLOURS.findall(bytes(terminal.output))
+
+
+def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
+    errors = tmp_path / "errors"
+    command = f"exec {shlex.join(PROGRAM)} 2>{shlex.quote(str(errors))}"
+    with Terminal(["sh", "-c", command], cwd=ROOT) as terminal:
+        terminal.wait_for(LAST_KEY, timeout=STARTING)
+        terminal.send(F10)
+        assert terminal.wait_exit() == 0
+        assert LEAVE_SCREEN in terminal.output
+    assert errors.read_bytes() == b""
 
 
 @pytest.mark.parametrize("term", ["dumb", "", "unknown"])

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from textual.widgets import Input
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.config.tables import ConsoleSettings
@@ -95,6 +96,32 @@ def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
 
     for name, text in asyncio.run(drive()).items():
         compare(name, size, text, request)
+
+
+def test_words_that_the_disk_refuses_are_there_again(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await run_is_over(driver)
+            with monkeypatch.context() as full:
+                full.setattr(engine, "act", lambda _act: "No space left on device")
+                await driver.press("P", "4", "1")
+                await driver.type(TEXT)
+                await driver.press("enter")
+                assert "No space left on device" in driver.console.status
+                assert not engine.run.protests
+            await driver.press("P", "3", "1")
+            assert TEXT not in driver.text  # that is about another step
+            await driver.press("escape", "P", "4", "1")
+            assert TEXT in driver.text
+            await driver.press("enter")
+            assert [one.text for one in engine.run.protests] == [TEXT]
+            await driver.press("P", "a", "4", "1")
+            (dialog,) = driver.console.dialogs
+            assert dialog.query_one(Input).value == ""
+
+    asyncio.run(drive())
 
 
 @pytest.mark.parametrize("size", SIZES, ids=IDS)

@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
 from madrob_console.engine.live.view import NO_STEPS
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.run import Run
+from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
+from madrob_console.referee.run import RemovedEvidence, Run
 from madrob_console.referee.run import TestbedFault as Fault
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.ui.cells.lines import Line, Tone
+from madrob_console.ui.look.words import date_of
+from madrob_console.ui.panes.quality_table import QualityTable
 from madrob_console.ui.panes.result_head import ResultHead
 from madrob_console.ui.panes.result_indicators import Mean, compared
 from madrob_console.ui.panes.run_marks import run_marks
@@ -342,3 +346,28 @@ def test_a_result_does_not_say_that_something_may_still_come(engine: FakeEngine)
             assert "yet" not in driver.text.replace("not final yet", "")
 
     asyncio.run(drive())
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await finished(driver)
+            snapshot = engine.snapshot()
+            assert snapshot is not None
+            topic = RecordedTopic("/cam", "sensor_msgs/msg/Image", messages=881, bytes=34_300_000)
+            run = replace(snapshot.run, evidence=EvidenceAccount((topic,)))
+            there = replace(snapshot, run=run)
+            gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
+            words = "1 topics, 881 messages, 34.3 MB"
+            assert shown(QualityTable().draw(there, size[0])).endswith(words)
+            told = shown(QualityTable().draw(replace(snapshot, run=gone), size[0]))
+            assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
+
+    asyncio.run(drive())
+
+
+def shown(lines: Sequence[Line]) -> str:
+    return "\n".join("".join(span.text for span in row) for row in lines)
