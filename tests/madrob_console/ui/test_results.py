@@ -361,7 +361,7 @@ def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
             run = replace(snapshot.run, evidence=EvidenceAccount((topic,)))
             there = replace(snapshot, run=run)
             gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
-            words = "1 topics, 881 messages, 34.3 MB"
+            words = "1 topic, 881 messages, 34.3 MB"
             assert shown(QualityTable().draw(there, size[0])).endswith(words)
             told = shown(QualityTable().draw(replace(snapshot, run=gone), size[0]))
             assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
