@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from madrob_console.amounts import counted
 from madrob_console.referee.preflight import duration_words
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import shortened
@@ -63,8 +64,7 @@ def _room(evidence: EvidenceView) -> Line:
 def _sums(evidence: EvidenceView) -> Iterator[Line]:
     if number := len(evidence.topics):
         byte_rate = sum(topic.byte_rate for topic in evidence.topics)
-        topics = f"{number} topics" if number > 1 else "1 topic"
-        yield (Span(f"{_GAP}{topics} {byte_rate / 1e6:.1f} MB/s"),)
+        yield (Span(f"{_GAP}{counted(number, 'topic')} {byte_rate / 1e6:.1f} MB/s"),)
     if evidence.recording:
         yield (Span(f"{_GAP}{evidence.size / 1e6:.0f} MB recorded", Tone.DIM),)
 
