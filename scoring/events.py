@@ -206,7 +206,7 @@ class EventDetector:
             if not edge.value:
                 fall = (edge.time, sensor.side)
                 self._falls.append(fall)
-                if self._newest_fall is None or fall[0] >= self._newest_fall[0]:
+                if self._newest_fall is None or edge.time >= self._newest_fall[0]:
                     self._newest_fall = fall
         since = edges[-1].time if edges else time
         self._follow_crossing(max(since, self._start))

@@ -19,6 +19,7 @@ from tests.madrob_console.engine.spoilt import Edit, set_value
 
 LASTING = 300.0  # s
 PARTS = 5
+SCORINGS = 3  # the quickest counts: others pay for what was there before them
 SHOWN = 0.1  # s between two states for the screens
 STRIPS = [m.topic for m in DEFAULT_MAPPINGS if "/passage/" in m.topic]
 
@@ -56,11 +57,13 @@ def lasting_run(results: Path, timeout: float, *heights: float) -> tuple[list[fl
     folder = drive.engine.folder
     assert folder is not None
     drive.engine.close()
-    began = time.process_time()
-    again = next(score(folder)).result
-    scoring = (time.process_time() - began) / timeout
-    assert again == result
-    return parts, scoring
+    scorings = []
+    for _ in range(SCORINGS):
+        began = time.process_time()
+        again = next(score(folder)).result
+        scorings.append((time.process_time() - began) / timeout)
+        assert again == result
+    return parts, min(scorings)
 
 
 @pytest.mark.slow
