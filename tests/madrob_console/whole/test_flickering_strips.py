@@ -20,7 +20,7 @@ from tests.madrob_console.engine.spoilt import Edit, set_value
 
 LASTING = 300.0  # s
 PARTS = 5
-SCORINGS = 3  # the quickest counts
+SCORINGS = 5  # the quickest counts
 SHOWN = 0.1  # s between two states for the screens
 STRIPS = [m.topic for m in DEFAULT_MAPPINGS if "/passage/" in m.topic]
 
