@@ -188,7 +188,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             number_column("inval", "invalid runs", lambda s: s.aborted, 6),
             Column(
                 "!",
-                "runs with flags: ! weighs, !! is not decided, P! is protested",
+                "runs with flags: ! weighs, !! is not decided; P: a protest is open",
                 _flags,
                 _flag_rank,
                 2,
@@ -216,7 +216,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
 def _flags(standing: Standing) -> Span:
     if standing.open_protests:
-        return Span("P!", Tone.BAD)
+        return Span("P!" if standing.flagged else "P", Tone.BAD)
     if standing.undecided:
         return Span("!!", Tone.BAD)
     return Span("!", Tone.WARN) if standing.flagged else Span("")

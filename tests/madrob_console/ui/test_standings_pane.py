@@ -82,13 +82,18 @@ def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> 
     waiting = timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,))
     caution = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
     marked = timed(2, 15.0, team="Ghent", flags=(caution,))
+    protested = timed(4, 8.0, team="Turin", protest_due=0.0)
+    both = timed(5, 8.0, team="Vienna", protest_due=0.0, flags=(caution,))
+    runs = (waiting, marked, timed(3, 9.0, team="Pisa"), protested, both)
 
     async def drive() -> None:
-        async with showing(pane_of((waiting, marked, timed(3, 9.0, team="Pisa")))) as shown:
+        async with showing(pane_of(runs)) as shown:
             rows = [" ".join(row.split()) for row in shown.rows()]
             assert "> 1 Delft 7 1 0 0 !! 10.00 3.21 4.50 12.25" in rows
             assert "2 Ghent 7 1 0 0 ! 15.00 3.21 4.50 12.25" in rows
             assert "3 Pisa 7 1 0 0 9.00 3.21 4.50 12.25" in rows
+            assert any(row.startswith("4 Turin 7 1 0 0 P 8.00") for row in rows)
+            assert any(row.startswith("5 Vienna 7 1 0 0 P! 8.00") for row in rows)
             assert "1 completed, 1 UNDECIDED, 1 with flags" in " ".join(shown.text.split())
 
     asyncio.run(drive())
