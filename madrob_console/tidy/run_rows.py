@@ -16,7 +16,7 @@ from scoring.protocol import Condition
 Row: TypeAlias = Mapping[str, object]
 """Its cells by column."""
 
-_ROWS_AT_ONCE = 10_000
+_ROWS_AT_ONCE = 2_000
 
 
 def rows_of(table: TidyTable, run: StoredRun) -> Iterator[Row]:
