@@ -11,7 +11,7 @@ from pathlib import Path
 from uuid import UUID
 
 from madrob_console.files.plain import open_plain, refusal
-from madrob_console.referee.run import Sha256
+from madrob_console.referee.on_record import Sha256
 from madrob_console.referee.run_identity import derived_run_id
 
 LARGEST_DIGESTED = 4_000_000_000

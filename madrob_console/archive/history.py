@@ -44,7 +44,8 @@ from madrob_console.archive.unfinished import is_held
 from madrob_console.files.bounded import Stamp, stamp_of
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.run import VALID_OUTCOMES, TeamWord
+from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Thresholds

@@ -13,9 +13,7 @@ from msgspec import Meta
 from madrob_console.archive.folders import LARGEST_NUMBER
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.protests import Protest
-from madrob_console.referee.run import (
-    VALID_OUTCOMES,
+from madrob_console.referee.on_record import (
     AcceptedDoubts,
     Closure,
     Correction,
@@ -27,6 +25,8 @@ from madrob_console.referee.run import (
     Voiding,
     Waiver,
 )
+from madrob_console.referee.protests import Protest
+from madrob_console.referee.run import VALID_OUTCOMES
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling, StepRecord

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.protests import open_protests
-from madrob_console.referee.run import Run, seconds_of
+from madrob_console.referee.run import Run
+from madrob_console.referee.run_times import seconds_of
 from scoring.protocol import event_words
 
 _MOST_EVENTS = 20  # from the beginning, and from the end: a door may flicker

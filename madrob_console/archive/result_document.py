@@ -21,8 +21,7 @@ from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.protests import Protest
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     AcceptedDoubts,
     Closure,
     Correction,
@@ -32,11 +31,12 @@ from madrob_console.referee.run import (
     Note,
     Reissuing,
     RemovedEvidence,
-    RunSetup,
     TakenBack,
     Voiding,
     Waiver,
 )
+from madrob_console.referee.protests import Protest
+from madrob_console.referee.run_setup import RunSetup
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries, libraries_here
 from scoring.procedure import Ruling

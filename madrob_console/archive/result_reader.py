@@ -25,7 +25,7 @@ from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.files.plain import refusal
 from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.run import Reissuing
+from madrob_console.referee.on_record import Reissuing
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""

@@ -25,8 +25,9 @@ from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, refusal_words
 from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.on_record import JournalMark, TeamWord
 from madrob_console.referee.rebuild import Change, after, rebuild
-from madrob_console.referee.run import JournalMark, Phase, Run, TeamWord
+from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName

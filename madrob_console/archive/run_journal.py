@@ -15,8 +15,9 @@ from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
 from madrob_console.referee.journal import Entry, Journal, read_journal
 from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.run import Run, TeamWord
+from madrob_console.referee.run import Run
 
 
 class UnusableJournalError(MadrobError):

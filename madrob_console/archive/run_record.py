@@ -17,7 +17,8 @@ from madrob_console.archive.digests import run_id_at
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.referee.run import Run, RunSetup
+from madrob_console.referee.run import Run
+from madrob_console.referee.run_setup import RunSetup
 from scoring.evaluate import Assessment, LiveAssessment
 from scoring.protocol import Thresholds
 from scoring.rest import HandleRest

@@ -173,7 +173,7 @@ def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[Top
     from madrob_console.archive.moments import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
     from madrob_console.cameras.run_pictures import events_of
-    from madrob_console.referee.run import seconds_of
+    from madrob_console.referee.run_times import seconds_of
     from recorder.errors import RecorderError
 
     events: Sequence[tuple[str, float]] = ()

@@ -18,7 +18,7 @@ from scoring.rulesets import RulesetName
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.live.core import Engine
-    from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
     from madrob_console.referee.teams import TeamList
 
 EXIT_CODES = {
@@ -180,7 +180,7 @@ def _setup(
     *,
     practice: bool,
 ) -> RunSetup:
-    from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
 
     condition = options.condition_of(arguments)
     number = arguments.run

@@ -17,8 +17,9 @@ from madrob_console.engine.process.reporting import Reporting
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import CheckState, blocking
-from madrob_console.referee.run import CheckName, RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from scoring.protocol import Outcome
 
 STEP = 0.02

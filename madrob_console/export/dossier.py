@@ -31,7 +31,8 @@ from madrob_console.files.bounded import stamp_of
 from madrob_console.files.whole import whole_file
 from madrob_console.names import terminal_safe
 from madrob_console.referee.protests import Protest, ProtestEnd
-from madrob_console.referee.run import Run, relative_text
+from madrob_console.referee.run import Run
+from madrob_console.referee.run_times import relative_text
 
 PROTESTS_FILE = "PROTESTS.txt"
 """In the archive: who protested, what about, and what was decided."""

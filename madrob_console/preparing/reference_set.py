@@ -19,7 +19,7 @@ from madrob_console.archive.scored import score_recording
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_all
 from madrob_console.preparing.finding import Finding, Severity
-from madrob_console.referee.run import Sha256
+from madrob_console.referee.on_record import Sha256
 from madrob_console.version import DISTRIBUTION
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TypeAlias
 
-from madrob_console.referee.run import AcceptedDoubts
+from madrob_console.referee.on_record import AcceptedDoubts
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator
 

@@ -16,8 +16,7 @@ from msgspec import Meta
 
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
-from madrob_console.referee.protests import Protest, ProtestEnd
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     AcceptedDoubts,
     Closure,
     Correction,
@@ -28,6 +27,7 @@ from madrob_console.referee.run import (
     Voiding,
     Waiver,
 )
+from madrob_console.referee.protests import Protest, ProtestEnd
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Outcome

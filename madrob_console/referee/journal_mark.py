@@ -16,8 +16,8 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.journal import Entry
+from madrob_console.referee.on_record import JournalMark
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import JournalMark
 
 _BESIDE = {
     *(Change.EVENT, Change.EVIDENCE, Change.EVIDENCE_REMOVED),

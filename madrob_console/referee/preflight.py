@@ -8,7 +8,8 @@ from enum import StrEnum
 
 from madrob_console.amounts import counted, listed, size_words
 from madrob_console.referee.evidence_account import unseen_words
-from madrob_console.referee.run import CheckName, Phase, Run, Waiver
+from madrob_console.referee.on_record import CheckName, Waiver
+from madrob_console.referee.run import Phase, Run
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 

@@ -14,7 +14,8 @@ from madrob_console.referee import journal
 from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import FalseStart, Phase, RemovedEvidence, Run, TestbedFault
+from madrob_console.referee.on_record import FalseStart, RemovedEvidence, TestbedFault
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import (
     begin_countdown,
     begin_run,

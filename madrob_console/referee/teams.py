@@ -15,7 +15,7 @@ from madrob_console.names import LONGEST_NAME, clean_name, terminal_safe
 from madrob_console.referee.list_file import ListReader, quoted, subject_number, told
 
 if TYPE_CHECKING:
-    from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
 
 CORRECT_SETTINGS = "correct teams_file of [competition]"
 """What to do about a teams file that cannot be read, where the settings name it."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from madrob_console.referee.run import Phase, Reissuing, Run
+from madrob_console.referee.on_record import Reissuing
+from madrob_console.referee.run import Phase, Run
 from scoring.protocol import Outcome
 from scoring.rulesets import RulesetName
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.run import TeamWord
+from madrob_console.referee.on_record import TeamWord
 from scoring.indicator_table import WITH_THE_START
 from scoring.protocol import Condition, LockDetection, Outcome
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 from urllib.parse import quote
 
 from madrob_console.names import terminal_safe
-from madrob_console.referee.run import JournalMark
+from madrob_console.referee.on_record import JournalMark
 
 
 class Markup(str):

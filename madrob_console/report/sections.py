@@ -6,17 +6,17 @@ from collections.abc import Iterable
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.protests import Protest
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     AcceptedDoubts,
     Correction,
     FalseStart,
     Incident,
-    Run,
     TakenBack,
     Voiding,
     Waiver,
 )
+from madrob_console.referee.protests import Protest
+from madrob_console.referee.run import Run
 from madrob_console.report.camera_pictures import Anchors
 from madrob_console.report.explanations import (
     LOCKED_BY,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.referee.acts import Reissue
 from madrob_console.referee.acts.rule import RULED
-from madrob_console.referee.run import Reissuing
+from madrob_console.referee.on_record import Reissuing
 from madrob_console.report.explanations import (
     DOUBTS_NOTE,
     MANUAL_START_NOTE,

@@ -17,7 +17,7 @@ import pytest
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import rebuild
-from madrob_console.referee.run import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario
 from recorder.mcap_file import McapFile
 from recorder.message import RawMessage

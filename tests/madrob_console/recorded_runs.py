@@ -19,7 +19,8 @@ from madrob_console.referee.acts import (
     Start,
     Waive,
 )
-from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed

@@ -47,9 +47,10 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.acts.take_back import last_decision
 from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.rebuild import Change, act_of
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.run import Phase
 from scoring.protocol import Condition
 from tests.madrob_console.engine.drive import make_setup, signed
 from tests.madrob_console.engine_process import BY_HAND, ZERO_NEEDS, EngineProcess

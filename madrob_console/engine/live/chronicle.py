@@ -20,7 +20,8 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.run import JournalMark, Run
+from madrob_console.referee.on_record import JournalMark
+from madrob_console.referee.run import Run
 from recorder.message import RawMessage
 from scoring.protocol import StartPose
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.referee.journal import Origin
+from madrob_console.referee.on_record import FalseStart
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import begin_run, stop, time_out
 from scoring.evaluate import LiveAssessment
 from scoring.events import EventDetector

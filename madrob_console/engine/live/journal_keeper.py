@@ -13,7 +13,7 @@ from madrob_console.engine.live.keeper import Keeper, why_not
 from madrob_console.errors import MadrobError
 from madrob_console.referee.journal import Entry, Journal, read_journal, refusal_words, up_to_date
 from madrob_console.referee.journal_mark import GrowingMark
-from madrob_console.referee.run import JournalMark
+from madrob_console.referee.on_record import JournalMark
 
 
 class Promise:

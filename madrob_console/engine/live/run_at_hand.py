@@ -27,8 +27,9 @@ from madrob_console.engine.live.topic_watch import Trouble
 from madrob_console.engine.live.witness import WitnessStatus
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.on_record import TestbedFault
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import Phase, Run, TestbedFault
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import stop
 from scoring.protocol import Outcome
 

@@ -26,9 +26,10 @@ from madrob_console.engine.shown.snapshot import (
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.protests import due_words, open_protests
-from madrob_console.referee.run import CheckName, Phase, Run
+from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import LockDetection, Step

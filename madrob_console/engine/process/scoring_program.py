@@ -38,7 +38,8 @@ from madrob_console.engine.process.scoring_messages import (
 from madrob_console.engine.shown.wire import LENGTH, frame
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.run import Phase, Run, RunSetup
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from scoring.kinematics import load_filters
 from scoring.protocol import Condition, LockDetection, Outcome, StartPose, Thresholds
 from scoring.rulesets import RulesetName

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from madrob_console.referee.health import Freshness
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import CheckState
-from madrob_console.referee.run import CheckName
 from madrob_console.testbeds.outside import Diagnosis, Level
 
 if TYPE_CHECKING:

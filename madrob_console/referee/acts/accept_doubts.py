@@ -7,8 +7,9 @@ from itertools import chain
 
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.doubt_answers import Doubts, doubted_words, waiting_doubts
+from madrob_console.referee.on_record import AcceptedDoubts, DecisionKind
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
-from madrob_console.referee.run import AcceptedDoubts, DecisionKind, Phase, Run
+from madrob_console.referee.run import Phase, Run
 
 _NO_DOUBT = "no doubt waits for the referee"
 _ALL = "all"

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Situation
+from madrob_console.referee.on_record import Note
 from madrob_console.referee.questions import Write
-from madrob_console.referee.run import Note, Phase, Run
+from madrob_console.referee.run import Phase, Run
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
+from madrob_console.referee.on_record import Correction, DecisionKind
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
-from madrob_console.referee.run import Correction, DecisionKind, Phase, Run, RunSetup
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList
 from madrob_console.referee.transitions import changed
 from scoring.protocol import BenchmarkType, Condition

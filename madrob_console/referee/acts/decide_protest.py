@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.acts.withdraw_protest import closed, closing_problem, on_which
+from madrob_console.referee.on_record import DecisionKind
 from madrob_console.referee.protests import (
     Protest,
     ProtestAnswer,
@@ -15,7 +16,7 @@ from madrob_console.referee.protests import (
     open_protests,
 )
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write
-from madrob_console.referee.run import DecisionKind, Phase, Run
+from madrob_console.referee.run import Phase, Run
 
 _NAMELESS = "a decision needs the referee's name"
 _HOW = Pick(

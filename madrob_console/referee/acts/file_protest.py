@@ -9,7 +9,8 @@ from madrob_console.referee.acts.decide_protest import DecideProtest
 from madrob_console.referee.acts.withdraw_protest import WithdrawProtest
 from madrob_console.referee.protests import Protest, ProtestTimes, open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write, reasons
-from madrob_console.referee.run import Phase, Run, relative_text, seconds_of
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_times import relative_text, seconds_of
 from scoring.indicator_table import IndicatorName
 
 MOST_PROTESTS = 20

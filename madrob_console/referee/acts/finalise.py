@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.flags import FlagKind, undecided
+from madrob_console.referee.on_record import Closure, TeamWord
 from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write
-from madrob_console.referee.run import Closure, Phase, Run, TeamWord
+from madrob_console.referee.run import Phase, Run
 
 _TEAM = Pick(
     "What does the team say?",

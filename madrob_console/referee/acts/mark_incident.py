@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
+from madrob_console.referee.on_record import DecisionKind, Incident, IncidentKind
 from madrob_console.referee.questions import Ask, Option, Pick, Write
-from madrob_console.referee.run import DecisionKind, Incident, IncidentKind, Phase, Run, seconds_of
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_times import seconds_of
 
 _LATEST = 86_400.0
 """Nothing that happens later than this has to do with the run, s from its start."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
+from madrob_console.referee.on_record import DecisionKind
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, reasons
-from madrob_console.referee.run import DecisionKind, Phase, Run, relative_text
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_times import relative_text
 from madrob_console.referee.transitions import changed
 from scoring.procedure import Ruling
 from scoring.protocol import Step

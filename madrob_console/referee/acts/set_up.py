@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from madrob_console.referee.acts.act import Act, Consequence, RunView, Situation
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.questions import Ask, Sure
-from madrob_console.referee.run import Phase, Run, RunSetup
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 
 
 @dataclass(frozen=True, slots=True)

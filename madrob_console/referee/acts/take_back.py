@@ -8,9 +8,11 @@ from madrob_console.referee.acts.act import Act, RunView, Situation
 from madrob_console.referee.acts.rule import RULED
 from madrob_console.referee.acts.withdraw_protest import closed
 from madrob_console.referee.doubt_answers import doubted_words
+from madrob_console.referee.on_record import DecisionKind, TakenBack
 from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
-from madrob_console.referee.run import DecisionKind, Phase, Run, TakenBack, relative_text
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_times import relative_text
 from madrob_console.referee.transitions import changed
 
 _NOTHING = "there is nothing to take back"

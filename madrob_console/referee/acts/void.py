@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Situation
+from madrob_console.referee.on_record import DecisionKind, Voiding
 from madrob_console.referee.questions import Ask, Pick, Sure, reasons
-from madrob_console.referee.run import DecisionKind, Phase, Run, Voiding
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import changed
 from scoring.protocol import Outcome
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, RunView, Situation
+from madrob_console.referee.on_record import CheckName, DecisionKind, Waiver
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.questions import Ask, Option, Pick, reasons
-from madrob_console.referee.run import CheckName, DecisionKind, Phase, Run, Waiver
+from madrob_console.referee.run import Phase, Run
 
 _NONE_FAILS = "no check fails"
 _WHY = Pick("Why may it pass?", reasons("checked by hand", "known testbed fault"))

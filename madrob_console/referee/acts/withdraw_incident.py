@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from madrob_console.referee.acts.act import Act, Situation
-from madrob_console.referee.run import DecisionKind, Phase, Run
+from madrob_console.referee.on_record import DecisionKind
+from madrob_console.referee.run import Phase, Run
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.questions import Ask
-    from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
     from madrob_console.standings.tally import Standing
     from madrob_console.ui.cells.dialog import Dialog, FreshAsk
     from madrob_console.ui.defaults import ConsoleDefaults

@@ -21,7 +21,8 @@ from madrob_console.names import clean_name
 from madrob_console.referee.acts import Act
 from madrob_console.referee.protests import open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
-from madrob_console.referee.run import Run, seconds_of
+from madrob_console.referee.run import Run
+from madrob_console.referee.run_times import seconds_of
 
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary

@@ -9,8 +9,9 @@ from textual import events
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.run import CheckName, Phase
+from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import Line, Span, Target, Tone, View, line, paragraph, width_of
 from madrob_console.ui.look.words import fitted, shortened, time_of_day
 

@@ -23,7 +23,7 @@ from scoring.protocol import Condition
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
-    from madrob_console.referee.run import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
 
 _BESIDE = 114
 """Cells that indicators and steps take beside each other, with what is between them."""

@@ -14,7 +14,7 @@ from textual.widget import Widget
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
 from madrob_console.referee.questions import Ask
-from madrob_console.referee.run import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import Field, NumberField

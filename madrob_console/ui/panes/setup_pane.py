@@ -19,7 +19,8 @@ from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.questions import Ask
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.ui.cells.choice import Choice
 from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.label import Label

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from madrob_console.referee.acts import Start
 from madrob_console.referee.competition_plan import PlanProgress, Task
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.standings.plan_table import task_words
 from madrob_console.ui.cells.lines import Tone
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.referee.run import relative_text
+from madrob_console.referee.run_times import relative_text
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import fitted, rough_text
 from scoring.procedure import UNSETTLED, StepRecord

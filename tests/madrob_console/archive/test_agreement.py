@@ -21,7 +21,8 @@ from madrob_console.files.held import Hold
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin, read_journal
 from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.run import IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.report.markup import made_of
 from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Step

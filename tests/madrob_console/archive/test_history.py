@@ -26,7 +26,7 @@ from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_filter import matches
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise
-from madrob_console.referee.run import TeamWord
+from madrob_console.referee.on_record import TeamWord
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup

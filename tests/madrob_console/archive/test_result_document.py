@@ -23,7 +23,7 @@ from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.result_reader import read_result
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
-from madrob_console.referee.run import Closure, IncidentKind, TeamWord
+from madrob_console.referee.on_record import Closure, IncidentKind, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import LockDetection, Step
 from scoring.result import Indicator

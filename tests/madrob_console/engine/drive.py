@@ -18,7 +18,9 @@ from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
-from madrob_console.referee.run import CheckName, Phase, RunSetup, TeamWord
+from madrob_console.referee.on_record import CheckName, TeamWord
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource

@@ -47,8 +47,9 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.referee.teams import TeamList
 from madrob_console.report.sections import decisions
 from madrob_console.standings.competition import competition_standings

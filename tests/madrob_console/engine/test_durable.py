@@ -35,8 +35,9 @@ from madrob_console.referee.acts import (
     Void,
 )
 from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.on_record import DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.rebuild import rebuild
-from madrob_console.referee.run import DecisionKind, IncidentKind, Phase, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from scoring.protocol import Outcome, Side, Step

@@ -25,8 +25,9 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.journal import HOLD_FILE
+from madrob_console.referee.on_record import CheckName, TeamWord
 from madrob_console.referee.preflight import CheckState
-from madrob_console.referee.run import CheckName, Phase, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, LockDetection, Outcome, Step

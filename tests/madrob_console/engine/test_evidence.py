@@ -24,8 +24,8 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
 )
 from madrob_console.referee.journal import read_journal
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.run import CheckName
 from recorder.bag import evidence_file_name
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine.test_opening import cut_off

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from madrob_console.referee.acts import Start
-from madrob_console.referee.run import CheckName
+from madrob_console.referee.on_record import CheckName
 from scoring.protocol import Outcome, Signal
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault

@@ -14,7 +14,7 @@ from madrob_console.archive.scored import read_recorded_run
 from madrob_console.messages.codec import Message
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.run import CheckName
+from madrob_console.referee.on_record import CheckName
 from scoring.rest import HandleRest
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive

@@ -27,7 +27,8 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.journal import HOLD_FILE, read_journal
-from madrob_console.referee.run import IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag

@@ -37,7 +37,8 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.take_back import last_decision
-from madrob_console.referee.run import IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from scoring.protocol import Condition, Outcome, Step
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.served import act, simulated, start

@@ -20,7 +20,8 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName

@@ -11,7 +11,8 @@ from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import MessageTypes, encode_text
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.standings.tally import overall
 from madrob_console.testbeds.announcement import (
     INFO_TOPIC,

@@ -13,8 +13,9 @@ import pytest
 from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER
 from madrob_console.engine.live.keeper import InlineKeeper, Keepers, T
 from madrob_console.referee.acts import SetUp, Start, Waive
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import CheckName, Phase
+from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.small_disk import disk_image, lock_folder
 from tests.watching import until

@@ -37,8 +37,9 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.protests import ProtestEnd, ProtestTimes
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.report.sections import protests
 from madrob_console.standings.competition import CompetitionStandings, competition_standings
 from madrob_console.standings.data_files import standings_csv, standings_json

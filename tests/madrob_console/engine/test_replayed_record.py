@@ -25,7 +25,7 @@ from madrob_console.referee.acts import (
     SetUp,
     Start,
 )
-from madrob_console.referee.run import TeamWord
+from madrob_console.referee.on_record import TeamWord
 from recorder.message import RawMessage
 from recorder.writer import BagWriter
 from scoring.indicator_table import IndicatorName

@@ -22,7 +22,8 @@ from madrob_console.engine.shown.playback import (
     Slower,
 )
 from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.recorded_runs import INCIDENT_AT, STOP_AT, appealed

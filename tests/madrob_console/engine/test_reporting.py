@@ -29,8 +29,8 @@ from madrob_console.referee.acts import (
     Start,
     ZeroHandle,
 )
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import TeamWord
 from madrob_console.report.page import report_html
 from madrob_console.report.surroundings import Surroundings
 from madrob_console.testbeds.simulated import Scenario

@@ -32,8 +32,9 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.panes.result_head import ResultHead
 from scoring.evaluate import LiveAssessment

@@ -22,7 +22,8 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import STEP, make_setup

@@ -44,21 +44,20 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.doubt_answers import Doubts
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.protests import Protest, ProtestEnd
-from madrob_console.referee.questions import Ask, Option, Pick
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     CheckName,
     DecisionKind,
     FalseStart,
     Incident,
     IncidentKind,
-    Phase,
-    Run,
-    RunSetup,
     TeamWord,
     Voiding,
 )
+from madrob_console.referee.preflight import Check, CheckState
+from madrob_console.referee.protests import Protest, ProtestEnd
+from madrob_console.referee.questions import Ask, Option, Pick
+from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text

@@ -32,18 +32,12 @@ from madrob_console.referee.acts.take_back import last_decision
 from madrob_console.referee.flags import Flag, undecided
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.on_record import CheckName, DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestEnd, ProtestTimes
 from madrob_console.referee.questions import Ask
 from madrob_console.referee.rebuild import Change, after, rebuild
-from madrob_console.referee.run import (
-    CheckName,
-    DecisionKind,
-    IncidentKind,
-    Phase,
-    Run,
-    TeamWord,
-)
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.referee.transitions import stop
 from scoring.indicator_table import IndicatorName

@@ -23,8 +23,9 @@ from madrob_console.referee.flags import (
     flags,
     undecided,
 )
+from madrob_console.referee.on_record import AcceptedDoubts, DecisionKind, TeamWord, Voiding
 from madrob_console.referee.questions import Ask, Pick
-from madrob_console.referee.run import AcceptedDoubts, DecisionKind, Run, TeamWord, Voiding
+from madrob_console.referee.run import Run
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Indicator

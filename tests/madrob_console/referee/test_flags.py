@@ -18,19 +18,18 @@ from madrob_console.referee.flags import (
     undecided,
     worst,
 )
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     CheckName,
     Closure,
     FalseStart,
     Incident,
     IncidentKind,
-    Phase,
-    Run,
     TeamWord,
     Voiding,
     Waiver,
 )
-from madrob_console.referee.run import TestbedFault as Fault
+from madrob_console.referee.on_record import TestbedFault as Fault
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.transitions import decide_false_starts
 from scoring.events import Evidence
 from scoring.procedure import Procedure, Ruling, follow_procedure

@@ -21,9 +21,10 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.acts.file_protest import MOST_PROTESTS
 from madrob_console.referee.acts.take_back import last_decision
 from madrob_console.referee.flags import FlagKind, FlagWeight, flags, undecided
+from madrob_console.referee.on_record import DecisionKind, TeamWord
 from madrob_console.referee.protests import ProtestEnd, ProtestTimes, due_words, open_protests
 from madrob_console.referee.questions import Ask, Pick, Write
-from madrob_console.referee.run import DecisionKind, Phase, Run, TeamWord
+from madrob_console.referee.run import Phase, Run
 from scoring.procedure import StepRecord
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.referee.test_acts import STOPPED

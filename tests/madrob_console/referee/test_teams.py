@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from madrob_console.errors import MadrobError
 from madrob_console.names import LONGEST_NAME, clean_name
 from madrob_console.referee.list_file import LARGEST_FILE, MOST_PROBLEMS
-from madrob_console.referee.run import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList, TeamSource, merge_teams, read_teams
 from tests.madrob_console.ui.setups import a_setup
 

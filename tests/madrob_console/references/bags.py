@@ -24,7 +24,7 @@ from madrob_console.messages.codec import (
 from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated.encoding import Encoder
 from madrob_console.testbeds.simulated.sensor_model import Reading
 from recorder.message import RawMessage

@@ -29,7 +29,7 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawIncident,
 )
-from madrob_console.referee.run import (
+from madrob_console.referee.on_record import (
     AcceptedDoubts,
     CheckName,
     Closure,
@@ -40,7 +40,7 @@ from madrob_console.referee.run import (
     TeamWord,
     Waiver,
 )
-from madrob_console.referee.run import TestbedFault as Fault
+from madrob_console.referee.on_record import TestbedFault as Fault
 from madrob_console.report import PictureFormat
 from madrob_console.report.page import report_html
 from madrob_console.report.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings

@@ -45,8 +45,9 @@ from madrob_console.referee.acts import Act, Situation, Start, act_named, refusa
 from madrob_console.referee.competition_plan import NO_PLAN, Plan, plan_progress
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
+from madrob_console.referee.on_record import FalseStart
 from madrob_console.referee.preflight import Check, Readings, preflight
-from madrob_console.referee.run import FalseStart, Phase, Run
+from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.referee.transitions import begin_run, stop
 from scoring.indicator_table import IndicatorName

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from madrob_console.referee.run import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 

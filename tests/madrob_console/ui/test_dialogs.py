@@ -14,7 +14,8 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
-from madrob_console.referee.run import IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.referee.teams import TeamList
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.ui.driver import Driver, driving

@@ -22,7 +22,8 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
-from madrob_console.referee.run import CheckName, IncidentKind, Phase, TeamWord
+from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.run import Phase
 from madrob_console.referee.transitions import stop
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Outcome, Step

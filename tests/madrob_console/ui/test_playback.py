@@ -22,7 +22,7 @@ from madrob_console.engine.shown.playback import (
 from madrob_console.engine.shown.requests import GiveFrames
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
-from madrob_console.referee.run import seconds_of
+from madrob_console.referee.run_times import seconds_of
 from madrob_console.referee.transitions import begin_countdown, begin_run
 from madrob_console.ui.cells.lines import width_of
 from madrob_console.ui.frame.key_line import KeyLine

@@ -9,8 +9,9 @@ import pytest
 from madrob_console.engine.live.view import NO_STEPS
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
-from madrob_console.referee.run import RemovedEvidence, Run
-from madrob_console.referee.run import TestbedFault as Fault
+from madrob_console.referee.on_record import RemovedEvidence
+from madrob_console.referee.on_record import TestbedFault as Fault
+from madrob_console.referee.run import Run
 from madrob_console.ui.cells.lines import Line, Tone
 from madrob_console.ui.look.words import date_of
 from madrob_console.ui.panes.quality_table import QualityTable

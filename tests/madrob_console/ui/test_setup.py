@@ -9,7 +9,8 @@ from textual import events
 from madrob_console.engine.shown.requests import NextRunNumber
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.defaults import ConsoleDefaults

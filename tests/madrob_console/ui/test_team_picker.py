@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from madrob_console.referee.run import Phase, RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.defaults import ConsoleDefaults

@@ -9,8 +9,9 @@ from textual.widgets import Input
 
 from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, MarkIncident, Rule, Void
+from madrob_console.referee.on_record import IncidentKind
 from madrob_console.referee.questions import Option, Pick
-from madrob_console.referee.run import IncidentKind, Phase
+from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.dialog import Prompt
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Outcome, Step

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from madrob_console.referee.run import relative_text
+from madrob_console.referee.run_times import relative_text
 from madrob_console.ui.look.words import (
     clock_text,
     fitted,

@@ -20,7 +20,8 @@ import pytest
 
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes, decode_text
 from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, Finalise, Reissue, Start
-from madrob_console.referee.run import Phase, TeamWord
+from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.run import Phase
 from recorder.reader import read_bag
 from scoring.protocol import POST_ROLL, Outcome
 from scoring.result import Result

@@ -28,7 +28,7 @@ from madrob_console.engine.shown.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name, terminal_safe
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
-from madrob_console.referee.run import CheckName
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.teams import read_teams
 from madrob_console.testbeds.simulated import Scenario
 from recorder.errors import RecorderError

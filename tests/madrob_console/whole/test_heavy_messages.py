@@ -16,8 +16,9 @@ from madrob_console.archive import score
 from madrob_console.engine.shown.requests import Perform
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import blocking
-from madrob_console.referee.run import CheckName, Phase
+from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros.loading import RosObject
 from recorder.reader import read_bag
 from tests.madrob_console.engine.drive import make_setup

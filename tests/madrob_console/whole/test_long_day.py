@@ -29,7 +29,7 @@ from madrob_console.referee.acts import (
     Rule,
 )
 from madrob_console.referee.journal import Journal
-from madrob_console.referee.run import IncidentKind
+from madrob_console.referee.on_record import IncidentKind
 from madrob_console.testbeds.simulated import Scenario
 from recorder.writer import BagWriter
 from scoring.evaluate import Assessment

@@ -27,7 +27,7 @@ from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.cli.main import main
 from madrob_console.config import load_settings
 from madrob_console.referee.acts import Finalise
-from madrob_console.referee.run import TeamWord
+from madrob_console.referee.on_record import TeamWord
 from tests.madrob_console.engine.drive import Drive
 
 OLDER = Path(__file__).parent / "version_0_1_0"

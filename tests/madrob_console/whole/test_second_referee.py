@@ -16,8 +16,8 @@ from madrob_console.engine.shown.requests import Perform
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import SetUp
+from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import CheckState
-from madrob_console.referee.run import CheckName
 from madrob_console.testbeds.ros import RosSource
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import EngineProcess

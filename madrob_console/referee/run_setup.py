@@ -1,0 +1,70 @@
+"""What is set for a run before its start (protocol section 2)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from scoring.protocol import Condition, LockDetection, StartPose
+from scoring.rulesets import RulesetName
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetup:
+    """Everything set for a run before its start.
+
+    Attributes:
+        subject: the robot's number, 1 to 999.
+        team: the team's name, cleaned.
+        run_number: the repetition, 1 to 999.
+        condition: what the robot has to do.
+        start_pose: where the robot stands; on the starting side.
+        referee: the referee's name, cleaned.
+        timeout: s from the start.
+        countdown: s before the start; the recording needs at least 1 s.
+        ruleset: which rules make the indicators.
+        lock_detection: what decides step 6 (protocol section 7).
+        team_reason: why the team has another name than in the list of teams; empty = it has not.
+        practice: it counts for nothing and stands apart from official runs (protocol section 2).
+        out_of_plan: it was set up beyond the competition's plan.
+        run_id: which run of all testbeds it is, a UUID; empty in runs of earlier versions. Set-ups
+            that differ in nothing but this and `testbed` are equal.
+        testbed: the name of the testbed; likewise.
+    """
+
+    subject: int
+    team: str
+    run_number: int
+    condition: Condition
+    start_pose: StartPose
+    referee: str
+    timeout: float
+    countdown: float
+    ruleset: RulesetName
+    lock_detection: LockDetection
+    team_reason: str = ""
+    practice: bool = False
+    out_of_plan: bool = False
+    run_id: str = field(default="", compare=False)
+    testbed: str = field(default="", compare=False)
+
+    def problem(self) -> str | None:
+        """Why a run cannot be set up like this, naming the field; None when it can."""
+        if not 1 <= self.subject <= 999:
+            return f"subject {self.subject}: use a number from 1 to 999"
+        if not 1 <= self.run_number <= 999:
+            return f"run number {self.run_number}: use a number from 1 to 999"
+        pose = self.start_pose
+        if not all(math.isfinite(value) for value in (pose.x, pose.y, pose.yaw)):
+            return "start pose: x, y and yaw must be numbers"
+        side = pose.side
+        if side is not self.condition.starting_side:
+            where = "on the threshold" if side is None else f"on the {side.upper()} side"
+            wanted = self.condition.starting_side
+            sign = "x > 0" if wanted.sign > 0 else "x < 0"
+            return f"start pose lies {where}: it must lie on the {wanted.upper()} side ({sign})"
+        if not 1.0 <= self.timeout <= 86400.0:
+            return f"timeout {self.timeout:g} s: use 1 to 86400 s"
+        if not 0.0 <= self.countdown <= 600.0:
+            return f"countdown {self.countdown:g} s: use 0 to 600 s"
+        return None
