@@ -35,7 +35,7 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.run_times import relative_text
 
 PROTESTS_FILE = "PROTESTS.txt"
-"""In the archive: who protested, what about, and what was decided."""
+"""In the archive: who protested, what about, what was decided, and what evidence is missing."""
 
 TABLES_FOLDER = "tables"
 """In the archive: the samples as tables."""
@@ -160,7 +160,7 @@ def _protests(run: Path, problems: list[str]) -> str:
 
 
 def protest_lines(run: Run, name: str) -> Iterator[str]:
-    """All protests against a run and what was decided, as plain text.
+    """All protests against a run, what was decided, and what of its evidence is missing.
 
     Args:
         run: as its journal tells it.
@@ -184,6 +184,11 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
         yield "Taken back by the referee:"
         for back in run.taken_back:
             yield f"  {_time(back.time)}: {terminal_safe(back.words)}: {terminal_safe(back.reason)}"
+    if run.evidence is not None:
+        yield ""
+        yield f"Evidence: {terminal_safe(run.evidence.words)}"
+        for remark in filter(None, (run.evidence_removed(_time), *run.evidence.remarks())):
+            yield f"  {terminal_safe(remark)}"
 
 
 def _protest_lines(one: Protest, run: Run) -> Iterator[str]:

@@ -144,7 +144,7 @@ class EvidenceAccount:
     def gap_words(self) -> str:
         """When nothing was recorded; empty = there was no such time."""
         number = sum(gap.number for gap in self.gaps)
-        more = f" and {number - 1} times more" if number > 1 else ""
+        more = f" and {counted(number - 1, 'time')} more" if number > 1 else ""
         return f"{self.gaps[0].words}{more}" if self.gaps else ""
 
     @property
