@@ -36,10 +36,12 @@ _UNSEEN = "whether a run goes on cannot be seen"
 
 
 def _all_the_same(found: FoundEngine) -> str:
-    """What --force does to a run that goes on."""
+    """What --force does to a run that goes on, and to one that is not on disk."""
     by_itself = found.presence is not None and not found.presence.wire  # `madrob run`
     what = "aborted and does not count" if by_itself else "cut off and kept as interrupted"
-    return f"--force ends it all the same: a run that goes on is {what}"
+    unsaved = found.presence is not None and found.presence.unsaved
+    lost = ", and what is not on disk by then is lost" if unsaved else ""
+    return f"--force ends it all the same: a run that goes on is {what}{lost}"
 
 
 def status() -> int:
@@ -220,7 +222,8 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
         handle.terminate()
     patience = HANGING_TIME if hangs else ENDING_TIME
     if handle.ended(patience):
-        return _say(found, "ended")
+        lost = presence is not None and presence.unsaved
+        return _say(found, "ended; what it could not write is lost" if lost else "ended")
     _say(found, f"{found.process} has not ended within {patience:g} s, it is killed")
     handle.kill()
     if handle.ended(KILLING_TIME):

@@ -176,6 +176,14 @@ class Engine:
         return self._at_hand.chronicle.unwritten
 
     @property
+    def refused(self) -> str:
+        """What the disk refuses of results and journal, in words; empty = nothing.
+
+        It is in memory alone, and tried again until it is written. From any thread.
+        """
+        return self._result.refused or self._at_hand.chronicle.problem or ""
+
+    @property
     def writing(self) -> str:
         """The act that takes effect when it is on disk; empty = none. From any thread."""
         waiting = self._acting.waiting
@@ -380,6 +388,7 @@ class Engine:
             hopeless=self._result.hopeless,
             simulated=self.source.announcement.simulated,
             indicators=self._result.indicators,
+            refused=self.refused,
             look=lambda: self._pre_start.checks(self.run, self.source, now, self._at_hand.drift),
             measure=lambda: self._sensors.handle_rest(now),
             rest_force=self.config.thresholds.touch_force / 2,

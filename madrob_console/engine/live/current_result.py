@@ -115,6 +115,11 @@ class CurrentResult:
         return (self._files.problem, self._scorer.problem, *self._files.problems)
 
     @property
+    def refused(self) -> str | None:
+        """What the disk refuses of results, in words; None = nothing. From any thread."""
+        return next(filter(None, (self._files.problem, *self._files.problems)), None)
+
+    @property
     def hurries(self) -> bool:
         """Whether people wait for it: it is looked for often."""
         return self._monotonic() < self._hurries_until

@@ -87,7 +87,7 @@ class OpenJournal:
                 path.unlink()
         journal.close()
         assert error is not None
-        raise MadrobError(f"{refusal_words(error)}: make room, then try again")
+        raise MadrobError(f"{refusal_words(error)}: {_REMEDY}")
 
     @classmethod
     def reopen(cls, path: Path, lines: Sequence[Entry]) -> OpenJournal:
@@ -186,6 +186,8 @@ class _Line:
         self.promise = promise
         self.done = done
 
+
+_REMEDY = "see to the disk, then try again"
 
 _Written = tuple[list[_Line], str | None]
 
@@ -333,6 +335,6 @@ class JournalKeeper:
             one.done(None)
         for one in refused:
             assert one.done is not None
-            one.done(f"{self._problem}: make room, then try again")
+            one.done(f"{self._problem}: {_REMEDY}")
         if self._problem is None or any(one.promise is not None for one in self._waiting):
             self._write()  # what waits for nothing else is refused by the disk itself

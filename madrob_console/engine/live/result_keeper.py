@@ -105,11 +105,11 @@ class ResultKeeper:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Which runs before the one at hand wait and why, in words."""
+        """Which runs before the one at hand wait and why, in words. From any thread."""
         return tuple(
             f"run {run.scored.record.setup.run_number} of subject "
             f"{run.scored.record.setup.subject}: {run.problem}"
-            for run in self._waiting.values()
+            for run in tuple(self._waiting.values())
         )
 
     def write(self, folder: Path, scored: RenderedResult, done: Callable[[], None]) -> None:

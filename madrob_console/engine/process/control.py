@@ -70,6 +70,7 @@ class WhoAnswer(msgspec.Struct, frozen=True):
         screens: how many are attached.
         console: the options with which a console attaches to it.
         remarks: what is not as it should be, in words.
+        unsaved: whether anything of a run is in its memory alone.
     """
 
     pid: int = 0
@@ -87,12 +88,13 @@ class WhoAnswer(msgspec.Struct, frozen=True):
     screens: int = 0
     console: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    unsaved: bool = False
 
-    def of(self, run: Run, *, busy: bool) -> WhoAnswer:
+    def of(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
         """The same with the run at hand."""
         setup = run.setup
         words = "" if setup is None else f"run {setup.run_number} of subject {setup.subject}"
-        return replace(self, phase=run.phase.value, run=words, busy=busy)
+        return replace(self, phase=run.phase.value, run=words, busy=busy, unsaved=unsaved)
 
     @property
     def against_stopping(self) -> str:
@@ -100,6 +102,8 @@ class WhoAnswer(msgspec.Struct, frozen=True):
         reasons = []
         if self.busy:
             reasons.append("a run is going on")
+        if self.unsaved:
+            reasons.append("a run is NOT ON DISK yet")
         if self.screens:
             one = self.screens == 1
             reasons.append(

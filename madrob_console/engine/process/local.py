@@ -169,6 +169,7 @@ class LocalEngine:
             core=int(now - self._stepped),
             disk=disk,
             unwritten=lines if age >= 1 or disk else 0,
+            refused=engine.refused,
             writing=writing if now - since >= USUAL_WRITING else "",
         )
 
@@ -335,6 +336,12 @@ class LocalEngine:
     def busy(self) -> bool:
         """Whether a run goes on or its result is being written."""
         return self._failure is None and self._engine.busy
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
+        lines, _ = self._engine.unwritten
+        return self._failure is None and bool(lines or self._engine.refused)
 
     @property
     def failed(self) -> bool:

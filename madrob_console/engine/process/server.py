@@ -172,7 +172,7 @@ class EngineServer:
         """
         snapshot, listening = self._engine.snapshot(), self.listening
         lost = None if listening is None else listening.problem
-        known = known.of(snapshot.run, busy=self._engine.busy)
+        known = known.of(snapshot.run, busy=self._engine.busy, unsaved=self._engine.unsaved)
         return replace(
             known,
             phase=ENDING if self._over.is_set() else known.phase,
@@ -181,7 +181,7 @@ class EngineServer:
             screens=len(self._screens),
             remarks=(
                 *known.remarks,
-                *filter(None, (snapshot.pulse.words, lost)),
+                *filter(None, (snapshot.pulse.words, snapshot.pulse.refused, lost)),
                 *self._engine.open_protests,
             ),
         )
@@ -363,7 +363,8 @@ class EngineServer:
         idle_since = self._monotonic()
         while self._monotonic() - idle_since < self._idle_time:
             await asyncio.sleep(min(0.2, self._idle_time / 4))
-            busy = self._screens or self._engine.busy
+            # what the disk refuses is nowhere else
+            busy = self._screens or self._engine.busy or self._engine.unsaved
             if busy:
                 idle_since = self._monotonic()
         self.stop()

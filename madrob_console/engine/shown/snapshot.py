@@ -249,6 +249,7 @@ class Pulse:
         core: its core has not moved for so long, s.
         disk: the disk has not answered for so long, s.
         unwritten: lines of the journal that are not on disk after a second.
+        refused: what the disk refuses of results and journal, in words; empty = nothing.
         writing: the act that takes effect when it is on disk, and is not yet; empty = none.
     """
 
@@ -257,7 +258,13 @@ class Pulse:
     core: int = 0
     disk: int = 0
     unwritten: int = 0
+    refused: str = ""
     writing: str = ""
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether anything of a run is in the engine's memory alone."""
+        return bool(self.unwritten or self.refused)
 
     @property
     def stale(self) -> bool:

@@ -30,7 +30,7 @@ class Situation:
 
     Attributes:
         run: the state of the run.
-        scored: whether the run's result is written.
+        scored: whether the run has its result, on disk or refused by it.
         look: works out the pre-start checks.
         measure: works out what the handle force was in the last second; None = no data.
         rest_force: a force at rest differs from its zero by no more than this, N.
@@ -43,6 +43,7 @@ class Situation:
         new_id: makes the identity of a run; empty where none is set up.
         time: now, s since the epoch.
         protest_times: the competition's deadlines for protests.
+        refused: what the disk refuses of results and journal, in words; empty = nothing.
     """
 
     run: Run
@@ -59,6 +60,7 @@ class Situation:
     new_id: Callable[[], str] = str
     time: float = 0.0
     protest_times: ProtestTimes = USUAL_PROTEST_TIMES
+    refused: str = ""
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:

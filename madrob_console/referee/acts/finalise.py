@@ -60,7 +60,9 @@ class Finalise(Act):
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
         """Not before the result is written."""
-        return None if situation.scored else "the result is being written"
+        if situation.scored:
+            return situation.refused or None
+        return "the result is being written"
 
     def problem(self, situation: Situation) -> str | None:
         """The referee signs, and nothing undecided is signed in silence."""

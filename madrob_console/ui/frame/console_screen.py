@@ -84,6 +84,7 @@ _ABOUT_NO_RUN = ("next", "again", "leave", "unfinished", "other name", "copy", "
 _STARTING = "Looking for the engine; one is started where none runs ..."
 _WRITTEN = "The result is written: f finalises it, x the next run, PgDn more."
 _WRITTEN_FOR_WATCHERS = "The result is written; PgDn shows more."
+_NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time, PgDn shows more."
 
 
@@ -521,7 +522,8 @@ class ConsoleScreen(Screen[None]):
             self._ahead.replaced("the result has just come")
             if not self._status.grave:  # a refusal is the greater news
                 watched = _WRITTEN_FOR_WATCHERS if now.right.only_watches else _WRITTEN
-                self.say(_AT_THE_END if now.playback else watched)
+                said = _NOT_ON_DISK if now.pulse.unsaved else watched
+                self.say(_AT_THE_END if now.playback else said)
         self._was_active, self._was_written = active, written
 
 

@@ -226,6 +226,17 @@ def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
             (Sure("Nobody can say whether the run goes on. Leave?"),),
             Leave,
         )
+    if pulse.unsaved and not run.active:
+        return Ask(
+            "Leave the console",
+            (
+                Sure(
+                    "A run is NOT ON DISK yet: only the engine has it, which goes on trying and"
+                    " does not end before. Leave?"
+                ),
+            ),
+            Leave,
+        )
     if run.unsigned:
         return Ask(
             "Leave the console",

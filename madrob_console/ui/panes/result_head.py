@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from scoring.result import Result
 
+_UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"
+
 
 class ResultHead(View):
     """Three rows; one more for flags, and more for long words."""
@@ -91,7 +93,7 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
     run = snapshot.run
     issue = f"ruleset {result.ruleset}, issue {run.issue}"
     if run.closure is None:
-        then = "" if _silent(snapshot) else ": f finalises it"
+        then = "" if _silent(snapshot) or snapshot.pulse.unsaved else ": f finalises it"
         text, tone = f"{issue}, not final yet{then}", Tone.WARN
     else:
         closure = run.closure
@@ -101,6 +103,8 @@ def _state(snapshot: Snapshot, result: Result, width: int) -> list[Line]:
         if undecided(snapshot.flags):
             text, tone = f"{text} with what is undecided", Tone.WARN
     lines = paragraph(text, width, tone)
+    if snapshot.pulse.unsaved:
+        lines = [*paragraph(_UNSAVED, width, Tone.BAD), *lines]
     if (playback := snapshot.playback) is not None:
         tone = Tone.DIM if playback.agrees else Tone.BAD
         lines += paragraph(playback.comparison, width, tone)

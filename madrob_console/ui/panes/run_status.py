@@ -88,7 +88,7 @@ def what_text(run: Run) -> str:
 
 def _on_its_way(snapshot: Snapshot) -> Line:
     """What has happened, but is not on disk yet."""
-    return line(Span("  NOT ON DISK YET", Tone.WARN)) if snapshot.pulse.unwritten else ()
+    return line(Span("  NOT ON DISK YET", Tone.WARN)) if snapshot.pulse.unsaved else ()
 
 
 def _time_left(snapshot: Snapshot) -> Line:

@@ -87,7 +87,7 @@ def test_every_version_is_asked_and_answers_in_these_words(owned: Owned) -> None
             b'{"pid":7,"version":"0.1.0","wire":5,"testbed":"SIMULATED nominal","kind":"simulated",'
             b'"domain":3,"results":"/runs","socket":"/run/s","started":1.5,"phase":"running",'
             b'"run":"run 1 of subject 3","busy":true,"screens":2,"console":["--testbed","ros"],'
-            b'"remarks":["odd"]}\n'
+            b'"remarks":["odd"],"unsaved":false}\n'
         )
         assert say(owned, b'{"ask": "stop", "force": false}\n') == (
             b'{"ends":false,"refused":"a run is going on, 2 screens are attached"}\n'

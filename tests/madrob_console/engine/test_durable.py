@@ -422,7 +422,7 @@ def test_what_the_disk_refuses_is_no_part_of_the_journal(
         hall.submit(SIGNED)
         hall.pass_time(STEP)
     assert hall.told == [
-        "the journal cannot be written (Input/output error): make room, then try again"
+        "the journal cannot be written (Input/output error): see to the disk, then try again"
     ]
     assert hall.engine.run.phase is Phase.STOPPED
     assert rebuild(hall.journal()).phase is Phase.STOPPED

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.process.control import WhoAnswer
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.process.server import MOST_UNDER_WAY, TOO_MANY
 from madrob_console.engine.shown import wire
@@ -37,7 +38,8 @@ from madrob_console.engine.shown.requests import (
 from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.referee.acts import ACTS, Abort, AddNote, SetUp, Start
+from madrob_console.referee.acts import ACTS, Abort, AddNote, Finalise, SetUp, Start
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
@@ -249,6 +251,30 @@ def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
     assert not served.thread.is_alive()
     assert not served.path.exists()
     served.close()
+
+
+def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path: Path) -> None:
+    served = Served(tmp_path, idle_time=0.5)
+    try:
+        client = served.attach()
+        start(client)
+        (folder,) = (tmp_path / "runs" / "practice").glob("subject_*")
+        (folder / "result.json").mkdir()  # the disk refuses the result
+        assert act(client, Abort("robot unsafe")) is None
+        until(lambda: client.snapshot().pulse.refused and client.snapshot().result is not None)
+        assert "NOT on disk" in (act(client, Finalise(TeamWord.ABSENT, "Ada")) or "")
+        presence = served.server.presence(WhoAnswer())
+        assert any("NOT on disk" in remark for remark in presence.remarks)
+        assert presence.against_stopping == "a run is NOT ON DISK yet, a screen is attached"
+        client.close()
+        time.sleep(1.5)
+        assert served.thread.is_alive()
+        (folder / "result.json").rmdir()
+        served.thread.join(10.0)
+        assert not served.thread.is_alive()
+        assert (folder / "result.json").is_file()
+    finally:
+        served.close()
 
 
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from madrob_console.engine.live.view import NO_STEPS
+from madrob_console.engine.shown.snapshot import Pulse
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.on_record import RemovedEvidence
@@ -42,6 +43,33 @@ async def whole_text(driver: Driver) -> str:
         await driver.press("pagedown")
         text += driver.text
     return text
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            engine.pulse = Pulse(refused="the result is NOT on disk: Read-only file system")
+            engine.finish()
+            await driver.settle()
+            text = " ".join(driver.text.split())
+            assert "NOT ON DISK YET: only the engine has it, and goes on trying" in text
+            assert "The result is NOT ON DISK yet" in driver.console.status
+            assert "f finalises it" not in text
+            await driver.press("f10")
+            assert "only the engine has it" in " ".join(driver.text.split())
+            await driver.press("escape", "f3")
+            assert "NOT ON DISK YET" in driver.text
+            engine.pulse = Pulse()
+            await driver.press("f4")
+            await driver.settle()
+            assert "NOT ON DISK" not in driver.text
+            assert "f finalises it" in " ".join(driver.text.split())
+
+    asyncio.run(drive())
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
