@@ -25,6 +25,7 @@ from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
 from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
+from madrob_console.export.packed_report import packed_report
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.files.bounded import stamp_of
@@ -115,14 +116,13 @@ def export_dossier(
     check_dossier(run)
     at = _stamp(run)
     bag = PackedBag.of(run, parts)
-    for name in made:
-        bag = bag.but(name)
+    made = {**made, **packed_report(run, {run: (run.name, bag)}, made)}
     tell_size(*size_of(run, bag))
     before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
         archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
-        there = add_run(archive, run, run.name, bag)
+        there = add_run(archive, run, run.name, bag, made)
         for name, data in made.items():
             if (called := f"{run.name}/{name}") not in there:
                 archive.add(called, data, at)

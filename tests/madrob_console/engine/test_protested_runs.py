@@ -297,15 +297,28 @@ def test_the_same_run_gives_the_same_dossier_byte_by_byte(desk: Desk) -> None:
     assert dossier_target(desk.run_folder).read_bytes() == first
 
 
+def report_in(files: dict[str, bytes], desk: Desk) -> str:
+    """The report of the dossier, all of whose links lead to what is there."""
+    page = files[f"{desk.run_folder.name}/report.html"].decode()
+    led = {f"{desk.run_folder.name}/{name}" for name in re.findall(r'<a href="([^"#]+)', page)}
+    assert led
+    assert led <= set(files)
+    return page
+
+
 def test_evidence_and_recording_can_be_left_out_and_that_is_said(desk: Desk) -> None:
     desk.act(CROSSED)
     add_evidence(desk.run_folder, strings(["seen"]))
+    assert "not in this zip" not in report_in(dossier(desk), desk)
     files = dossier(desk, "--without-evidence")
     assert not any("_evidence_" in one for one in files)
+    assert "_evidence_0.mcap</a> (not in this zip)" in report_in(files, desk)
     assert any(one.endswith("_0.mcap") for one in files)
     assert "the evidence was left out on demand" in files[README_FILE].decode()
     files = dossier(desk, "--without-bags")
     assert not any(one.endswith(".mcap") for one in files)
+    assert "_0.mcap</a> (not in this zip)" in report_in(files, desk)
+    assert "metadata.yaml</a> (not in this zip)" in report_in(files, desk)
     assert "the recording was left out on demand" in files[README_FILE].decode()
 
 
