@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from madrob_console.amounts import span_words
+
 
 class ProtestEnd(StrEnum):
     """How a protest ends."""
@@ -113,22 +115,9 @@ def due_words(due: float, now: float) -> str:
     left = due - now
     if abs(left) < 1.0:
         return "due now"
-    return f"{_long(left)} left" if left >= 0 else f"OVERDUE by {_long(-left)}"
+    return f"{span_words(left)} left" if left >= 0 else f"OVERDUE by {span_words(-left)}"
 
 
 def late_words(due: float, decided: float) -> str:
     """That a decision came late: `LATE, 12 min after it was due`; empty where it was in time."""
-    return f"LATE, {_long(decided - due)} after it was due" if decided > due else ""
-
-
-def _long(duration: float) -> str:
-    """A duration in whole minutes, begun ones not counted; in s below one, in days above two."""
-    if duration < 60:
-        return f"{duration:.0f} s"
-    minutes = int(duration // 60)
-    if minutes < 60:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    if hours < 48:
-        return f"{hours} h {minutes:02d} min"
-    return f"{hours // 24} days"
+    return f"LATE, {span_words(decided - due)} after it was due" if decided > due else ""

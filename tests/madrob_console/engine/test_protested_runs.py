@@ -135,7 +135,7 @@ def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk
     before = desk.engine.run
     desk.wait(62.0)
     fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
-    assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min, decide it (P)"
+    assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min 1 s, decide it (P)"
     assert desk.engine.run == before
 
 
