@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -116,6 +116,17 @@ def due_words(due: float, now: float) -> str:
     if abs(left) < 1.0:
         return "due now"
     return f"{span_words(left)} left" if left >= 0 else f"OVERDUE by {span_words(-left)}"
+
+
+def deadline_words(due: float, now: float, date: Callable[[float], str]) -> str:
+    """The same by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`.
+
+    Args:
+        due: when it is to be decided, s since the epoch.
+        now: s since the epoch.
+        date: a time in words, of s since the epoch.
+    """
+    return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
 
 
 def late_words(due: float, decided: float) -> str:

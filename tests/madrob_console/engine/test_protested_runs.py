@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.history import PROTEST_OPEN, History
+from madrob_console.archive.history import PROTEST_OPEN, History, time_words
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import stored_run
@@ -134,8 +134,12 @@ def test_past_its_deadline_a_protest_is_told_as_a_fault_and_nothing_happens(desk
     assert not any("protest" in fault for fault in desk.engine.snapshot().faults)
     before = desk.engine.run
     desk.wait(62.0)
+    (protest,) = before.protests
+    late = f"OVERDUE since {time_words(protest.due)}"
     fault = next(fault for fault in desk.engine.snapshot().faults if "protest" in fault)
-    assert fault == "protest 1 (step 4: cross the threshold): OVERDUE by 1 min 1 s, decide it (P)"
+    assert fault == f"protest 1 (step 4: cross the threshold): {late}, decide it (P)"
+    desk.wait(2.0)
+    assert fault in desk.engine.snapshot().faults  # a new one rings the bell
     assert desk.engine.run == before
 
 
