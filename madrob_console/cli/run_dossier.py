@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,6 +52,7 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
         return export_dossier(
             run,
             arguments.output or dossier_target(run),
+            time.time(),
             made=made,
             tables=tables,
             problems=(*problems, *why),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from madrob_console.amounts import span_words
+from madrob_console.referee.run_times import relative_text
 
 
 class ProtestEnd(StrEnum):
@@ -93,6 +94,18 @@ class Protest:
         if answer is None or answer.end is ProtestEnd.WITHDRAWN:
             return ""
         return late_words(self.due, answer.time)
+
+    def about_words(self, start: float | None) -> str:
+        """What it is about and when that was: `step 4, 12.500 s from the start`.
+
+        Args:
+            start: of the run, s since the epoch; None = it has none.
+        """
+        if self.at is None or start is None:
+            return self.about
+        instant = f"{relative_text(self.at, start)} s"
+        named = "" if self.about == instant else f"{self.about}, "
+        return f"{named}{instant} from the start"
 
     @property
     def title(self) -> str:
