@@ -26,7 +26,7 @@ def check_options(arguments: argparse.Namespace) -> None:
     """
     of_run = arguments.run is not None
     if of_run is not arguments.dossier:
-        raise MadrobError("a dossier is of one run: give --run RUN and --dossier, both or none")
+        raise MadrobError("one run is packed as a dossier: give --run RUN with --dossier")
     if not of_run and arguments.subject is None:
         raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
     of_team = arguments.subject is not None or arguments.practice or arguments.paths

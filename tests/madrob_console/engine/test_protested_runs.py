@@ -343,8 +343,8 @@ def test_what_cannot_be_packed_is_named_and_the_rest_is_there(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--run", "RUN"), "--run RUN and --dossier, both or none"),
-        (("--dossier",), "both or none"),
+        (("--run", "RUN"), "one run is packed as a dossier: give --run RUN with --dossier"),
+        (("--dossier",), "give --run RUN with --dossier"),
         ((), "whose runs?"),
         (("--run", "RUN", "--dossier", "--subject", "3"), "leave out --subject"),
         (("--run", "/nowhere", "--dossier"), "no such run folder"),
@@ -356,3 +356,13 @@ def test_what_does_not_belong_together_is_refused_with_words(
 ) -> None:
     assert main(["export", *options]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_the_help_says_as_the_refusal_does_that_one_run_is_packed_as_a_dossier(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert "--run RUN with --dossier one run instead" in told
+    assert "--dossier with --run, all of that run" in told
