@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 _UNITS = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))
+_WHOLE_MINUTES = 5  # from here on seconds say nothing
 
 
 def size_words(size: float) -> str:
@@ -14,6 +15,23 @@ def size_words(size: float) -> str:
             number = size / factor
             return f"{number:.0f} {unit}" if number >= 99.95 else f"{number:.1f} {unit}"
     return f"{size:.0f} B"
+
+
+def span_words(span: float) -> str:
+    """A time that has passed, or is left, s: `8 s`, `1 min 8 s`, `12 min`, `1 h 05 min`, `3 days`.
+
+    Of the smallest unit that is told only whole ones count; a span is never told as nothing.
+    """
+    seconds = max(1, int(span))
+    minutes, rest = divmod(seconds, 60)
+    if not minutes:
+        return f"{rest} s"
+    if minutes < _WHOLE_MINUTES:
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    if not hours:
+        return f"{minutes} min"
+    return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} days"
 
 
 def listed(names: Sequence[str], most: int = 2) -> str:

@@ -42,6 +42,9 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
+LARGEST_REPORT = 20_000_000
+"""Of a report that is taken along, bytes."""
+
 PICTURES_FOLDER = "pictures"
 """In a run folder: what its cameras saw."""
 

@@ -39,13 +39,13 @@ def add(commands: options.Commands) -> None:
         type=Path,
         default=None,
         metavar="RUN",
-        help="one run instead: its folder, or its name in the results folder",
+        help="with --dossier one run instead: its folder, or its name in the results folder",
     )
     parser.add_argument(
         "--dossier",
         action="store_true",
-        help="of that run all that a protest is decided by: the protests and decisions, report, "
-        "pictures, journal, results, samples as tables, recording",
+        help="with --run, all of that run that a protest is decided by: the protests and "
+        "decisions, report, pictures, journal, results, samples as tables, recording",
     )
     options.add_teams(parser)
     parser.add_argument(

@@ -125,7 +125,9 @@ def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, 
     _with_cameras(made, run, arguments.camera)
     if arguments.at:
         made = named_by_distance(made)
-    folder, begin = output or Path(), f"{run.absolute().name}_"
+    folder = output or Path()
+    within = folder.resolve().is_relative_to(run.resolve())
+    begin = "" if within else f"{run.absolute().name}_"
     if made.files:
         try:
             folder.mkdir(parents=True, exist_ok=True)

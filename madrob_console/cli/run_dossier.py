@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,7 +26,7 @@ def check_options(arguments: argparse.Namespace) -> None:
     """
     of_run = arguments.run is not None
     if of_run is not arguments.dossier:
-        raise MadrobError("a dossier is of one run: give --run RUN and --dossier, both or none")
+        raise MadrobError("one run is packed as a dossier: give --run RUN with --dossier")
     if not of_run and arguments.subject is None:
         raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
     of_team = arguments.subject is not None or arguments.practice or arguments.paths
@@ -51,6 +52,7 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
         return export_dossier(
             run,
             arguments.output or dossier_target(run),
+            time.time(),
             made=made,
             tables=tables,
             problems=(*problems, *why),

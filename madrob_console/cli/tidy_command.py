@@ -97,6 +97,8 @@ def main(arguments: argparse.Namespace) -> int:
     then = f"{size_text(free)} free now, {size_text(free + room)} then"
     runs = f"{len(going)} run{'' if len(going) == 1 else 's'}"
     print(f"evidence of {runs}, {size_text(room)}, can go; {stays} stay; {then}")
+    if lacking := _lacking(limits, free + room):
+        print(lacking)
     if not going or arguments.dry_run:
         return 0
     if (name := run_going_on(root)) is not None:  # large files that go hold up a disk for seconds
@@ -107,7 +109,7 @@ def main(arguments: argparse.Namespace) -> int:
         if not says_yes(f"Remove the evidence of {runs} for good? [y/N] "):
             print("nothing was removed")
             return NOT_REMOVED
-    return _remove(going, root, limits.filing)
+    return _remove(going, root, limits)
 
 
 def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
@@ -117,6 +119,17 @@ def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
     if keep is None and age is None and free is None:
         raise MadrobError("say what stays: --keep-runs, --older-than or --until-free")
     return TidyLimits(keep or 0, age or 0.0, free, filing)
+
+
+def _lacking(limits: TidyLimits, free: float) -> str:
+    """How much less than wanted is free then, in words; empty = it is enough."""
+    from madrob_console.ui.look.words import size_text
+
+    wanted = limits.until_free
+    if wanted is None or free >= wanted:
+        return ""
+    lacking = size_text(wanted - free)
+    return f"--until-free {size_text(wanted)} is not reached: {lacking} are lacking"
 
 
 def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
@@ -142,7 +155,7 @@ def _age(seconds: float) -> str:
     return f"{seconds / 86400:.0f} d" if seconds >= 2 * 86400 else f"{seconds / 3600:.1f} h"
 
 
-def _remove(going: Sequence[RunEvidence], root: Path, filing: float) -> int:
+def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
     from madrob_console.archive.thinning import remove_evidence
     from madrob_console.files.whole import free_space
     from madrob_console.ui.look.words import size_text
@@ -153,7 +166,7 @@ def _remove(going: Sequence[RunEvidence], root: Path, filing: float) -> int:
             for number, one in enumerate(going):
                 tell(number, len(going))
                 try:
-                    remove_evidence(one, time.time(), filing)
+                    remove_evidence(one, time.time(), limits.filing)
                 except MadrobError as error:
                     bad.add(error, one.folder)
                 else:
@@ -163,6 +176,8 @@ def _remove(going: Sequence[RunEvidence], root: Path, filing: float) -> int:
     total = size_text(sum(one.size for one in removed))
     left = "" if free is None else f"; {size_text(free)} free"
     print(f"removed {total} of evidence of {len(removed)} of {len(going)} runs{left}")
+    if free is not None and (lacking := _lacking(limits, free)):
+        print(lacking)
     return BAD_INPUT if bad.count else 0
 
 

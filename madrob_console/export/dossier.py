@@ -25,14 +25,14 @@ from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
 from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
+from madrob_console.export.packed_report import packed_report
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE, Archive
 from madrob_console.files.bounded import stamp_of
 from madrob_console.files.whole import whole_file
 from madrob_console.names import terminal_safe
-from madrob_console.referee.protests import Protest, ProtestEnd
+from madrob_console.referee.protests import Protest, ProtestEnd, deadline_words
 from madrob_console.referee.run import Run
-from madrob_console.referee.run_times import relative_text
 
 PROTESTS_FILE = "PROTESTS.txt"
 """In the archive: who protested, what about, what was decided, and what evidence is missing."""
@@ -86,9 +86,10 @@ def check_dossier(run: Path) -> None:
         raise MadrobError(f"{run}: this run goes on: make the dossier after it")
 
 
-def export_dossier(
+def export_dossier(  # noqa: PLR0913  what is packed, and how
     run: Path,
     target: Path,
+    now: float,
     *,
     made: Mapping[str, bytes] = MappingProxyType({}),
     tables: Path | None = None,
@@ -96,11 +97,14 @@ def export_dossier(
     parts: BagParts = WHOLE_BAGS,
     tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
-    """Pack everything about one run. The same run gives the same zip, byte by byte.
+    """Pack everything about one run.
+
+    The same run gives the same zip, byte by byte, until an open protest is overdue.
 
     Args:
         run: its folder.
         target: the zip.
+        now: s since the epoch.
         made: what is not in its folder, or not as it should be: its report as it is now, and what
             belongs to that; by name.
         tables: a folder with its samples as tables; None = there are none.
@@ -115,14 +119,13 @@ def export_dossier(
     check_dossier(run)
     at = _stamp(run)
     bag = PackedBag.of(run, parts)
-    for name in made:
-        bag = bag.but(name)
+    made = {**made, **packed_report(run, {run: (run.name, bag)}, made)}
     tell_size(*size_of(run, bag))
     before = stamp_of(str(run / RESULT_FILE))
     with folder_for(target), whole_file(target) as file, Archive(file) as archive:
         archive.problems += problems
-        archive.add(PROTESTS_FILE, _protests(run, archive.problems).encode(), at)
-        there = add_run(archive, run, run.name, bag)
+        archive.add(PROTESTS_FILE, _protests(run, archive.problems, now).encode(), at)
+        there = add_run(archive, run, run.name, bag, made)
         for name, data in made.items():
             if (called := f"{run.name}/{name}") not in there:
                 archive.add(called, data, at)
@@ -149,28 +152,30 @@ def _stamp(run: Path) -> float:
     return max((stamp[0] / 1e9 for stamp in stamps if stamp is not None), default=0.0)
 
 
-def _protests(run: Path, problems: list[str]) -> str:
+def _protests(run: Path, problems: list[str], now: float) -> str:
     """What was protested and decided, for people."""
     try:
         told = read_run_journal(run).run
     except (UnusableJournalError, OSError) as error:
         problems.append(f"{run.name}: its protests are not known: {error}")
         return f"The journal of {terminal_safe(run.name)} cannot be read: {error}\n"
-    return "\n".join(protest_lines(told, run.name)) + "\n"
+    return "\n".join(protest_lines(told, run.name, now)) + "\n"
 
 
-def protest_lines(run: Run, name: str) -> Iterator[str]:
+def protest_lines(run: Run, name: str, now: float) -> Iterator[str]:
     """All protests against a run, what was decided, and what of its evidence is missing.
 
     Args:
         run: as its journal tells it.
         name: of its folder.
+        now: s since the epoch.
     """
     setup = run.setup
     yield f"MADROB: protests against {terminal_safe(name)}"
     if setup is not None:
+        whose = terminal_safe(f"subject {setup.subject} {setup.team}".rstrip())
         yield (
-            f"Run {setup.run_number} of subject {setup.subject} {terminal_safe(setup.team)}, "
+            f"Run {setup.run_number} of {whose}, "
             f"condition {setup.condition.number}{', PRACTICE' if setup.practice else ''}"
         )
     if not run.protests:
@@ -178,7 +183,7 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
         yield "No protest was filed."
     for one in run.protests:
         yield ""
-        yield from _protest_lines(one, run)
+        yield from _protest_lines(one, run, now)
     if run.taken_back:
         yield ""
         yield "Taken back by the referee:"
@@ -191,22 +196,21 @@ def protest_lines(run: Run, name: str) -> Iterator[str]:
             yield f"  {terminal_safe(remark)}"
 
 
-def _protest_lines(one: Protest, run: Run) -> Iterator[str]:
+def _protest_lines(one: Protest, run: Run, now: float) -> Iterator[str]:
     rows: Mapping[str, str] = {
         "by": one.team,
-        "about": one.about
-        + ("" if one.at is None else f", {relative_text(one.at, run.start)} s from the start"),
+        "about": one.about_words(run.start),
         "the team says": one.text,
         "filed": _time(one.time) + (f", taken by {one.referee}" if one.referee else ""),
         "late": f"admitted: {one.late}" if one.late else "",
-        "due": _time(one.due),
+        "due": "" if one.open else _time(one.due),
     }
     yield f"Protest {one.number}"
     for name, words in rows.items():
         if words:
             yield f"  {name + ':':<15}{terminal_safe(words)}"
     if (answer := one.answer) is None:
-        yield "  OPEN: it waits for a decision"
+        yield f"  OPEN: the decision is {deadline_words(one.due, now, _time)}"
         return
     decided = "withdrawn" if answer.end is ProtestEnd.WITHDRAWN else "decided"
     by = answer.referee or "the referee"

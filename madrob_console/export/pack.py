@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,7 @@ from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
 from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
+from madrob_console.export.packed_report import packed_report
 from madrob_console.export.readme import README_FILE, PackedRun, readme
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
@@ -103,8 +104,8 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     name = file_name(subject, called.name, now, practice=practice)
     path = target or found.root / EXPORTS_FOLDER / name
     names_in = _names_in_archive(runs)
-    bags = {run: PackedBag.of(run, parts) for run in runs}
-    sizes = [size_of(run, bags[run]) for run in runs]
+    bags = {run: (names_in[run], PackedBag.of(run, parts)) for run in runs}
+    sizes = [size_of(run, bag) for run, (_, bag) in bags.items()]
     tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with folder_for(path), whole_file(path) as file, Archive(file) as archive:
         archive.problems += [
@@ -113,7 +114,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = _add_run(archive, run, names_in[run], bags[run])
+            added = _add_run(archive, run, bags)
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
@@ -134,7 +135,7 @@ def export_team(  # noqa: PLR0913  what is packed, and how
             renamed,
             names,
             bags=parts.recording,
-            evidence_left_out=any(bag.evidence_left_out for bag in bags.values()),
+            evidence_left_out=any(bag.evidence_left_out for _, bag in bags.values()),
         )
         archive.add(README_FILE, text.encode(), now)
         archive.finish(now)
@@ -264,10 +265,13 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
 
 
-def _add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
+def _add_run(
+    archive: Archive, run: Path, packed: Mapping[Path, tuple[str, PackedBag]]
+) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
-    added = add_run(archive, run, called, bag)
+    called, bag = packed[run]
+    added = add_run(archive, run, called, bag, packed_report(run, packed))
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:

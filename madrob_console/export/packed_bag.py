@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Self
 
 from madrob_console.export.zip_file import Archive
@@ -46,10 +47,9 @@ class PackedBag:
     evidence_left_out: bool = False
     problems: tuple[str, ...] = ()
 
-    def but(self, name: str) -> Self:
-        """The same, without one more file."""
-        before = self.without
-        return replace(self, without=lambda found: found == name or before(found))
+    def has(self, name: str) -> bool:
+        """Whether a file of this name of the run's folder is packed, if it is there."""
+        return not self.without(name) or (name == METADATA_FILE and self.metadata is not None)
 
     @classmethod
     def of(cls, run: Path, parts: BagParts) -> Self:
@@ -96,8 +96,21 @@ def _not_whole(evidence: Iterable[str]) -> tuple[str, ...]:
     return tuple(f"{name}: {words}" for name in sorted(evidence))
 
 
-def add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[str]:
+def add_run(
+    archive: Archive,
+    run: Path,
+    called: str,
+    bag: PackedBag,
+    instead: Mapping[str, bytes] = MappingProxyType({}),
+) -> list[str]:
     """Add the folder of a run, with its bag as it is packed.
+
+    Args:
+        archive: takes it.
+        run: the folder.
+        called: its name in the archive.
+        bag: what is packed of its bag.
+        instead: what is packed in place of a file of it, by name.
 
     Returns:
         The names of the files that are in the archive now.
@@ -105,7 +118,8 @@ def add_run(archive: Archive, run: Path, called: str, bag: PackedBag) -> list[st
     Raises:
         OSError: the archive cannot be written.
     """
-    added = archive.add_folder(run, called, without=bag.without)
+    instead = {f"{called}/{name}": data for name, data in instead.items()}
+    added = archive.add_folder(run, called, without=bag.without, instead=instead)
     archive.problems += [f"{called}/{problem}" for problem in bag.problems]
     if bag.metadata is not None:
         name, stamp = f"{called}/{METADATA_FILE}", stamp_of(str(run / METADATA_FILE))

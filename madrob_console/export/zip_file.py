@@ -6,9 +6,10 @@ import hashlib
 import os
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, Self
 
 from madrob_console.export.portable_names import LONGEST_PATH, portable_names
@@ -53,6 +54,7 @@ class Archive:
         called: str = "",
         *,
         without: Callable[[str], bool] = lambda _name: False,
+        instead: Mapping[str, bytes] = MappingProxyType({}),
     ) -> list[str]:
         """Add the files of a folder; what cannot be read is a problem.
 
@@ -63,6 +65,7 @@ class Archive:
             folder: the folder.
             called: its name in the archive, where that is another than its own.
             without: whether a file of this name is left out.
+            instead: what is added in place of a file, by the file's name in the archive.
 
         Returns:
             The names of the files that are in the archive now.
@@ -73,7 +76,7 @@ class Archive:
         added = []
         for found in self._files_in(folder, called or folder.name):
             if not without(found.path):
-                added += [found.name] if self._add(found) else []
+                added += [found.name] if self._add(found, instead.get(found.name)) else []
         return added
 
     def add(self, name: str, data: bytes, modified: float) -> None:
@@ -101,14 +104,17 @@ class Archive:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 
-    def _add(self, found: _Found) -> bool:
+    def _add(self, found: _Found, instead: bytes | None) -> bool:
         try:
             number = open_plain(found.path, folder=found.folder)
         except OSError as error:
             self.problems.append(f"{found.name}: cannot be read ({refusal(error)})")
             return False
         with os.fdopen(number, "rb") as file:
-            return self._copy(found.name, file)
+            if instead is None:
+                return self._copy(found.name, file)
+            self.add(found.name, instead, os.fstat(number).st_mtime)
+            return True
 
     def _copy(self, name: str, file: BinaryIO) -> bool:
         """Copy what the file holds now; of one that grows no more than that."""

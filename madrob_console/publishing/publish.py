@@ -8,7 +8,7 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
-from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import INDEX_PAGE, LARGEST_REPORT, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.listed_result import ListedResult, PagedResult
 from madrob_console.archive.result_reader import (
@@ -23,7 +23,7 @@ from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
 from madrob_console.publishing.hall_page import hall_page
 from madrob_console.publishing.overview import overview_page, plan_page
-from madrob_console.publishing.report_copy import LARGEST_REPORT, report_copy, stamp_to_copy
+from madrob_console.publishing.report_copy import report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
     HALL,
@@ -147,10 +147,11 @@ def _tables(content: SiteContent) -> Iterator[SiteFile]:
         yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
     yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
     undated = replace(content.standings, made=0.0)
+    remarks = content.standings.remarks  # a protest becomes overdue by the time alone
     yield SiteFile.of(
         "data/standings.json",
         standings_json(content.standings, content.software).decode(),
-        standings_json(undated, content.software).decode(),
+        "\n".join((standings_json(undated, content.software).decode(), *remarks)),
     )
     if content.plan is not None:
         competition = content.standings.title

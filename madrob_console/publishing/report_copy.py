@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import html
 import posixpath
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from urllib.parse import quote, unquote
 
-from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.archive.folders import LARGEST_REPORT, REPORT_FILE
+from madrob_console.archive.report_links import led_elsewhere
 from madrob_console.files.bounded import Stamp, read_bounded
 from madrob_console.publishing.site_content import beside, report_beside
 from madrob_console.publishing.site_folder import SourceUnreadError
 from madrob_console.publishing.site_frame import NOTHING_ELSE
 from madrob_console.report.markup import PAGE_BEGINS, Markup
 
-LARGEST_REPORT = 20_000_000
-"""Of a report that is taken along, bytes."""
-
-_LINK = re.compile(r'<a href="([^"#][^"]*)">')
 _FILES = re.compile(
     r'<section id="files">.*?</section>\s*|<a href="#files">[^<]*</a>\s*'
     r'|<span class="beside">[^<]*</span>',
@@ -66,11 +61,10 @@ def report_copy(report: str, folder: str, places: Mapping[str, str], around: Mar
         for other, place in places.items()
     }
 
-    def led(found: re.Match[str]) -> str:
-        target = posixpath.normpath(f"{folder}/{unquote(html.unescape(found[1]))}")
-        place = reports.get(target)
-        return "<a>" if place is None else f'<a href="{quote(beside(here, place))}">'
+    def led(target: str) -> str | None:
+        place = reports.get(posixpath.normpath(f"{folder}/{target}"))
+        return None if place is None else beside(here, place)
 
-    text = _LINK.sub(led, _FILES.sub("", report))
+    text = led_elsewhere(_FILES.sub("", report), led)
     text = f"{PAGE_BEGINS}{NOTHING_ELSE}{text.removeprefix(PAGE_BEGINS)}"
     return re.sub("<body>", lambda _: f"<body>{around}", text, count=1)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+
+from madrob_console.amounts import span_words
+from madrob_console.referee.run_times import relative_text
 
 
 class ProtestEnd(StrEnum):
@@ -92,6 +95,18 @@ class Protest:
             return ""
         return late_words(self.due, answer.time)
 
+    def about_words(self, start: float | None) -> str:
+        """What it is about and when that was: `step 4, 12.500 s from the start`.
+
+        Args:
+            start: of the run, s since the epoch; None = it has none.
+        """
+        if self.at is None or start is None:
+            return self.about
+        instant = f"{relative_text(self.at, start)} s"
+        named = "" if self.about == instant else f"{self.about}, "
+        return f"{named}{instant} from the start"
+
     @property
     def title(self) -> str:
         """Its number and what it is about."""
@@ -113,22 +128,20 @@ def due_words(due: float, now: float) -> str:
     left = due - now
     if abs(left) < 1.0:
         return "due now"
-    return f"{_long(left)} left" if left >= 0 else f"OVERDUE by {_long(-left)}"
+    return f"{span_words(left)} left" if left >= 0 else f"OVERDUE by {span_words(-left)}"
+
+
+def deadline_words(due: float, now: float, date: Callable[[float], str]) -> str:
+    """The same by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`.
+
+    Args:
+        due: when it is to be decided, s since the epoch.
+        now: s since the epoch.
+        date: a time in words, of s since the epoch.
+    """
+    return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
 
 
 def late_words(due: float, decided: float) -> str:
     """That a decision came late: `LATE, 12 min after it was due`; empty where it was in time."""
-    return f"LATE, {_long(decided - due)} after it was due" if decided > due else ""
-
-
-def _long(duration: float) -> str:
-    """A duration in whole minutes, begun ones not counted; in s below one, in days above two."""
-    if duration < 60:
-        return f"{duration:.0f} s"
-    minutes = int(duration // 60)
-    if minutes < 60:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    if hours < 48:
-        return f"{hours} h {minutes:02d} min"
-    return f"{hours // 24} days"
+    return f"LATE, {span_words(decided - due)} after it was due" if decided > due else ""

@@ -24,7 +24,6 @@ from madrob_console.report.explanations import (
     SOURCES,
     TEAM_WORDS,
     date_text,
-    since,
     task_text,
 )
 from madrob_console.report.markup import (
@@ -162,9 +161,6 @@ def protests(run: Run) -> Content:
 
 
 def _protest(one: Protest, run: Run) -> Markup:
-    about: list[Content] = [said(one.about)]
-    if one.at is not None and run.start is not None:
-        about.append(f", at {since(one.at, run.start)} s of the run")
     filed: list[Content] = [date_text(one.time)]
     if one.late:
         filed += [", late; admitted: ", said(one.late)]
@@ -182,7 +178,7 @@ def _protest(one: Protest, run: Run) -> Markup:
         decision = state, ": ", said(answer.reason), decided, by, ")"
     rows: list[tuple[str, Content]] = [
         ("by", said(one.team)),
-        ("about", about),
+        ("about", said(one.about_words(run.start))),
         ("the team says", ("“", said(one.text), "”")),
         ("filed", filed),
         ("decision", decision),

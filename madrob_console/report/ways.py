@@ -29,7 +29,7 @@ def files(place: PagePlace) -> Markup:
     if not place.files:
         return NOTHING
     entries = [element("li", link(name, name)) for name in place.files]
-    told = element("p", "They lie beside this page; an export may leave the recording out.")
+    told = element("p", "They lie beside this page.")
     return section("Files of this run", told, element("ul", entries, class_="files"), name="files")
 
 

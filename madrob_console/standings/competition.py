@@ -12,6 +12,7 @@ from madrob_console.archive.history import RunSummary, time_words
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.protests import deadline_words
 from madrob_console.standings.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
 from madrob_console.standings.testbeds_apart import how_testbeds_differ
 from scoring.indicator_table import WITH_EXTREMES, IndicatorName
@@ -101,10 +102,10 @@ class CompetitionStandings:
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
             remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
         for run in self.open_protests:
-            due = time_words(run.protest_due or 0.0)
+            due = deadline_words(run.protest_due or self.made, self.made, time_words)
             remarks.append(
                 f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
-                f"{run.condition}: NOT FINAL until it is decided, by {due}."
+                f"{run.condition}: NOT FINAL until it is decided, {due}."
             )
         if self.protested:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.amounts import counted, listed, size_words
+from madrob_console.amounts import counted, listed, size_words, span_words
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,25 @@ def test_a_size_is_told_in_the_unit_that_says_something(size: int, words: str) -
 def test_no_size_is_told_as_nothing(size: int) -> None:
     number, _ = size_words(size).split()
     assert float(number) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("span", "words"),
+    [
+        (0.3, "1 s"),
+        (59.9, "59 s"),
+        (60, "1 min"),
+        (68.4, "1 min 8 s"),
+        (299.9, "4 min 59 s"),
+        (300, "5 min"),
+        (3599, "59 min"),
+        (3900, "1 h 05 min"),
+        (47 * 3600 + 3599, "47 h 59 min"),
+        (3 * 86400 - 1, "2 days"),
+    ],
+)
+def test_a_span_is_told_in_units_that_say_something(span: float, words: str) -> None:
+    assert span_words(span) == words
 
 
 def test_of_many_names_the_first_are_told() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from madrob_console.archive.history import time_words
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.live.acting import Acting
 from madrob_console.engine.live.backlog import Backlog
@@ -28,7 +29,7 @@ from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.protests import due_words, open_protests
+from madrob_console.referee.protests import deadline_words, open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
@@ -162,10 +163,10 @@ class StateView:
 
 
 def overdue_protests(run: Run, now: float) -> Iterator[str]:
-    """Which protests against the run should have been decided, in words."""
+    """Which protests against the run should have been decided, in words that stay the same."""
     for one in open_protests(run.protests):
         if one.due < now:
-            yield f"{one.title}: {due_words(one.due, now)}, decide it (P)"
+            yield f"{one.title}: {deadline_words(one.due, now, time_words)}, decide it (P)"
 
 
 def disk_problem(checks: Iterable[Check]) -> str | None:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from typing import TypeAlias
 
-from madrob_console.archive.history import RunSummary
-from madrob_console.referee.protests import due_words
+from madrob_console.archive.history import RunSummary, time_words
+from madrob_console.referee.protests import deadline_words, due_words
 
 LOOKING_PERIOD = 60.0
 """Another console, or another machine, may have filed or decided one, s."""
@@ -60,7 +60,7 @@ class ProtestWatch:
         self._reading = self._read(self._history)
 
     def overdue(self, now: float, at_hand: str) -> Iterator[str]:
-        """Protests that should have been decided, in words.
+        """Protests that should have been decided, in words that stay the same.
 
         Args:
             now: s since the epoch.
@@ -68,13 +68,15 @@ class ProtestWatch:
         """
         for run in self._protested:
             if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
-                yield f"{_words(run, now)}; h opens it, P decides it"
+                late = deadline_words(run.protest_due, now, time_words)
+                yield f"{_which(run)}: {late}; h opens it, P decides it"
 
     def open(self, now: float) -> Iterator[str]:
         """All that are open, in words; `now` in s since the epoch."""
-        return (_words(run, now) for run in self._protested)
+        protested = ((run, run.protest_due or now) for run in self._protested)
+        return (f"{_which(run)}: {due_words(due, now)}" for run, due in protested)
 
 
-def _words(run: RunSummary, now: float) -> str:
+def _which(run: RunSummary) -> str:
     which = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
-    return f"protest against {which}: {due_words(run.protest_due or now, now)}"
+    return f"protest against {which}"

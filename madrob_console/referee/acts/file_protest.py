@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from madrob_console.amounts import span_words
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.acts.decide_protest import DecideProtest
 from madrob_console.referee.acts.withdraw_protest import WithdrawProtest
@@ -211,7 +212,8 @@ def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
     """
     if run.signed is None or (passed := now - run.signed) <= times.filing:
         return ""
-    return f"signed {passed / 60:.0f} min ago, protests within {times.filing / 60:.0f} min"
+    ended, lasts = span_words(passed - times.filing), span_words(times.filing)
+    return f"the time for protests ended {ended} ago, {lasts} after the signature"
 
 
 def _outside(after_start: float, run: Run) -> str:

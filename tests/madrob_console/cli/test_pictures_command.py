@@ -13,6 +13,7 @@ from PIL import Image
 
 from madrob_console.archive.run_journal import journal_held
 from madrob_console.cli.main import main
+from madrob_console.export.portable_names import portable_names
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -67,6 +68,23 @@ def test_a_file_of_an_instant_before_the_start_says_so_in_its_name(
     assert found
     assert all(name.startswith(f"{run.name}_01_at_minus_0_250_s_camera_") for name in found)
     capsys.readouterr()
+
+
+def test_in_the_folder_of_the_run_names_are_such_that_a_zip_keeps_them_whole(
+    bare: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    long = "/hall_north/testbed/camera_beside_the_door/color/image_raw/compressed"
+    film(bare, f"{long}/left", f"{long}/right")
+    output = bare / "frames"
+    wanted = ["--at", "5.25", "--at", "benchmark_start"]
+    assert main(["pictures", str(bare), *wanted, "--output", str(output)]) == 0
+    names = [item.name for item in output.iterdir()]
+    assert len(names) == 4
+    assert portable_names(names) == {name: name for name in names}
+    assert all(re.search(r"_\d+_ms(_later|_earlier)?[.]jpg$", name) for name in names)
+    assert all(name.startswith(("01_at_5_250_s_", "02_benchmark_start_")) for name in names)
+    made = capsys.readouterr().out
+    assert all(f"{output / name}: " in made for name in names)
 
 
 def test_an_instant_may_be_an_event_and_cameras_may_be_chosen(

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, time_words
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
@@ -203,6 +203,15 @@ def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
 def test_not_final_and_protested_results_are_told() -> None:
     assert "Not final: 3 of the valid runs." in words(found())
     assert "PROTESTED by the team: 1 of the valid runs." in words(found())
+
+
+def test_a_protest_is_told_with_its_deadline_and_as_overdue_after_it() -> None:
+    due = EPOCH + 600.0
+    open_one = timed(10.0, protest_due=due)
+    told = "PROTEST open against run 1 of subject 3 in condition 7: NOT FINAL until it is decided"
+    for made, deadline in ((due - 60.0, "due by"), (due + 60.0, "OVERDUE since")):
+        of = competition_standings([open_one], made=made)
+        assert f"{told}, {deadline} {time_words(due)}." in of.remarks
 
 
 # ---------------------------------------------------------------- the files

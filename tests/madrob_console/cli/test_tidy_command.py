@@ -82,6 +82,17 @@ def test_a_dry_run_says_what_goes_what_stays_and_why(
     assert len(evidence(root)) == 4
 
 
+def test_room_that_cannot_be_made_is_told_in_the_last_line(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for flag in ("--dry-run", "--yes"):
+        assert tidy(root, "--until-free", "900000GB", flag) == 0
+        line = capsys.readouterr().out.splitlines()[-1]
+        assert re.fullmatch(r"--until-free 900.0 TB is not reached: \d+.\d TB are lacking", line)
+    assert tidy(root, "--until-free", "1MB", "--dry-run") == 0
+    assert "--until-free" not in capsys.readouterr().out
+
+
 def test_it_asks_and_no_means_no(
     root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

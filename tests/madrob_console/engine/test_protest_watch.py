@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, time_words
 from madrob_console.engine.process.protest_watch import LOOKING_PERIOD, ProtestWatch
 from madrob_console.errors import MadrobError
 from tests.madrob_console.run_folders import EPOCH, summary
@@ -46,7 +46,8 @@ def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead
     assert list(watch.overdue(DUE - 1.0, "")) == []
     (words,) = watch.overdue(DUE + 30.0, "")
     which = "protest against run 2 of subject 4 in condition 7"
-    assert words == f"{which}: OVERDUE by 30 s; h opens it, P decides it"
+    assert words == f"{which}: OVERDUE since {time_words(DUE)}; h opens it, P decides it"
+    assert list(watch.overdue(DUE + 31.0, "")) == [words]  # a new fault rings the bell
     assert list(watch.open(DUE - 600.0)) == [
         "protest against run 2 of subject 4 in condition 7: 10 min left",
         "protest against run 1 of subject 5 in condition 7: 11 min left",

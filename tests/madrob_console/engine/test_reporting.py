@@ -120,7 +120,7 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     assert not any(problems[2:])
     found = sorted(path.name for path in (folder / "frames").iterdir())
     assert [re.sub(r"_\d+_ms(_later|_earlier)?[.]jpg$", ".jpg", name) for name in found] == [
-        f"{folder.name}_01_at_{at}_s_camera_{camera}.jpg"
+        f"01_at_{at}_s_camera_{camera}.jpg"
         for at in ("5_000", "6_500")
         for camera in ("front", "side")
     ]

@@ -11,7 +11,7 @@ import subprocess
 import time
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -43,6 +43,7 @@ from madrob_console.messages.codec import (
     TopicMapping,
     referee_topics,
 )
+from madrob_console.report.markup import link
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import evidence_file_name
 from recorder.listing import put_listing
@@ -289,6 +290,29 @@ def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
         assert "other topics of some runs were left out" in packed.read("README.txt").decode()
 
 
+def test_reports_link_to_what_is_in_the_zip_only(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, third = folders(root)
+    other, evidence = folders(root, 4)[0], evidence_file_name(first.name, 0)
+    bag_of(first, 0)
+    for run in (second, other):
+        (run / "report.html").write_text("\xfe", "latin-1")
+    targets = [evidence, "metadata.yaml", "../x/../result.json", "#time"]
+    targets += [f"../{run.name}/report.html" for run in (second, third, other)]
+    (first / "report.html").write_text("".join(link(target, "<it>") for target in targets))
+    flags = [f"--results={root}", "--output", str(tmp_path / "a.zip"), "--without-evidence"]
+    assert main(["export", "--team=3", *flags]) == 0
+    there = unpacked(tmp_path / "a.zip", tmp_path / "there")
+    gone = "<a>&lt;it&gt;</a> (not in this zip)"
+    kept = [f'<a href="{target}">&lt;it&gt;</a>' for target in targets]
+    assert (there / first.name / "report.html").read_text() == "".join(
+        [gone, kept[1], gone, kept[3], kept[4], gone, gone]
+    )
+    assert (there / second.name / "report.html").read_bytes() == b"\xfe"
+    capsys.readouterr()
+
+
 def test_evidence_that_nobody_can_open_is_named_and_not_packed(root: Path, tmp_path: Path) -> None:
     run = folders(root)[0]
     bag_of(run, 0)
@@ -528,9 +552,14 @@ def test_a_result_that_changes_meanwhile_is_named(
     add_folder = zip_file.Archive.add_folder
 
     def ruled(
-        self: zip_file.Archive, folder: Path, called: str = "", *, without: Callable[[str], bool]
+        self: zip_file.Archive,
+        folder: Path,
+        called: str = "",
+        *,
+        without: Callable[[str], bool],
+        instead: Mapping[str, bytes],
     ) -> list[str]:
-        added = add_folder(self, folder, called, without=without)
+        added = add_folder(self, folder, called, without=without, instead=instead)
         if folder == first:
             (folder / "result.json").write_text("{}")
         return added

@@ -13,7 +13,7 @@ import pytest
 
 import madrob_console.publishing.publish
 import madrob_console.publishing.site_tables
-from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import LARGEST_REPORT, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.main import main
@@ -21,7 +21,6 @@ from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import read_all
 from madrob_console.publishing.publish import site_files
-from madrob_console.publishing.report_copy import LARGEST_REPORT
 from madrob_console.publishing.site_content import SiteContent, alike_among
 from madrob_console.report.markup import page
 from scoring.protocol import Outcome

@@ -142,7 +142,9 @@ def test_a_decision_of_a_final_result_can_be_taken_back() -> None:
 def test_a_late_protest_needs_a_reason_and_one_before_the_signature_is_never_late() -> None:
     assert FINAL.closure is not None
     late = FINAL.closure.time + 601.0
-    assert "protests within 10 min: admit it with a reason" in refused(FINAL, SLOW, late)
+    assert refused(FINAL, SLOW, late) == (
+        "the time for protests ended 1 s ago, 10 min after the signature: admit it with a reason"
+    )
     admitted = done(FINAL, replace(SLOW, late="told in time"), late)
     assert admitted.protests[0].late == "told in time"
     assert SLOW.refusal(here(FINAL, late - 2.0)) is None
@@ -154,7 +156,9 @@ def test_a_decision_after_its_deadline_is_called_late_and_a_withdrawal_is_not() 
     due = filed.protests[0].due
     late = UPHELD.settled(here(filed, due + 720.0))
     assert late.logged == "protest 1 upheld (LATE, 12 min after it was due)"
-    assert done(filed, UPHELD, due + 720.0).protests[0].late_decision
+    assert done(filed, UPHELD, due + 174.0).protests[0].late_decision == (
+        "LATE, 2 min 54 s after it was due"
+    )
     assert not done(filed, UPHELD, due - 1.0).protests[0].late_decision
     assert not done(filed, WithdrawProtest(1, "satisfied"), due + 720.0).protests[0].late_decision
 
@@ -194,10 +198,10 @@ def test_the_deadline_runs_on_while_another_protest_is_open() -> None:
     assert FINAL.signed is not None
     late = FINAL.signed + 601.0
     opened = done(FINAL, SLOW, FINAL.signed + 30.0)
-    assert "signed 10 min ago" in refused(opened, SLOW, late)
+    assert "ended 1 s ago, 10 min after the signature" in refused(opened, SLOW, late)
     rejected = done(opened, replace(UPHELD, end=ProtestEnd.REJECTED), late)
     again = done(rejected, Finalise(TeamWord.ABSENT, "R. Eferee"), late + 1.0)
-    assert "signed 10 min ago" in refused(again, SLOW, late + 2.0)
+    assert "ended 3 s ago, 10 min after the signature" in refused(again, SLOW, late + 2.0)
 
 
 def test_a_result_that_was_changed_can_be_protested_as_long_as_the_first() -> None:
@@ -281,6 +285,7 @@ def test_who_decides_is_asked_where_no_referee_is_known() -> None:
         (0.0, "due now"),
         (725.0, "12 min left"),
         (-30.0, "OVERDUE by 30 s"),
+        (-107.0, "OVERDUE by 1 min 47 s"),
         (-3900.0, "OVERDUE by 1 h 05 min"),
         (86400.0 * 3, "3 days left"),
     ],
