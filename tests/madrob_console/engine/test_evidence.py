@@ -393,8 +393,8 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
 @pytest.mark.parametrize(
     ("status", "said"),
     [
-        (WitnessStatus(), "no data: nobody listens yet"),
-        (WitnessStatus(ready=True), "no data: none of its topics is there"),
+        (WitnessStatus(unseen=("/camera/**",)), "no data: not looked long enough yet"),
+        (WitnessStatus(ready=True), "warning: 0 topics, room for "),  # all are excluded
         (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
         (
             WitnessStatus(
@@ -413,6 +413,10 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
         (
             WitnessStatus(ready=True, unseen=("/rosout",), scored=("/madrob/**",)),
             "warning: nobody publishes /rosout; /madrob/**: recorded with the score, remove the ",
+        ),
+        (
+            WitnessStatus(ready=True, unseen=("/camera/**",)),
+            "warning: nobody publishes /camera/**; 0 topics, room for ",
         ),
     ],
 )
@@ -437,6 +441,23 @@ def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watch
         "evidence: nobody publishes /camera/front",
         "evidence: /camera/dead: silent since 10:00:00",  # the other may have nothing to say
     ]
+
+
+@pytest.mark.parametrize("budget", [10**12, 0])
+def test_without_any_camera_a_run_starts_and_only_too_little_room_is_in_its_way(
+    tmp_path: Path, budget: int
+) -> None:
+    drive = Watched(tmp_path / "runs", budget=budget)
+    drive.witness.status = WitnessStatus(ready=True, unseen=("/camera/**",))
+    drive.prepare(make_setup())
+    said = drive.check(CheckName.EVIDENCE)
+    if not budget:
+        assert said.startswith("failed: nobody publishes /camera/**; 0 topics, room for 0 ")
+        assert "madrob tidy" in said
+    else:
+        assert said.startswith("warning: ")
+        drive.start(make_setup())
+        assert drive.engine.run.active
 
 
 def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(
