@@ -55,7 +55,7 @@ class WitnessStatus:
 
     Attributes:
         ready: whether somebody listens, and has had the time to find what there is.
-        topics: what comes.
+        topics: what comes; nothing is said of it where nobody has told of late.
         silent: those on which nothing comes now, and nothing is kept for late joiners.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
@@ -66,6 +66,7 @@ class WitnessStatus:
         finishing: whether one is over and not complete on disk.
         size: its bytes on disk.
         problem: what is wrong, in words; None = nothing.
+        stuck: that the disk takes nothing of it now, in words; empty = it does.
     """
 
     ready: bool = False
@@ -79,6 +80,7 @@ class WitnessStatus:
     unseen: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
     gaps: tuple[EvidenceGap, ...] = ()
+    stuck: str = ""
 
     @property
     def byte_rate(self) -> float:
@@ -98,7 +100,7 @@ class WitnessStatus:
             start: of the run, s since the epoch; None = there is none.
         """
         if self.gap is None:
-            return self.problem
+            return self.problem or self.stuck or None
         since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 

@@ -50,7 +50,7 @@ class EvidenceWritten:
         refused: by topic: the disk did not take them, or had no room left for evidence.
         size: of the file, bytes.
         queued: bytes of memory that wait.
-        silent: how long the disk has not answered, s.
+        silent: how long the disk has not answered, or was left to the score, s.
         problem: why nothing more is written, in words; empty = it is.
         finished: whether the file is complete, or given up.
         ended: whether nothing more comes: what was taken is all counted.
@@ -237,6 +237,7 @@ class EvidenceRecorder:
                 self._busy_since = None
                 self._changed.wait_for(self._is_due, max(0.0, SYNC_PERIOD / 2))
                 while self._held:
+                    self._busy_since = self._busy_since or self._monotonic()
                     self._changed.wait()
                 batch = self._queue.take(BATCH_BYTES)
                 topics, self._new_topics = self._new_topics, []

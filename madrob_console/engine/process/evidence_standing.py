@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from madrob_console.amounts import counted, listed
+from madrob_console.amounts import counted, listed, size_words
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
@@ -23,7 +23,8 @@ from madrob_console.referee.evidence_account import (
 from recorder.bag import evidence_file_name
 
 QUIET = 1.5
-"""A process from which nothing is heard for so long is said to be silent, s."""
+"""A process from which nothing is heard for so long is said to be silent, and so is a disk that
+takes nothing; s."""
 
 SLOW_END = 5.0
 """A recording that is not complete so long after its end is told, s."""
@@ -216,6 +217,15 @@ class EvidenceRecording:
             return 0.0
         return self.ended - self._heard_at
 
+    @property
+    def stuck(self) -> str:
+        """That the disk takes nothing now, in words; empty = it does."""
+        written = self._written
+        if not self.goes_on or written is None or written.problem or written.silent <= QUIET:
+            return ""
+        waits = f", {size_words(written.queued)} wait in memory" if written.queued else ""
+        return f"the disk has taken nothing for {written.silent:.0f} s{waits}"
+
     def problem(self, now: float) -> str:
         """What is wrong now, in words; empty = nothing.
 
@@ -249,6 +259,7 @@ def standing(
     problem = trouble or (heard.problem if heard else "")
     if heard is not None and now - heard_at > QUIET:
         problem = f"the evidence process is silent for {now - heard_at:.0f} s"
+        heard = None  # what came then says nothing of what comes now
     if recording is not None:
         problem = problem or recording.problem(now)
     account = EvidenceAccount() if recording is None else recording.account()
@@ -271,6 +282,7 @@ def standing(
         finishing=recording is not None and recording.finishing,
         size=0 if recording is None else recording.size,
         problem=problem or None,
+        stuck="" if recording is None else recording.stuck,
         silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
         unseen=heard.unseen if heard else (),
         scored=heard.scored if heard else (),

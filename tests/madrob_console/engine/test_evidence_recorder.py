@@ -73,6 +73,7 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
         held = recorder.written.size
         recorder.put(message(RIGHT, 20), RIGHT, 0)
         assert recorder.written.size == held
+        until(lambda: recorder.written.silent > 0)  # who looks sees that nothing is taken
         recorder.hold(held=False)
         until(lambda: recorder.written.size > held)
     assert finished(recorder).messages == {LEFT.name: 20, RIGHT.name: 1}

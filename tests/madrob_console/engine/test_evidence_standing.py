@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import msgspec
+import pytest
 
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
@@ -97,6 +98,39 @@ def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
     run.recording.hear(news, 2.1)
     account = standing(2.2, news, 2.1, "", run.recording).account
     assert (account.unwritten, account.problems) == (0, ())
+
+
+def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_now() -> None:
+    run = Recorded()
+    fresh = run.hears(1.0, {"/left": 0.1}, saved=0.9)
+    assert [topic.rate for topic in fresh.topics] == [10.0]
+    news = EvidenceNews(settled=True, flows=(TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),))
+    old = standing(4.0, news, 1.0, "", run.recording)
+    assert old.problem == "the evidence process is silent for 3 s"
+    assert (old.topics, old.byte_rate) == ((), 0)
+    assert old.account.topics == fresh.account.topics
+
+
+@pytest.mark.parametrize(
+    ("silent", "queued", "said"),
+    [
+        (1.0, 3_000_000, None),
+        (9.8, 31_400_000, "the disk has taken nothing for 10 s, 31.4 MB wait in memory"),
+    ],
+)
+def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(
+    silent: float, queued: int, said: str | None
+) -> None:
+    run = Recorded()
+    written = replace(WRITTEN, silent=silent, queued=queued)
+    flows = (TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),)
+    news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
+    run.recording.hear(news, 1.0)
+    status = standing(1.0, news, 1.0, "", run.recording)
+    assert status.trouble(0.0) == said
+    assert status.problem is None  # it may take all of it yet
+    run.recording.ended = 2.0
+    assert standing(2.0, news, 2.0, "", run.recording).trouble(0.0) is None
 
 
 def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent() -> None:
