@@ -67,6 +67,8 @@ class WitnessStatus:
         size: its bytes on disk.
         problem: what is wrong, in words; None = nothing.
         stuck: that the disk takes nothing of it now, in words; empty = it does.
+        unrepaired: files of the last run that are not whole, and what their repair waits for, in
+            words.
     """
 
     ready: bool = False
@@ -81,6 +83,7 @@ class WitnessStatus:
     scored: tuple[str, ...] = ()
     gaps: tuple[EvidenceGap, ...] = ()
     stuck: str = ""
+    unrepaired: tuple[str, ...] = ()
 
     @property
     def byte_rate(self) -> float:
@@ -105,16 +108,17 @@ class WitnessStatus:
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 
     def faults(self, start: float | None) -> tuple[str, ...]:
-        """What is wrong now with all of it, or with what should come and does not; a line each.
+        """What is wrong with all of it, with what should come or with its files; a line each.
 
         Args:
             start: as for `trouble`.
         """
         if (trouble := self.trouble(start)) is not None:
-            return (trouble,)
+            return (trouble, *self.unrepaired)
         unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
         silent = (topic for topic in self.topics if topic.problem and topic.topic in self.silent)
-        return (*unseen, *(f"{topic.topic}: {topic.problem}" for topic in silent))
+        lines = (f"{topic.topic}: {topic.problem}" for topic in silent)
+        return (*unseen, *lines, *self.unrepaired)
 
     @property
     def troubles(self) -> dict[tuple[str, Trouble], str]:

@@ -283,6 +283,9 @@ def standing(
         size=0 if recording is None else recording.size,
         problem=problem or None,
         stuck="" if recording is None else recording.stuck,
+        unrepaired=tuple(
+            one.unrepaired for one in (heard.recordings.values() if heard else ()) if one.unrepaired
+        ),
         silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
         unseen=heard.unseen if heard else (),
         scored=heard.scored if heard else (),

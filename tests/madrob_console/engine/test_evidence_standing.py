@@ -133,6 +133,18 @@ def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(
     assert standing(2.0, news, 2.0, "", run.recording).trouble(0.0) is None
 
 
+def test_a_file_that_waits_for_its_repair_is_a_fault_and_stands_in_no_start_s_way() -> None:
+    run = Recorded()
+    run.recording.ended = 2.0
+    waits = "run_evidence_0.mcap is not complete and waits for its repair"
+    written = replace(WRITTEN, finished=True, ended=True, unrepaired=waits)
+    news = EvidenceNews(settled=True, recordings={1: written})
+    run.recording.hear(news, 2.5)
+    status = standing(2.5, news, 2.5, "", run.recording)
+    assert status.faults(0.0) == (waits,)
+    assert (status.problem, status.finishing) == (None, False)
+
+
 def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent() -> None:
     recording = EvidenceRecording(1, EvidencePlace(-1, "run", 0, 0, 10**9, 0))
     recording.next_file()
