@@ -428,7 +428,7 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
 
 def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watched) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
-    dead = replace(quiet, topic="/camera/dead", problem="silent since 10:00:00")
+    dead = replace(quiet, topic="/camera/dead")
     drive.witness.status = replace(
         drive.witness.status,
         topics=(COMES, dead, quiet),
@@ -436,10 +436,13 @@ def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watch
         unseen=("/camera/front",),
     )
     drive.start(make_setup())
+    assert drive.engine.run.start is not None
+    since = EvidenceGap(drive.engine.run.start + 3.9, None, "nothing came")
+    drive.witness.status = replace(drive.witness.status, pauses_now={dead.topic: since})
     assert drive.engine.run.active
     assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
         "evidence: nobody publishes /camera/front",
-        "evidence: /camera/dead: silent since 10:00:00",  # the other may have nothing to say
+        "evidence: /camera/dead: silent since +3.9 s",  # the other may have nothing to say
     ]
 
 
