@@ -13,6 +13,7 @@ import pytest
 
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.live.core import DISK_WAITS, Engine
+from madrob_console.engine.live.evidence_room import STEADY_FOR
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
@@ -373,6 +374,24 @@ def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Pat
     assert said == told
     drive.act(Start())
     assert drive.engine.run.active
+
+
+def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> None:
+    def room_at(byte_rate: float, after: float) -> float | None:
+        topic = replace(COMES, byte_rate=byte_rate)
+        drive.witness.status = replace(drive.witness.status, topics=(topic,))
+        drive.wait(after)
+        evidence = drive.engine.snapshot().evidence
+        assert evidence is not None
+        return evidence.room
+
+    drive.prepare(make_setup())
+    usual = room_at(6e6, 1.0)
+    assert usual is not None
+    assert room_at(2e6, 1.0) == pytest.approx(usual, rel=0.02)  # its process was just started
+    assert room_at(0.0, 3.0) == pytest.approx(usual, rel=0.02)
+    assert room_at(12e6, 1.0) == pytest.approx(usual / 2, rel=0.02)
+    assert room_at(3e6, STEADY_FOR + 1.0) == pytest.approx(2 * usual, rel=0.02)
 
 
 def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> None:
