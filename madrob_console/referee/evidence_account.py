@@ -59,6 +59,13 @@ class EvidenceGap:
         return f"from {self.begin:+.1f} s to {end}{times}"
 
 
+def gaps_words(gaps: Sequence[EvidenceGap]) -> str:
+    """The first of some gaps, and how many there are more; empty = there is none."""
+    number = sum(gap.number for gap in gaps)
+    more = f" and {counted(number - 1, 'time')} more" if number > 1 else ""
+    return f"{gaps[0].words}{more}" if gaps else ""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
     """One topic of the evidence of a run.
@@ -143,9 +150,7 @@ class EvidenceAccount:
     @property
     def gap_words(self) -> str:
         """When nothing was recorded; empty = there was no such time."""
-        number = sum(gap.number for gap in self.gaps)
-        more = f" and {counted(number - 1, 'time')} more" if number > 1 else ""
-        return f"{self.gaps[0].words}{more}" if self.gaps else ""
+        return gaps_words(self.gaps)
 
     @property
     def _at_least(self) -> str:

@@ -264,30 +264,30 @@ def _evidence(r: Readings, run: Run) -> Iterator[Check]:
     yield Check(CheckName.EVIDENCE, state, text)
 
 
+_MAKE_ROOM = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
+
+
 def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
     if not e.ros:
         return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
     if e.problem is not None:
         return CheckState.FAILED, e.problem
     if not e.ready:
-        return CheckState.NO_DATA, "nobody listens yet: wait for it"
-    if not e.topics and e.scored:
-        return CheckState.WARNING, e.notes
-    if not e.topics:
-        return CheckState.NO_DATA, "none of its topics is there: start what publishes them"
+        return CheckState.NO_DATA, "not looked long enough yet: wait for it"
     if e.left is None:
         return CheckState.NO_DATA, "room for it is unknown: check the results folder"
-    good = CheckState.WARNING if e.notes else CheckState.OK
+    good = CheckState.WARNING if e.notes or not e.topics else CheckState.OK
     sends = f"{e.notes}; " if e.notes else ""
     sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
     if e.lasts is None:
         text = f"{sends}room for {size_words(e.left)}"
-        return (good if e.left or not e.least else CheckState.FAILED), text
+        if e.left or not e.least:
+            return good, text
+        return CheckState.FAILED, f"{text}: {_MAKE_ROOM}"
     text = f"room for {duration_words(e.lasts)} at the rate of now"
     if e.lasts < e.least:
         needed = duration_words(e.least)
-        more = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
-        return CheckState.FAILED, f"{text}, {needed} needed: {more}"
+        return CheckState.FAILED, f"{text}, {needed} needed: {_MAKE_ROOM}"
     if e.lasts < timeout:
         run_takes = f"a run may take {duration_words(timeout)}"
         return CheckState.WARNING, f"{sends}{text}: {run_takes}"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from madrob_console.clock import NS
 from recorder.message import RawMessage
@@ -16,12 +15,30 @@ RATE_WINDOW = 5.0
 SILENT_AFTER = 2.0
 """A topic that came steadily is silent when nothing has come for longer, s."""
 
+MOST_PAUSES = 20
+"""Of a topic in one recording, told one by one."""
+
 _SHORTEST = 1.0
 """What has come for less than this is told as if it were spread over it, s."""
 
 _UNEVEN, _MORE = 1.0, 1.02
 """So much earlier than at even distances a message may come, s, and so much faster a topic may be
 than its limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicPause:
+    """A time in which nothing came on a topic that came steadily.
+
+    Attributes:
+        begin_ns, end_ns: its last message before and its first one after, steady ns; null = none
+            has come yet.
+        number: how many pauses these are, with some messages between them.
+    """
+
+    begin_ns: int
+    end_ns: int | None = None
+    number: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +53,7 @@ class TopicFlow:
         lost: messages that were lost on the way to here since it is listened to.
         problem: what is wrong with it, in words; empty = nothing.
         kept: whether its publishers keep for late joiners what they said: it need not come again.
+        pauses: of this recording, the last one may go on.
     """
 
     topic: str
@@ -46,6 +64,7 @@ class TopicFlow:
     lost: int
     problem: str = ""
     kept: bool = False
+    pauses: tuple[TopicPause, ...] = ()
 
     @property
     def silent(self) -> bool:
@@ -69,7 +88,7 @@ class SilenceWatch:
         self._first: int | None = None  # of what came without a pause
         self._last = 0
         self._steady = False
-        self._longest: tuple[int, int] | None = None
+        self._pauses: list[TopicPause] = []
 
     def listen(self, at_ns: int) -> None:
         """It is listened to, from the first call on."""
@@ -77,38 +96,37 @@ class SilenceWatch:
 
     def begin(self) -> None:
         """A recording begins: what was before is none of it."""
-        self._longest = None
+        self._pauses.clear()
 
     def came(self, at_ns: int) -> None:
         """A message has come."""
         if self._first is None:
             self._first = at_ns
         elif at_ns - self._last > SILENT_AFTER * NS:
-            pause = self._last, at_ns
-            if self._steady and (self._longest is None or _length(pause) > _length(self._longest)):
-                self._longest = pause
+            if self._steady:
+                self._pauses = [*self._with(self._last, at_ns)]
             self._first = at_ns
         self._last = at_ns
         self._steady |= at_ns - self._first >= SILENT_AFTER * NS
 
-    def words(self, now_ns: int) -> str:
-        """Since when it is silent, or the longest silence since `begin`; empty = there is none."""
-        if self._named and self._first is None and self._listens is not None:
-            return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
+    def problem(self, now_ns: int) -> str:
+        """That nothing has come at all, in words; empty = something has, or need not."""
+        if not self._named or self._first is not None or self._listens is None:
+            return ""
+        return "nothing has come" if now_ns - self._listens > SILENT_AFTER * NS else ""
+
+    def pauses(self, now_ns: int) -> tuple[TopicPause, ...]:
+        """The silences since `begin`, and the one that goes on."""
         if self._steady and now_ns - self._last > SILENT_AFTER * NS:
-            return f"silent since {_time_of_day(self._last)}"
-        if self._longest is not None:
-            begin, end = map(_time_of_day, self._longest)
-            return f"silent from {begin} to {end}"
-        return ""
+            return self._with(self._last, None)
+        return tuple(self._pauses)
 
-
-def _length(pause: tuple[int, int]) -> int:
-    return pause[1] - pause[0]
-
-
-def _time_of_day(time_ns: int) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(time_ns / NS))
+    def _with(self, begin_ns: int, end_ns: int | None) -> tuple[TopicPause, ...]:
+        """One more silence; the last one that is told has all that came later."""
+        if len(self._pauses) < MOST_PAUSES:
+            return *self._pauses, TopicPause(begin_ns, end_ns)
+        *before, last = self._pauses
+        return *before, replace(last, end_ns=end_ns, number=last.number + 1)
 
 
 class RateLimit:

@@ -12,6 +12,9 @@ from madrob_console.engine.live.reading import Reader
 _PERIOD = 20.0
 """All runs are looked through this often, s."""
 
+STEADY_FOR = 10.0
+"""Room is told at the largest rate of so long, s: a rate that begins or ends says little."""
+
 
 class EvidenceRoom:
     """Knows what there is, and what may still come.
@@ -27,6 +30,7 @@ class EvidenceRoom:
         self._asked: float | None = None
         self._answered = True
         self._held: int | None = None
+        self._rates: list[tuple[float, float]] = []
 
     def look(self, now: float) -> None:
         """Look through the runs now and then; nothing where no evidence is wanted.
@@ -61,3 +65,17 @@ class EvidenceRoom:
         if self._held is None or free is None:
             return None
         return max(0, min(self.budget_left, free - self._config.disk_needed))
+
+    def lasts(self, free: int | None, byte_rate: float, now: float) -> float | None:
+        """How long evidence can be recorded, s; None = not known, or nothing has come of late.
+
+        Args:
+            free: on the disk, bytes; None = unknown.
+            byte_rate: of what comes now, bytes a second.
+            now: s since the epoch.
+        """
+        known = [(at, rate) for at, rate in self._rates if abs(now - at) < STEADY_FOR]
+        # what was less before says nothing any more
+        self._rates = [*(one for one in known if one[1] > byte_rate), (now, byte_rate)]
+        left, rate = self.left(free), self._rates[0][1]
+        return left / rate if left is not None and rate else None

@@ -92,11 +92,11 @@ class PreStart:
         )
 
     def evidence_lasts(self, now: float) -> float | None:
-        """How long evidence can be recorded at the rate of now, s; None = nobody knows."""
-        left, status = self._room.left(self.free_disk(now)), self._witness.status
-        if left is None or status is None or not status.byte_rate:
+        """How long evidence can be recorded at the rate of late, s; None = nobody knows."""
+        status = self._witness.status
+        if status is None:
             return None
-        return left / status.byte_rate
+        return self._room.lasts(self.free_disk(now), status.byte_rate, now)
 
     def free_disk(self, now: float) -> int | None:
         """Bytes free for results; None = unknown, or no answer comes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from msgspec.structs import replace as changed
@@ -211,7 +211,7 @@ class RunRecorder:
             return None
         if not self._has_evidence:
             return _NO_FOLDER
-        return replace(status.account, gaps=tuple(gap.since(start) for gap in status.gaps))
+        return status.account_since(start)
 
     def view(self) -> RecorderView:
         """As screens show it."""

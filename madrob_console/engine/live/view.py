@@ -153,7 +153,7 @@ class StateView:
         start = self.at_hand.run.start
         gaps = () if start is None else (gap.since(start) for gap in status.gaps)
         return EvidenceView(
-            status.topics,
+            status.topics_since(start),
             status.recording,
             status.size,
             self.pre_start.evidence_lasts(now),

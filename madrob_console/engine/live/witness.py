@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from madrob_console.engine.live.topic_watch import Trouble
@@ -11,6 +13,7 @@ from madrob_console.referee.evidence_account import (
     NO_EVIDENCE,
     EvidenceAccount,
     EvidenceGap,
+    gaps_words,
     unseen_words,
 )
 
@@ -55,7 +58,7 @@ class WitnessStatus:
 
     Attributes:
         ready: whether somebody listens, and has had the time to find what there is.
-        topics: what comes.
+        topics: what comes; nothing is said of it where nobody has told of late.
         silent: those on which nothing comes now, and nothing is kept for late joiners.
         unseen: patterns of the settings for which nobody publishes anything.
         scored: patterns that match only what is recorded with the score.
@@ -66,6 +69,14 @@ class WitnessStatus:
         finishing: whether one is over and not complete on disk.
         size: its bytes on disk.
         problem: what is wrong, in words; None = nothing.
+        stuck: that the disk takes nothing of it now, in words; empty = it does.
+        unrepaired: files of the last run that are not whole, and what their repair waits for, in
+            words.
+        pauses: by topic, when nothing came on it though it came steadily, in the recording that
+            goes on, or was last; s since the epoch, as those of `gaps`.
+        pauses_now: that which goes on, also without a recording.
+        appeared: by topic, when its first message came, of those that nobody had when that
+            recording began; s since the epoch.
     """
 
     ready: bool = False
@@ -79,6 +90,11 @@ class WitnessStatus:
     unseen: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
     gaps: tuple[EvidenceGap, ...] = ()
+    stuck: str = ""
+    unrepaired: tuple[str, ...] = ()
+    pauses: Mapping[str, tuple[EvidenceGap, ...]] = field(default_factory=dict)
+    pauses_now: Mapping[str, EvidenceGap] = field(default_factory=dict)
+    appeared: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def byte_rate(self) -> float:
@@ -98,21 +114,62 @@ class WitnessStatus:
             start: of the run, s since the epoch; None = there is none.
         """
         if self.gap is None:
-            return self.problem
+            return self.problem or self.stuck or None
         since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
         return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
 
     def faults(self, start: float | None) -> tuple[str, ...]:
-        """What is wrong now with all of it, or with what should come and does not; a line each.
+        """What is wrong with all of it, with what should come or with its files; a line each.
 
         Args:
             start: as for `trouble`.
         """
         if (trouble := self.trouble(start)) is not None:
-            return (trouble,)
+            return (trouble, *self.unrepaired)
         unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
-        silent = (topic for topic in self.topics if topic.problem and topic.topic in self.silent)
-        return (*unseen, *(f"{topic.topic}: {topic.problem}" for topic in silent))
+        lines = (
+            f"{topic.topic}: {topic.problem}"
+            for topic in self.topics_since(start)
+            if topic.problem and topic.topic in self.silent
+        )
+        return (*unseen, *lines, *self.unrepaired)
+
+    def topics_since(self, start: float | None) -> tuple[EvidenceTopicView, ...]:
+        """What comes, with the silences of each topic among what is wrong with it.
+
+        Args:
+            start: as for `trouble`.
+        """
+        return tuple(
+            replace(one, problem=_together(one.problem, self._silence(one.topic, start)))
+            for one in self.topics
+        )
+
+    def _silence(self, topic: str, start: float | None) -> str:
+        if (now := self.pauses_now.get(topic)) is not None:
+            return silent_since(now, start)
+        pauses = self.pauses.get(topic) if self.recording else None
+        return _silent(pauses, start) if pauses and start is not None else ""
+
+    def account_since(self, start: float) -> EvidenceAccount:
+        """The account, with all times from the start of the run on.
+
+        Args:
+            start: s since the epoch.
+        """
+        topics = (
+            replace(
+                one,
+                problem=_together(
+                    first_words(self.appeared.get(one.topic), start),
+                    _silent(self.pauses.get(one.topic, ()), start),
+                    one.problem,
+                ),
+            )
+            for one in self.account.topics
+        )
+        gaps = tuple(gap.since(start) for gap in self.gaps)
+        return replace(self.account, topics=tuple(topics), gaps=gaps)
 
     @property
     def troubles(self) -> dict[tuple[str, Trouble], str]:
@@ -125,6 +182,37 @@ class WitnessStatus:
         if self.problem is not None and self.gap is None:
             troubles["recording", Trouble.EVIDENCE] = self.problem
         return troubles
+
+
+def silent_since(pause: EvidenceGap, start: float | None) -> str:
+    """That nothing comes any more, in words.
+
+    Args:
+        pause: since when, s since the epoch.
+        start: of the run, likewise; None = there is none: then the time of day is told.
+    """
+    if start is None:
+        return f"silent since {time.strftime('%H:%M:%S', time.localtime(pause.begin))}"
+    return f"silent since {pause.since(start).begin:+.1f} s"
+
+
+def first_words(first: float | None, start: float) -> str:
+    """When a topic came first, in words; empty = before the start.
+
+    Args:
+        first: s since the epoch; None = it was there before.
+        start: of the run, likewise.
+    """
+    return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
+
+
+def _silent(pauses: Sequence[EvidenceGap], start: float) -> str:
+    words = gaps_words([pause.since(start) for pause in pauses])
+    return f"silent {words}" if words else ""
+
+
+def _together(*words: str) -> str:
+    return ", ".join(filter(None, words))
 
 
 class Witness(Protocol):

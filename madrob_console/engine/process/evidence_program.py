@@ -158,6 +158,7 @@ class EvidenceDesk:
         for recorder in self._recorders.values():
             recorder.hold(held=False)
             recorder.end()
+            recorder.leave()
         for recorder in self._recorders.values():
             recorder.wait(max(0.0, end - time.monotonic()))
 
@@ -180,6 +181,8 @@ class EvidenceDesk:
             self._problem = "the run's folder did not arrive: is there a file handle left?"
             return
         folder = self._line.handles.popleft()
+        for recorder in self._recorders.values():
+            recorder.leave()
         self._recorders = {n: r for n, r in self._recorders.items() if not r.written.finished}
         if len(self._recorders) >= _MOST_UNFINISHED:
             os.close(folder)

@@ -15,7 +15,7 @@ from madrob_console.amounts import size_words
 from madrob_console.engine.process.evidence_queue import EvidenceQueue
 from recorder.bag import Topic, is_evidence
 from recorder.errors import RecorderError, remedy
-from recorder.listing import put_listing
+from recorder.listing import put_listing, summarised
 from recorder.mcap_file import McapFile
 from recorder.message import RawMessage
 from recorder.recovery import recover_evidence
@@ -32,6 +32,9 @@ large heap of ours."""
 
 WRITER_NICE = 10
 """Niceness of the thread: what waits here waits in memory, what waits in DDS is lost."""
+
+REPAIR_PERIOD = 2.0
+"""Room for a repair is looked for this often, s."""
 
 _ROOM_PERIOD = 1.0
 """Free space is looked at this often, s, and before each batch."""
@@ -50,7 +53,7 @@ class EvidenceWritten:
         refused: by topic: the disk did not take them, or had no room left for evidence.
         size: of the file, bytes.
         queued: bytes of memory that wait.
-        silent: how long the disk has not answered, s.
+        silent: how long the disk has not answered, or was left to the score, s.
         problem: why nothing more is written, in words; empty = it is.
         finished: whether the file is complete, or given up.
         ended: whether nothing more comes: what was taken is all counted.
@@ -58,6 +61,8 @@ class EvidenceWritten:
             finished, and nobody knows.
         first_ns: when the first message of each topic came, steady ns.
         saved_ns: up to when there is something in the file, likewise; None = nothing is in it.
+        unrepaired: which file of the same run is not whole and what its repair waits for, in words;
+            empty = none.
     """
 
     messages: dict[str, int]
@@ -73,6 +78,7 @@ class EvidenceWritten:
     unwritten: int | None = 0
     first_ns: dict[str, int] = field(default_factory=dict)
     saved_ns: int | None = None
+    unrepaired: str = ""
 
 
 class EvidenceRecorder:
@@ -115,7 +121,8 @@ class EvidenceRecorder:
         self._torn = False
         self._problem = ""
         self._ending = False
-        self._held = False
+        self._held = self._left = False
+        self._unrepaired = ""
         self._finished = False
         self._busy_since: float | None = None
         self._changed = threading.Condition()  # guards everything above
@@ -153,6 +160,12 @@ class EvidenceRecorder:
             self._ending = True
             self._changed.notify_all()
 
+    def leave(self) -> None:
+        """Wait no longer for room for a repair: another run begins, or the engine ends."""
+        with self._changed:
+            self._left = True
+            self._changed.notify_all()
+
     def wait(self, limit: float) -> None:
         """Until the file is finished, `limit` s at most."""
         self._thread.join(limit)
@@ -181,6 +194,7 @@ class EvidenceRecorder:
                 None if self._torn else self._messages.total() - self._saved,
                 dict(self._first_ns),
                 self._saved_ns,
+                self._unrepaired,
             )
 
     def _add(self, message: RawMessage, number: int) -> None:
@@ -217,16 +231,40 @@ class EvidenceRecorder:
     def _repair(self) -> None:
         """Make whole what a process that was ended left of the same run; nobody waits for it.
 
-        Each file is copied: where the score would have too little room then, it stays as it is.
+        A file is copied for that: where the score would have too little room meanwhile, that is
+        told and room waited for.
         """
         try:
-            names = os.listdir(self._fd)  # noqa: PTH208  of a handle
-            others = [name for name in names if is_evidence(name) and name != self._name]
-            sizes = [os.stat(name, dir_fd=self._fd).st_size for name in others]
-            if others and self._free() - sum(sizes) >= self._least_free:
-                recover_evidence(Path(f"/proc/self/fd/{self._fd}"))
+            while (needed := self._largest_torn()) is not None:
+                name, size = needed[0], needed[1] + _SPARE
+                free = self._free()
+                if free - size >= self._least_free:
+                    recover_evidence(Path(f"/proc/self/fd/{self._fd}"))
+                    break  # `madrob recover` says what is wrong with one that stays as it is
+                told = (
+                    f"{name} is not complete and waits for its repair, which takes "
+                    f"{size_words(size)}: {size_words(free)} free, the score keeps "
+                    f"{size_words(self._least_free)} for itself; make room by `madrob tidy`"
+                )
+                with self._changed:
+                    self._unrepaired = told
+                    if self._changed.wait_for(lambda: self._left, REPAIR_PERIOD):
+                        break
         except (OSError, RecorderError):
-            pass  # `madrob recover` says what is wrong with it
+            pass  # likewise
+        with self._changed:
+            self._unrepaired = ""
+
+    def _largest_torn(self) -> tuple[str, int] | None:
+        """The largest file of evidence that is not whole, and its bytes: one is copied at a time.
+
+        Raises:
+            OSError: the folder cannot be read.
+        """
+        names = os.listdir(self._fd)  # noqa: PTH208  of a handle
+        torn = [name for name in names if is_evidence(name) and not summarised(self._fd, name)]
+        sizes = {name: os.stat(name, dir_fd=self._fd).st_size for name in torn}
+        return max(sizes.items(), key=lambda one: one[1], default=None)
 
     def _write(self, file: McapFile) -> bool:
         """Write the next batch; False when it was the last, or no more may be written."""
@@ -237,6 +275,7 @@ class EvidenceRecorder:
                 self._busy_since = None
                 self._changed.wait_for(self._is_due, max(0.0, SYNC_PERIOD / 2))
                 while self._held:
+                    self._busy_since = self._busy_since or self._monotonic()
                     self._changed.wait()
                 batch = self._queue.take(BATCH_BYTES)
                 topics, self._new_topics = self._new_topics, []

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from madrob_console.amounts import counted, listed
+from madrob_console.amounts import counted, listed, size_words
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
@@ -23,7 +24,8 @@ from madrob_console.referee.evidence_account import (
 from recorder.bag import evidence_file_name
 
 QUIET = 1.5
-"""A process from which nothing is heard for so long is said to be silent, s."""
+"""A process from which nothing is heard for so long is said to be silent, and so is a disk that
+takes nothing; s."""
 
 SLOW_END = 5.0
 """A recording that is not complete so long after its end is told, s."""
@@ -67,6 +69,9 @@ class EvidenceRecording:
         self._written: EvidenceWritten | None = None
         self._given_up = self._torn = False
         self._in_account = ""
+        self._there: set[str] | None = None
+        self._first: dict[str, float] = {}
+        self._former_pauses: dict[str, tuple[EvidenceGap, ...]] = {}
 
     @property
     def goes_on(self) -> bool:
@@ -118,6 +123,10 @@ class EvidenceRecording:
             if self.goes_on:
                 self._in_account = written.problem
             self._close_gap(written, now)
+            if self._there is None and heard.settled:
+                self._there = {flow.topic for flow in heard.flows}
+            for topic, at_ns in written.first_ns.items():
+                self._first.setdefault(topic, at_ns / NS)
         elif self.ended is not None and now - self.ended > SLOW_END:
             self._given_up = True
 
@@ -130,12 +139,38 @@ class EvidenceRecording:
         self._former.append(_topics(self._heard, self._written))
         self._former_size = self.size
         self._cut_off |= self._files > 0
+        self._former_pauses = self.pauses
         self._heard, self._written = _NOTHING, None
         self._given_up = self._torn = not self.goes_on
 
     def wait_for_process(self) -> None:
         """Its process does not listen yet."""
         self._open_gap("its process was only being started")
+
+    @property
+    def appeared(self) -> dict[str, float]:
+        """When topics came first that nobody had when it began, s since the epoch."""
+        there = self._there
+        return {} if there is None else {t: at for t, at in self._first.items() if t not in there}
+
+    @property
+    def pauses(self) -> dict[str, tuple[EvidenceGap, ...]]:
+        """When nothing came on topics that came steadily, s since the epoch; the last may go on."""
+        found = dict(self._former_pauses)
+        first = {} if self._written is None else self._written.first_ns
+        for topic, (*before, last) in self._former_pauses.items():
+            if last.end is None and topic in first:
+                found[topic] = *before, replace(last, end=first[topic] / NS)
+        end = math.inf if self.ended is None else self._steady(self.ended)
+        for topic, pauses in pauses_of(self._heard).items():
+            in_it = (pause for pause in pauses if pause.begin < end)
+            if both := (*found.get(topic, ()), *in_it):
+                found[topic] = both
+        return found
+
+    def _steady(self, at: float) -> float:
+        """A time of the monotonic clock, s since the epoch."""
+        return (self.place.steady_ns + round(at * NS) - self.place.monotonic_ns) / NS
 
     @property
     def gaps(self) -> tuple[EvidenceGap, ...]:
@@ -174,8 +209,8 @@ class EvidenceRecording:
         if now - self._back <= COMES_BACK and not (first and self._awaited <= first.keys()):
             return
         times = [first[topic] for topic in self._awaited & first.keys()] or [*first.values()]
-        at = self.place.steady_ns + round(now * NS) - self.place.monotonic_ns
-        self._gaps[-1] = replace(self._gap, end=max(times, default=at) / NS)
+        end = max(times) / NS if times else self._steady(now)
+        self._gaps[-1] = replace(self._gap, end=end)
 
     def _problems(self) -> list[str]:
         """What was wrong with its processes, in words."""
@@ -216,6 +251,15 @@ class EvidenceRecording:
             return 0.0
         return self.ended - self._heard_at
 
+    @property
+    def stuck(self) -> str:
+        """That the disk takes nothing now, in words; empty = it does."""
+        written = self._written
+        if not self.goes_on or written is None or written.problem or written.silent <= QUIET:
+            return ""
+        waits = f", {size_words(written.queued)} wait in memory" if written.queued else ""
+        return f"the disk has taken nothing for {written.silent:.0f} s{waits}"
+
     def problem(self, now: float) -> str:
         """What is wrong now, in words; empty = nothing.
 
@@ -249,6 +293,7 @@ def standing(
     problem = trouble or (heard.problem if heard else "")
     if heard is not None and now - heard_at > QUIET:
         problem = f"the evidence process is silent for {now - heard_at:.0f} s"
+        heard = None  # what came then says nothing of what comes now
     if recording is not None:
         problem = problem or recording.problem(now)
     account = EvidenceAccount() if recording is None else recording.account()
@@ -271,11 +316,39 @@ def standing(
         finishing=recording is not None and recording.finishing,
         size=0 if recording is None else recording.size,
         problem=problem or None,
+        stuck="" if recording is None else recording.stuck,
+        pauses={} if recording is None else recording.pauses,
+        pauses_now={
+            topic: pauses[-1]
+            for topic, pauses in pauses_of(heard or _NOTHING).items()
+            if pauses[-1].end is None
+        },
+        appeared={} if recording is None else recording.appeared,
+        unrepaired=tuple(
+            one.unrepaired for one in (heard.recordings.values() if heard else ()) if one.unrepaired
+        ),
         silent=tuple(flow.topic for flow in (heard.flows if heard else ()) if flow.silent),
         unseen=heard.unseen if heard else (),
         scored=heard.scored if heard else (),
         gaps=() if recording is None else recording.gaps,
     )
+
+
+def pauses_of(heard: EvidenceNews) -> dict[str, tuple[EvidenceGap, ...]]:
+    """When nothing came on topics that came steadily, by topic, s since the epoch."""
+    return {
+        flow.topic: tuple(
+            EvidenceGap(
+                pause.begin_ns / NS,
+                None if pause.end_ns is None else pause.end_ns / NS,
+                "nothing came",
+                pause.number,
+            )
+            for pause in flow.pauses
+        )
+        for flow in heard.flows
+        if flow.pauses
+    }
 
 
 def _topics(heard: EvidenceNews, written: EvidenceWritten | None) -> tuple[RecordedTopic, ...]:

@@ -282,8 +282,9 @@ class EvidenceIntake:
             rate,
             byte_rate,
             self.lost,
-            problem or self._silence.words(self._now) or self._unknown,
+            problem or self._silence.problem(self._now) or self._unknown,
             self.kept_for_late,
+            self._silence.pauses(self._now),
         )
 
     def refuse(self, why: str) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.live.core import DISK_WAITS, Engine
+from madrob_console.engine.live.evidence_room import STEADY_FOR
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
@@ -375,6 +376,24 @@ def test_room_for_less_than_a_run_is_a_warning_and_told_in_seconds(tmp_path: Pat
     assert drive.engine.run.active
 
 
+def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> None:
+    def room_at(byte_rate: float, after: float) -> float | None:
+        topic = replace(COMES, byte_rate=byte_rate)
+        drive.witness.status = replace(drive.witness.status, topics=(topic,))
+        drive.wait(after)
+        evidence = drive.engine.snapshot().evidence
+        assert evidence is not None
+        return evidence.room
+
+    drive.prepare(make_setup())
+    usual = room_at(6e6, 1.0)
+    assert usual is not None
+    assert room_at(2e6, 1.0) == pytest.approx(usual, rel=0.02)  # its process was just started
+    assert room_at(0.0, 3.0) == pytest.approx(usual, rel=0.02)
+    assert room_at(12e6, 1.0) == pytest.approx(usual / 2, rel=0.02)
+    assert room_at(3e6, STEADY_FOR + 1.0) == pytest.approx(2 * usual, rel=0.02)
+
+
 def test_evidence_of_earlier_runs_counts_against_the_budget(tmp_path: Path) -> None:
     results = tmp_path / "runs"
     first = Watched(results, budget=6_000_000 * 7200)
@@ -393,8 +412,8 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
 @pytest.mark.parametrize(
     ("status", "said"),
     [
-        (WitnessStatus(), "no data: nobody listens yet"),
-        (WitnessStatus(ready=True), "no data: none of its topics is there"),
+        (WitnessStatus(unseen=("/camera/**",)), "no data: not looked long enough yet"),
+        (WitnessStatus(ready=True), "warning: 0 topics, room for "),  # all are excluded
         (WitnessStatus(ready=True, topics=(COMES,), problem="it hangs"), "failed: it hangs"),
         (
             WitnessStatus(
@@ -414,6 +433,10 @@ FOUR = (COMES, *(EvidenceTopicView(topic, "a/msg/B", 0.0, 0.0) for topic in ("/a
             WitnessStatus(ready=True, unseen=("/rosout",), scored=("/madrob/**",)),
             "warning: nobody publishes /rosout; /madrob/**: recorded with the score, remove the ",
         ),
+        (
+            WitnessStatus(ready=True, unseen=("/camera/**",)),
+            "warning: nobody publishes /camera/**; 0 topics, room for ",
+        ),
     ],
 )
 def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, said: str) -> None:
@@ -424,7 +447,7 @@ def test_missing_evidence_is_never_ok(drive: Watched, status: WitnessStatus, sai
 
 def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watched) -> None:
     quiet = replace(COMES, topic="/camera/quiet", rate=0.0, byte_rate=0.0)
-    dead = replace(quiet, topic="/camera/dead", problem="silent since 10:00:00")
+    dead = replace(quiet, topic="/camera/dead")
     drive.witness.status = replace(
         drive.witness.status,
         topics=(COMES, dead, quiet),
@@ -432,11 +455,31 @@ def test_what_does_not_come_is_a_fault_and_stands_in_no_start_s_way(drive: Watch
         unseen=("/camera/front",),
     )
     drive.start(make_setup())
+    assert drive.engine.run.start is not None
+    since = EvidenceGap(drive.engine.run.start + 3.9, None, "nothing came")
+    drive.witness.status = replace(drive.witness.status, pauses_now={dead.topic: since})
     assert drive.engine.run.active
     assert [fault for fault in drive.engine.snapshot().faults if "evidence" in fault] == [
         "evidence: nobody publishes /camera/front",
-        "evidence: /camera/dead: silent since 10:00:00",  # the other may have nothing to say
+        "evidence: /camera/dead: silent since +3.9 s",  # the other may have nothing to say
     ]
+
+
+@pytest.mark.parametrize("budget", [10**12, 0])
+def test_without_any_camera_a_run_starts_and_only_too_little_room_is_in_its_way(
+    tmp_path: Path, budget: int
+) -> None:
+    drive = Watched(tmp_path / "runs", budget=budget)
+    drive.witness.status = WitnessStatus(ready=True, unseen=("/camera/**",))
+    drive.prepare(make_setup())
+    said = drive.check(CheckName.EVIDENCE)
+    if not budget:
+        assert said.startswith("failed: nobody publishes /camera/**; 0 topics, room for 0 ")
+        assert "madrob tidy" in said
+    else:
+        assert said.startswith("warning: ")
+        drive.start(make_setup())
+        assert drive.engine.run.active
 
 
 def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(

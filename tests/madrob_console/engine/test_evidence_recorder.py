@@ -13,6 +13,7 @@ import pytest
 
 from madrob_console.archive.evidence import settled_account
 from madrob_console.config import Settings, load_settings
+from madrob_console.engine.process import evidence_recorder
 from madrob_console.engine.process.evidence_queue import EvidenceQueue
 from madrob_console.engine.process.evidence_recorder import (
     BATCH_BYTES,
@@ -23,6 +24,7 @@ from madrob_console.engine.process.evidence_recorder import (
 from madrob_console.errors import MadrobError
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
 from recorder.bag import Topic, evidence_file_name
+from recorder.listing import summarised
 from recorder.message import RawMessage
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
@@ -73,6 +75,7 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
         held = recorder.written.size
         recorder.put(message(RIGHT, 20), RIGHT, 0)
         assert recorder.written.size == held
+        until(lambda: recorder.written.silent > 0)  # who looks sees that nothing is taken
         recorder.hold(held=False)
         until(lambda: recorder.written.size > held)
     assert finished(recorder).messages == {LEFT.name: 20, RIGHT.name: 1}
@@ -198,17 +201,69 @@ def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(tmp_path:
     assert account.unwritten == 0
 
 
-def test_what_a_process_that_was_killed_left_waits_where_its_repair_would_cost_the_score_room(
+def left_by_another(folder: Path, of_it: int = 1_000_000) -> Path:
+    """What a process that was killed left in a run's folder."""
+    with BagWriter(folder.parent / "of another process", [LEFT], {}) as writer:
+        for number in range(20):
+            assert writer.put(message(LEFT, number))
+    (whole,) = writer.folder.glob("*.mcap")
+    torn = folder / evidence_file_name("run", 0)
+    torn.write_bytes(whole.read_bytes()[:of_it])
+    return torn
+
+
+def test_a_repair_that_would_cost_the_score_room_is_told_and_made_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evidence_recorder, "REPAIR_PERIOD", 0.02)
+    keeps, room = 500_000_000, [502_500_000]
+    monkeypatch.setattr(os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=room[0], f_frsize=1))
+    folder = tmp_path / "run"
+    with recording(folder, least_free=keeps, name=evidence_file_name("run", 1)) as recorder:
+        torn = left_by_another(folder, of_it=1_900_000)
+        before = torn.read_bytes()
+        recorder.end()
+        until(lambda: recorder.written.unrepaired)
+        assert recorder.written.finished  # the recording itself waits for nothing
+        assert recorder.written.unrepaired == (
+            "run_evidence_0.mcap is not complete and waits for its repair, which takes 2.9 MB: "
+            "502 MB free, the score keeps 500 MB for itself; make room by `madrob tidy`"
+        )
+        assert torn.read_bytes() == before
+        room[0] += 1_000_000
+        until(lambda: not recorder.written.unrepaired)
+        recorder.wait(30.0)
+    assert len(list(read_bag(folder, evidence=True).messages())) == 18
+
+
+def test_a_repair_needs_room_for_the_largest_torn_file_and_none_for_whole_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keeps = 500_000_000
+    monkeypatch.setattr(
+        os, "fstatvfs", lambda _fd: SimpleNamespace(f_bavail=keeps + 2_500_000, f_frsize=1)
+    )
+    folder = tmp_path / "run"
+    with recording(folder, least_free=keeps, name=evidence_file_name("run", 2)):
+        torn = left_by_another(folder)
+        (whole,) = (tmp_path / "of another process").glob("*.mcap")
+        shutil.copy(whole, folder / evidence_file_name("run", 1))
+    assert summarised(os.open(folder, os.O_DIRECTORY), torn.name) is not None
+
+
+def test_a_repair_that_waits_for_room_holds_up_neither_the_next_run_nor_the_end(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "run"
     torn = folder / evidence_file_name("run", 0)
     free = shutil.disk_usage(tmp_path).free
     with (
-        recording(folder, least_free=free // 2, name=evidence_file_name("run", 1)),
+        recording(folder, least_free=free // 2, name=evidence_file_name("run", 1)) as recorder,
         torn.open("wb") as file,
     ):
         file.truncate(free)  # a hole
+        recorder.leave()
+    assert not recorder.written.unrepaired
     assert torn.stat().st_size == free
     assert not list(folder.glob("*.recovering"))
 
@@ -217,13 +272,8 @@ def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "run"
-    with BagWriter(tmp_path / "of another process", [LEFT], {}) as writer:
-        for number in range(20):
-            assert writer.put(message(LEFT, number))
-    (whole,) = writer.folder.glob("*.mcap")
     with recording(folder, name=evidence_file_name("run", 1)) as recorder:
-        torn = folder / evidence_file_name("run", 0)
-        torn.write_bytes(whole.read_bytes()[:1_000_000])
+        left_by_another(folder)
         recorder.put(message(RIGHT, 20), RIGHT, 0)
     assert finished(recorder).problem == ""
     bag = read_bag(folder, evidence=True)

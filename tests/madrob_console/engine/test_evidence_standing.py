@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import msgspec
+import pytest
 
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
@@ -15,7 +16,7 @@ from madrob_console.engine.process.evidence_standing import (
     standing,
 )
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
-from madrob_console.testbeds.evidence_flow import TopicFlow
+from madrob_console.testbeds.evidence_flow import TopicFlow, TopicPause
 
 KILLED = "it was ended by SIGKILL"
 USED_UP = "the budget is used up"
@@ -35,6 +36,16 @@ class Recorded:
         saved_ns = None if saved is None else round(saved * NS)
         written = replace(WRITTEN, first_ns=in_ns, saved_ns=saved_ns)
         flows = tuple(TopicFlow(topic, "a/msg/B", 1, 10.0, 1e6, 0) for topic in first)
+        news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
+        self.recording.hear(news, at)
+        return standing(at, news, at, "", self.recording)
+
+    def finds(
+        self, at: float, *flows: TopicFlow, first: dict[str, float] | None = None
+    ) -> WitnessStatus:
+        """These topics, and when the first message came of some."""
+        in_ns = {topic: round(time * NS) for topic, time in (first or {}).items()}
+        written = replace(WRITTEN, messages=dict.fromkeys(in_ns, 9), first_ns=in_ns)
         news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
         self.recording.hear(news, at)
         return standing(at, news, at, "", self.recording)
@@ -99,12 +110,108 @@ def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
     assert (account.unwritten, account.problems) == (0, ())
 
 
+def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_now() -> None:
+    run = Recorded()
+    fresh = run.hears(1.0, {"/left": 0.1}, saved=0.9)
+    assert [topic.rate for topic in fresh.topics] == [10.0]
+    news = EvidenceNews(settled=True, flows=(TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),))
+    old = standing(4.0, news, 1.0, "", run.recording)
+    assert old.problem == "the evidence process is silent for 3 s"
+    assert (old.topics, old.byte_rate) == ((), 0)
+    assert old.account.topics == fresh.account.topics
+
+
+@pytest.mark.parametrize(
+    ("silent", "queued", "said"),
+    [
+        (1.0, 3_000_000, None),
+        (9.8, 31_400_000, "the disk has taken nothing for 10 s, 31.4 MB wait in memory"),
+    ],
+)
+def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(
+    silent: float, queued: int, said: str | None
+) -> None:
+    run = Recorded()
+    written = replace(WRITTEN, silent=silent, queued=queued)
+    flows = (TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),)
+    news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
+    run.recording.hear(news, 1.0)
+    status = standing(1.0, news, 1.0, "", run.recording)
+    assert status.trouble(0.0) == said
+    assert status.problem is None  # it may take all of it yet
+    run.recording.ended = 2.0
+    assert standing(2.0, news, 2.0, "", run.recording).trouble(0.0) is None
+
+
+def test_a_file_that_waits_for_its_repair_is_a_fault_and_stands_in_no_start_s_way() -> None:
+    run = Recorded()
+    run.recording.ended = 2.0
+    waits = "run_evidence_0.mcap is not complete and waits for its repair"
+    written = replace(WRITTEN, finished=True, ended=True, unrepaired=waits)
+    news = EvidenceNews(settled=True, recordings={1: written})
+    run.recording.hear(news, 2.5)
+    status = standing(2.5, news, 2.5, "", run.recording)
+    assert status.faults(0.0) == (waits,)
+    assert (status.problem, status.finishing) == (None, False)
+
+
+def camera(*pauses: tuple[float, float | None]) -> TopicFlow:
+    told = tuple(
+        TopicPause(round(begin * NS), None if end is None else round(end * NS))
+        for begin, end in pauses
+    )
+    return TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0, pauses=told)
+
+
+def test_the_silence_of_a_camera_is_told_from_the_start_of_the_run_on() -> None:
+    run = Recorded()
+    start = 10.0
+    silent = run.finds(20.0, camera((13.9, None)))
+    assert silent.topics_since(start)[0].problem == "silent since +3.9 s"
+    back = run.finds(25.0, camera((13.9, 18.5)))
+    assert back.topics_since(start)[0].problem == "silent from +3.9 s to +8.5 s"
+    assert back.account_since(start).remarks() == ["/left: silent from +3.9 s to +8.5 s"]
+    twice = run.finds(40.0, camera((13.9, 18.5), (30.0, None)))
+    assert twice.topics_since(start)[0].problem == "silent since +20.0 s"
+    assert twice.account_since(start).remarks() == [
+        "/left: silent from +3.9 s to +8.5 s and 1 time more"
+    ]
+    run.recording.ended = 41.0
+    after = run.finds(60.0, camera((13.9, 18.5), (30.0, 33.0), (45.0, None)))
+    assert after.account_since(start).remarks() == [
+        "/left: silent from +3.9 s to +8.5 s and 1 time more"
+    ]  # what comes after the recording is none of it
+
+
+def test_a_camera_that_comes_again_by_a_new_process_was_silent_until_then() -> None:
+    run = Recorded()
+    run.finds(20.0, camera((13.9, None)))
+    run.is_killed(21.0)
+    assert run.finds(23.0).pauses["/left"][-1].end is None
+    back = run.finds(26.0, camera(), first={"/left": 25.2})
+    assert back.account_since(10.0).remarks()[1:] == ["/left: silent from +3.9 s to +15.2 s"]
+
+
+def test_a_topic_that_appears_after_the_start_is_told_with_its_first_message() -> None:
+    run = Recorded()
+    run.finds(8.0)
+    late = run.finds(25.0, camera(), first={"/left": 24.2})
+    assert late.account_since(10.0).remarks() == ["/left: first message at +14.2 s"]
+    assert late.account_since(24.5).remarks() == []  # in the countdown
+    run.is_killed(26.0)
+    again = run.finds(28.0, camera(), first={"/left": 27.0})
+    assert again.appeared == {"/left": 24.2}
+    there = Recorded()
+    there.finds(8.0, camera())  # a publisher that has nothing to say yet
+    assert there.finds(25.0, camera(), first={"/left": 24.2}).appeared == {}
+
+
 def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent() -> None:
     recording = EvidenceRecording(1, EvidencePlace(-1, "run", 0, 0, 10**9, 0))
     recording.next_file()
     flows = (
         TopicFlow("/camera/live", "a/msg/B", 1, 30.0, 6e6, 0),
-        TopicFlow("/camera/dead", "a/msg/B", 0, 0.0, 0.0, 0, "silent since 10:00:00"),
+        TopicFlow("/camera/dead", "a/msg/B", 0, 0.0, 0.0, 0, pauses=(TopicPause(round(0.2 * NS)),)),
         TopicFlow("/tf_static", "a/msg/C", 1, 0.0, 0.0, 0, kept=True),
         TopicFlow("/map", "a/msg/C", 0, 0.0, 0.0, 0, kept=True),
     )
@@ -117,7 +224,9 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
     status = standing(1.0, news, 1.0, "", recording)
     assert status.silent == ("/camera/dead", "/map")
     assert status.account.problems == ("nobody publishes /camera/front, /robot/a",)
-    assert status.account.remarks()[1:] == ["/camera/dead: silent since 10:00:00"]
+    account = status.account_since(0.1)
+    assert account.remarks()[1:] == ["/camera/dead: silent from +0.1 s to the end"]
+    assert status.faults(0.1)[1:] == ("/camera/dead: silent since +0.1 s",)
 
 
 def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back() -> None:

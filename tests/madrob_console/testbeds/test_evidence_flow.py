@@ -8,7 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.clock import NS
-from madrob_console.testbeds.evidence_flow import FlowMeter, RateLimit, SilenceWatch
+from madrob_console.testbeds.evidence_flow import (
+    MOST_PAUSES,
+    FlowMeter,
+    RateLimit,
+    SilenceWatch,
+)
 from recorder.message import RawMessage
 
 
@@ -61,7 +66,9 @@ def test_rates_are_those_of_the_last_seconds() -> None:
     assert meter.rates(20.0) == (0.0, 0.0)
 
 
-def silence(came: Sequence[float], now: float, begin: float | None = None) -> str:
+def pauses(
+    came: Sequence[float], now: float, begin: float | None = None
+) -> list[tuple[float, float | None]]:
     """Of a topic on which messages came at these times, s, in a recording from `begin` on."""
     watch = SilenceWatch()
     for at in came:
@@ -69,33 +76,45 @@ def silence(came: Sequence[float], now: float, begin: float | None = None) -> st
             watch.begin()
             begin = None
         watch.came(round(at * NS))
-    return watch.words(round(now * NS))
+    told = watch.pauses(round(now * NS))
+    return [(p.begin_ns / NS, None if p.end_ns is None else p.end_ns / NS) for p in told]
 
 
 STEADY = [number / 10 for number in range(50)]  # until 4.9 s
 
 
 def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again() -> None:
-    assert silence(STEADY, 6.8) == ""
-    assert silence(STEADY, 7.0).startswith("silent since ")
+    assert pauses(STEADY, 6.8) == []
+    assert pauses(STEADY, 7.0) == [(4.9, None)]
     again = [*STEADY, *(9 + at for at in STEADY)]
-    assert silence(again, 14.0).startswith("silent from ")
-    assert silence([*again, 20.0], 20.1) == silence([*again, 20.0], 21.9)
-    assert silence(again, 14.0, begin=9.05) == ""
+    assert pauses(again, 14.0) == [(4.9, 9.0)]
+    assert pauses([*again, 20.0], 20.1) == [(4.9, 9.0), (13.9, 20.0)]
+    assert pauses([*again, 20.0], 22.1) == [(4.9, 9.0), (13.9, 20.0), (20.0, None)]
+    assert pauses(again, 14.0, begin=9.05) == []
+
+
+def test_of_many_silences_the_last_one_told_has_all_that_came_later() -> None:
+    watch = SilenceWatch()
+    for number in range(MOST_PAUSES + 5):
+        for at in STEADY:
+            watch.came(round((10 * number + at) * NS))
+    told = watch.pauses(round((10 * number + 5.0) * NS))
+    assert len(told) == MOST_PAUSES
+    assert (told[-1].number, told[-1].end_ns) == (5, 10 * number * NS)
 
 
 @pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
 def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
-    assert silence(came, 1000.0) == ""
+    assert pauses(came, 1000.0) == []
 
 
 def test_what_the_settings_name_may_not_be_silent_from_the_first() -> None:
     for named, said in ((True, "nothing has come"), (False, "")):
         watch = SilenceWatch(named=named)
-        assert watch.words(9 * NS) == ""  # nobody listens yet
+        assert watch.problem(9 * NS) == ""  # nobody listens yet
         for at in range(4, 9):
             watch.listen(at * NS)
-        assert watch.words(6 * NS) == ""
-        assert watch.words(7 * NS) == said
+        assert watch.problem(6 * NS) == ""
+        assert watch.problem(7 * NS) == said
         watch.came(7 * NS)
-        assert watch.words(100 * NS) == ""
+        assert watch.problem(100 * NS) == ""
