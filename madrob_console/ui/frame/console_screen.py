@@ -406,10 +406,12 @@ class ConsoleScreen(Screen[None]):
                 view.forget()
         self._switcher.current = self.pane = name
         self._keys.pane = name
+        self._faults.whole_below = name == "live"
         self.take_focus(chosen=chosen)
         if self._latest is not None:
             self.panes[name].show(self._latest)
             self._keys.show(self._latest)
+            self._faults.show(self._latest)
 
     def action_back(self) -> None:
         """Escape: what waits for the disk is withdrawn; else out of a field, or of a side pane.
