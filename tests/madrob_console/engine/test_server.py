@@ -251,6 +251,22 @@ def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
     served.close()
 
 
+def test_who_only_watches_is_promised_no_start_of_an_engine(served: Served) -> None:
+    client = served.attach(Role.WATCH)
+    served.close()
+
+    def told() -> str:
+        try:
+            client.snapshot()
+        except MadrobError as error:
+            return str(error)
+        return ""
+
+    until(lambda: "the next one is looked for" in told(), 5.0)
+    assert "Ctrl+R" not in told()
+    client.close()
+
+
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
     client = served.attach()
     served.close()
@@ -327,7 +343,7 @@ def test_a_screen_that_stands_still_for_whatever_reason_says_so(
             try:
                 client.snapshot()
             except MadrobError as error:
-                return "failed (MemoryError): Ctrl+R connects again" in str(error)
+                return "failed (MemoryError): it is tried again" in str(error)
             return False
 
         until(told)
