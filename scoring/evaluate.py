@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from scoring import indicators as pi
+from scoring.deciding import DecidingEdge, EdgeKind
 from scoring.doubts import all_doubts, by_indicator, edge_doubts
 from scoring.events import EventDetector
 from scoring.grounds import Grounds
@@ -274,7 +275,8 @@ class Assessment(LiveAssessment):
             indicators = pi.compute_indicators(
                 events, procedure.done, rows, self.condition, self._ruleset
             )
-            grounds = self._grounds(events, joint, rows, rest, end)
+            edges = self._deciding(ending, rulings, end)
+            grounds = self._grounds(events, edges, joint, rows, rest, end)
             indicators = self._trusted(indicators, procedure, grounds)
         result = Result(
             handle_zero=self._zero,
@@ -292,14 +294,36 @@ class Assessment(LiveAssessment):
         )
         return result, replace(rows, occupied=self._scoring.presences())
 
+    def _deciding(
+        self, ending: Ending, rulings: Sequence[Ruling], end: float
+    ) -> tuple[DecidingEdge, ...]:
+        """The edges on which the indicators hang.
+
+        Of a run that sensors completed after its torn recording ends, only the stop is known: it
+        was seen at a sample, as in any run.
+        """
+        edges, known = self._scoring.deciding(end), self._thresholds
+        lost = self._newest is not None and self._newest < end
+        ruled = any(ruling.time == end for ruling in rulings)
+        if ending.outcome is not Outcome.COMPLETED or not lost or ruled:
+            return edges
+        since, often = end - 1 / known.rate, known.doubt.least_readings
+        return (*edges, DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, end, since, often))
+
     def _grounds(
-        self, events: Sequence[Event], joint: JointState, rows: Rows, rest: RestForce, end: float
+        self,
+        events: Sequence[Event],
+        edges: Sequence[DecidingEdge],
+        joint: JointState,
+        rows: Rows,
+        rest: RestForce,
+        end: float,
     ) -> Grounds:
         return Grounds(
             start=self.start,
             end=end,
             events=events,
-            edges=self._scoring.deciding(end),
+            edges=edges,
             counters=self._counters,
             door_time=np.array(self._door_time),
             door_angle=np.array(self._door_angle),

@@ -302,6 +302,11 @@ class MarksPart(msgspec.Struct, frozen=True):
         found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
         return tuple(TestbedFault(0.0, text) for text in found)
 
+    @property
+    def unrecorded(self) -> int:
+        """It was told by the remarks alone."""
+        return 0
+
 
 class EventPart(msgspec.Struct, frozen=True):
     """Something that happened, s since the epoch and since the start."""

@@ -14,6 +14,7 @@ from typing import Annotated, Protocol
 
 from msgspec import Meta
 
+from madrob_console.amounts import counted
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
 from madrob_console.referee.on_record import (
@@ -74,6 +75,7 @@ class FlagKind(StrEnum):
     CORRECTION = "correction"
     DENIED_STEP = "denied step"
     CONFIRMED_STEP = "confirmed step"
+    RECORDING = "recording"
     FAULT = "fault"
     INCIDENT = "incident"
     WAIVER = "waiver"
@@ -152,6 +154,11 @@ class Flagged(Protocol):
         ...
 
     @property
+    def unrecorded(self) -> int:
+        """Messages that were scored and that its recording lacks."""
+        ...
+
+    @property
     def closure(self) -> Closure | None:
         """How it was finalised."""
         ...
@@ -206,6 +213,7 @@ def flags(
         *_team_word(run.closure),
         *_corrections(run.corrections),
         *_rulings(run.rulings),
+        *_unrecorded(run.unrecorded),
         *_faults(run.faults),
         *_against_opening(remarks),
         *_incidents(run.incidents),
@@ -235,10 +243,10 @@ def _false_starts(marks: Sequence[FalseStart]) -> Iterator[Flag]:
     waiting = [mark for mark in marks if mark.accepted is None]
     if waiting:
         first = f"{'first: ' if len(waiting) > 1 else ''}{waiting[0].event.words}"
-        words = f"{_counted(len(waiting), 'false start')} UNDECIDED ({first})"
+        words = f"{counted(len(waiting), 'false start')} UNDECIDED ({first})"
         yield Flag(FlagKind.FALSE_START, words, FlagWeight.ALARM, undecided=True)
     if passed := len(marks) - len(waiting):
-        words = f"{_counted(passed, 'false start')} accepted"
+        words = f"{counted(passed, 'false start')} accepted"
         yield Flag(FlagKind.FALSE_START, words, FlagWeight.REMARK)
 
 
@@ -252,7 +260,7 @@ def _undecided_steps(steps: Iterable[StepRecord]) -> Iterator[Flag]:
 def _doubts(run: Flagged, indicators: Mapping[IndicatorName, Indicator]) -> Iterator[Flag]:
     if waiting := waiting_doubts(indicators, run.accepted_doubts):
         count = len({words for sentences in waiting.values() for words in sentences})
-        words = f"doubted: {doubted_words(waiting)} ({_counted(count, 'doubt')} UNDECIDED)"
+        words = f"doubted: {doubted_words(waiting)} ({counted(count, 'doubt')} UNDECIDED)"
         yield Flag(FlagKind.DOUBT, words, FlagWeight.CAUTION, undecided=True)
     for accepted in run.accepted_doubts:
         standing = {
@@ -329,9 +337,20 @@ def _rulings(rulings: Iterable[Ruling]) -> Iterator[Flag]:
             yield Flag(kind, f"{steps} {said}", FlagWeight.CAUTION)
 
 
+def unrecorded_words(messages: int) -> str:
+    """What it means that a recording lacks messages that were scored."""
+    lacks = counted(messages, "message")
+    return f"the recording lacks {lacks}: the result cannot be made again from it"
+
+
+def _unrecorded(messages: int) -> Iterator[Flag]:
+    if messages:
+        yield Flag(FlagKind.RECORDING, unrecorded_words(messages), FlagWeight.CAUTION)
+
+
 def _faults(faults: Sequence[TestbedFault]) -> Iterator[Flag]:
     if faults:
-        yield Flag(FlagKind.FAULT, _counted(len(faults), "testbed fault"), FlagWeight.CAUTION)
+        yield Flag(FlagKind.FAULT, counted(len(faults), "testbed fault"), FlagWeight.CAUTION)
 
 
 def _against_opening(remarks: Iterable[str]) -> Iterator[Flag]:
@@ -345,7 +364,7 @@ def _incidents(incidents: Iterable[Incident]) -> Iterator[Flag]:
     standing = [mark for mark in incidents if mark.withdrawn is None]
     if standing:
         what = _listed(mark.kind for mark in standing)
-        words = f"{_counted(len(standing), 'incident')} ({what})"
+        words = f"{counted(len(standing), 'incident')} ({what})"
         yield Flag(FlagKind.INCIDENT, words, FlagWeight.CAUTION)
 
 
@@ -363,10 +382,6 @@ def _other_name(why: str) -> Iterator[Flag]:
     if why:
         words = f"team's name other than the list's: {why}"
         yield Flag(FlagKind.OTHER_NAME, words, FlagWeight.CAUTION)
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' if count > 1 else ''}"
 
 
 def _listed(words: Iterable[str]) -> str:

@@ -46,6 +46,7 @@ class Change(StrEnum):
     FALSE_START = "false start"
     EVENT = "event"
     FAULT = "fault of the testbed"
+    UNRECORDED = "recording incomplete"
     EVIDENCE = "evidence"
     EVIDENCE_RECORDED = "evidence recorded"
     RESULT_WRITTEN = "result written"
@@ -135,8 +136,8 @@ def _changed(run: Run, entry: Entry) -> Run:
         case Change.FAULT:
             fault = TestbedFault(_time(details["time"]), entry.reason)
             return replace(run, faults=(*run.faults, fault))
-        case Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
-            return _with_evidence(run, entry)
+        case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
+            return _with_recorded(run, entry)
         case Change.REISSUED if run.phase in (Phase.STOPPED, Phase.FINAL):
             name = details.get("ruleset")
             rules = None if name is None else RulesetName(name)
@@ -148,9 +149,11 @@ def _changed(run: Run, entry: Entry) -> Run:
             return run
 
 
-def _with_evidence(run: Run, entry: Entry) -> Run:
-    """The run after a line of what was recorded beside it, or of what was removed of that."""
+def _with_recorded(run: Run, entry: Entry) -> Run:
+    """The run after a line of what its recording lacks, of the evidence, or of what is gone."""
     details = entry.details
+    if entry.what == Change.UNRECORDED:
+        return replace(run, unrecorded=max(0, int(details["messages"])))
     if entry.what == Change.EVIDENCE_RECORDED:
         told = {key: details[key] for key in ("topics", "problems")}
         told |= {key: details[key] for key in _LATER if key in details}

@@ -75,6 +75,8 @@ class Run:
         taken_back: what the referee decided and took back.
         decided: what was decided and stands, in the order in which it was.
         faults: of the testbed while it was recorded, each once.
+        unrecorded: messages that were scored and that its recording lacks: the disk was full, too
+            slow, or failed.
         evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
         removed_evidence: what was removed of the cameras' and other topics' recordings.
         issue: number of the result's latest issue; 0 before the first.
@@ -113,6 +115,7 @@ class Run:
     taken_back: tuple[TakenBack, ...] = ()
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
+    unrecorded: int = 0
     evidence: EvidenceAccount | None = None
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     issue: int = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
 
 NOT_YET = "this screen is not attached to the engine yet"
+
+LOOKING_PERIOD = 2.0
+"""Between two looks for the next engine, s."""
 
 LATELY = 1.0
 """What an act brings about may be seen so long after its answer, s."""
@@ -123,3 +127,39 @@ class EngineLink:
         """Let the engine go."""
         if self._client is not None:
             self._client.close()
+
+
+class EngineSearch:
+    """Finds the next engine after one has ended, for a screen at whose keyboard nobody sits.
+
+    Args:
+        link: to the engine.
+        monotonic: a clock, s.
+        aside: has something done in a thread.
+    """
+
+    def __init__(
+        self,
+        link: EngineLink,
+        monotonic: Callable[[], float],
+        aside: Callable[[Callable[[], None]], object],
+    ) -> None:
+        self._link = link
+        self._monotonic = monotonic
+        self._aside = aside
+        self._looked = -math.inf
+        self._looking = False
+
+    def look(self) -> None:
+        """Look for one, unless that was done a moment ago or goes on; never waits."""
+        if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
+            return
+        self._looking, self._looked = True, self._monotonic()
+        self._aside(self._connect)
+
+    def _connect(self) -> None:
+        try:
+            with suppress(MadrobError):  # there is none yet
+                self._link.connect()
+        finally:
+            self._looking = False

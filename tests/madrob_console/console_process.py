@@ -60,9 +60,11 @@ class Hall:
         speed, results = f"--speed={self.speed}", f"--results={self.results}"
         return ["--testbed", "simulated", speed, results, f"--settings={self._settings}"]
 
-    def console(self, command: str = "console", columns: int = 80, lines: int = 24) -> Terminal:
+    def console(
+        self, command: str = "console", *options: str, columns: int = 80, lines: int = 24
+    ) -> Terminal:
         """The screens, attached to the engine or starting it."""
-        argv = [sys.executable, "-m", "madrob_console.cli.main", command, *self.testbed]
+        argv = [sys.executable, "-m", "madrob_console.cli.main", command, *self.testbed, *options]
         return Terminal(argv, columns, lines, env=self._env, cwd=ROOT)
 
     def madrob(self, *arguments: str) -> subprocess.CompletedProcess[str]:

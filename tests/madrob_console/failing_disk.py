@@ -16,7 +16,7 @@ import pytest
 
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.rebuild import rebuild
+from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario
 from recorder.mcap_file import McapFile
@@ -208,7 +208,9 @@ def check_on_disk(drive: Drive, folder: Path, result: Result) -> None:
     assert document["outcome"] == result.outcome
     assert document["quality"]["remarks"] == list(result.quality.remarks)
     entries, torn = read_journal(folder / "journal.jsonl")
-    what = [entry.what for entry in entries]
+    lacks = Change.UNRECORDED
+    assert sum(entry.what == lacks for entry in entries) == (drive.engine.run.unrecorded > 0)
+    what = [entry.what for entry in entries if entry.what != lacks]
     assert what[:4] == ["set up", "zero the handle", "confirm the start pose", "start"]
     assert what[-2:] in (["run stops", "result written"], ["abort", "result written"])
     assert len(torn) <= 1

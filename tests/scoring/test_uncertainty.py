@@ -11,9 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName as Name
+from scoring.procedure import Ruling
+from scoring.protocol import LockDetection, Outcome, Step
+from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset
 from tests.scoring.clean_run import NOMINAL, TIMEOUT, Motion, clean, lost, scored
+from tests.scoring.runs import CONDITION, START
 
 MOTIONS: dict[str, Motion] = {
     "nominal": NOMINAL,
@@ -125,6 +130,29 @@ def test_a_timeouts_own_time_is_exact_and_a_level_has_no_spread() -> None:
         known = indicators[name].uncertainty
         assert known is not None
         assert known.expanded == 0
+
+
+@pytest.mark.parametrize("outcome", [Outcome.COMPLETED, Outcome.TIMEOUT])
+@pytest.mark.parametrize("ruled", [False, True])
+def test_a_stop_that_the_torn_recording_lacks_is_as_uncertain_as_any_that_sensors_found(
+    outcome: Outcome, ruled: bool
+) -> None:
+    whole, stop = scored(clean()), START + 11.4
+    torn = Assessment(CONDITION, START, lock_detection=LockDetection.SETTLE)
+    for sample in clean():
+        if sample.time < START + 9.0:
+            torn.feed(sample)
+    rulings = [Ruling(Step.LOCK, True, stop, "I saw it", "Ada")] if ruled else []
+    result, _ = torn.result(Ending(outcome, "", stop), rulings)
+    name = Name.EXECUTION_TIME
+    known, usual = result.indicators[name].uncertainty, whole.indicators[name].uncertainty
+    assert known is not None
+    assert usual is not None
+    if outcome is Outcome.TIMEOUT or ruled:  # no sensor found it
+        assert known.expanded == 0
+    else:
+        assert known.expanded == pytest.approx(usual.expanded, rel=0.25)
+    assert result.indicators[name].doubts == ()
 
 
 def test_a_trembling_robot_is_not_taken_for_a_smooth_one() -> None:

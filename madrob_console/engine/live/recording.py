@@ -17,7 +17,7 @@ from madrob_console.errors import MadrobError
 from recorder.bag import Topic
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
-from recorder.stats import BagSummary, RecorderState
+from recorder.stats import BagSummary, DropReason, RecorderState
 from recorder.writer import BagWriter
 
 _LOOK_PERIOD = 1.0
@@ -57,6 +57,7 @@ class Recording:
         name = RunName(setup.subject, setup.condition.number, setup.run_number)
         self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
         self._topics = {topic.name for topic in topics}
+        self._scored = {mapping.topic for mapping in record.mappings}
         self._monotonic = monotonic
         self._reading = reading
         self._looked = monotonic()
@@ -137,6 +138,13 @@ class Recording:
             *failed,
             *(f"{topic}: {n} messages are not in the recording" for topic, n in missing if n),
         )
+
+    @property
+    def unrecorded(self) -> int:
+        """Messages that were scored and are not in the recording; those of another type are not."""
+        stats = self._writer.stats()
+        missing = sum(n for topic, n in stats.dropped.items() if topic in self._scored)
+        return max(0, missing - stats.drop_reasons.get(DropReason.OTHER_TYPE, 0))
 
     def close(self) -> BagSummary:
         """Write what is queued and finish the bag; waits for the disk as long as it takes."""

@@ -26,6 +26,7 @@ from madrob_console.engine.live.scorer import EarlierRun, RenderedResult, ToScor
 from madrob_console.engine.live.topic_watch import Trouble
 from madrob_console.engine.live.witness import WitnessStatus
 from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.on_record import TestbedFault
 from madrob_console.referee.rebuild import Change
@@ -280,12 +281,16 @@ class RunAtHand:
         self.result.hurry()
         self.recorder.finish(self._recorded)
 
-    def _recorded(self, missing: tuple[str, ...]) -> None:
+    def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:
         """The bag is closed."""
         self._missing = missing
         self._equipment.clock.release()
         if (account := self.recorder.evidence(self._start)) is not None:
             self._note_account(account)
+        if unrecorded:
+            words, details = unrecorded_words(unrecorded), {"messages": unrecorded}
+            self.run = replace(self.run, unrecorded=unrecorded)
+            self.note(Happening(Origin.SYSTEM, Change.UNRECORDED, words, details))
         self.run = replace(self.run, issue=1)
         self.score()
 

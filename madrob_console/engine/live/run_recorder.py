@@ -166,11 +166,12 @@ class RunRecorder:
         if self._recording is not None:
             self._recording.add_topics(self._source.topics())
 
-    def finish(self, done: Callable[[tuple[str, ...]], None]) -> None:
+    def finish(self, done: Callable[[tuple[str, ...], int], None]) -> None:
         """Have the bag closed; nothing more is recorded.
 
         Args:
-            done: told when it is, with what is not in it, in words.
+            done: told when it is: what is not in it, in words, and how many messages of that were
+                scored.
         """
         recording = self._closing = self._recording
         assert recording is not None
@@ -181,7 +182,7 @@ class RunRecorder:
 
         def closed(_answer: Future[BagSummary]) -> None:
             self._closing, self._closed_view = None, recording.view()
-            done((*recording.remarks(), *losses))
+            done((*recording.remarks(), *losses), recording.unrecorded)
 
         self._keepers.own.ask(partial(_close, recording, self._witness), closed)
 

@@ -83,6 +83,7 @@ class RemoteEngine:
         self._asked: dict[int, _Asked] = {}
         self._outbox: Lanes[_Asked] = Lanes()
         self._failure: str | None = None
+        self._lost, self._again = _LOST[role], _AGAIN[role]
         self._incoming = Incoming()
         self._process: int | None = None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -118,7 +119,9 @@ class RemoteEngine:
             MadrobError: the connection is lost.
         """
         if self._failure is not None:
-            raise MadrobError(_ENDS if self._failure == _LOST and self._goes_on else self._failure)
+            raise MadrobError(
+                _ENDS if self._failure == self._lost and self._goes_on else self._failure
+            )
         return self._snapshot
 
     @property
@@ -174,7 +177,7 @@ class RemoteEngine:
         except OSError:
             pass  # the other thread sees it, too
         except Exception as error:  # noqa: BLE001 - a screen that can ask nothing has to know
-            self._failure = _failed(error)
+            self._failure = self._failed(error)
             with suppress(OSError):
                 self._socket.shutdown(socket.SHUT_RDWR)
 
@@ -207,14 +210,18 @@ class RemoteEngine:
                         self._failure = reason
                         return
         except (OSError, EOFError):
-            self._failure = self._failure or _LOST
+            self._failure = self._failure or self._lost
         except MadrobError as error:
             self._failure = str(error)
         except Exception as error:  # noqa: BLE001 - a screen that stands still has to know
-            self._failure = _failed(error)
+            self._failure = self._failed(error)
         finally:
             for asked in list(self._asked.values()):
-                fail(asked.answer, self._failure or _LOST)
+                fail(asked.answer, self._failure or self._lost)
+
+    def _failed(self, error: Exception) -> str:
+        why = str(error) or type(error).__name__
+        return f"the connection to the engine has failed ({why}): {self._again}"
 
     def _receive(self) -> wire.ToScreen:
         (length,) = wire.LENGTH.unpack(self._exactly(wire.LENGTH.size))
@@ -232,13 +239,15 @@ class RemoteEngine:
         return bytes(data)
 
 
-def _failed(error: Exception) -> str:
-    why = str(error) or type(error).__name__
-    return f"the connection to the engine has failed ({why}): Ctrl+R connects again"
-
-
 _ENDS = "the engine is ending: it closes its files, which a disk may hold up"
-_LOST = "the engine has ended: Ctrl+R starts it again; at most half a second of a recording is lost"
+_LOST = {
+    Role.REFEREE: (
+        "the engine has ended: Ctrl+R starts it again; at most half a second of a recording is lost"
+    ),
+    Role.WATCH: "the engine has ended: what you see is old; the next one is looked for",
+}
+_AGAIN = {Role.REFEREE: "Ctrl+R connects again", Role.WATCH: "it is tried again"}
+"""What becomes of a connection that is lost: who only watches starts nothing."""
 
 
 def _refuse_strangers(connection: socket.socket, pid: int) -> None:

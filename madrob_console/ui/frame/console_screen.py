@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, cast
 
 from textual.app import ComposeResult
@@ -36,7 +37,7 @@ from madrob_console.ui.frame.status_line import StatusLine
 from madrob_console.ui.frame.tiny_clock import TinyClock
 from madrob_console.ui.frame.top_line import TopLine
 from madrob_console.ui.keys.asks import Copy, RunMeant, ask_copy, ask_unfinished
-from madrob_console.ui.link import NOT_YET
+from madrob_console.ui.link import NOT_YET, EngineSearch
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
 
@@ -138,6 +139,8 @@ class ConsoleScreen(Screen[None]):
         self._tiny = TinyClock()
         self._status = StatusLine(defaults.hint, monotonic, wall)
         self._keys = KeyLine()
+        aside = partial(self.run_worker, thread=True, group="engine")
+        self._search = EngineSearch(link, monotonic, aside)
         self._latest: Snapshot | None = None
         self.frames = ""
         self._timer: Timer | None = None
@@ -289,6 +292,8 @@ class ConsoleScreen(Screen[None]):
         snapshot = self._link.snapshot()
         if snapshot is None or self._panes is None:
             return
+        if snapshot.pulse.gone and snapshot.right.only_watches:
+            self._search.look()  # for a referee somebody decides: see the key
         busy = self._latest is not None and self._latest.run.active
         self.show(snapshot)
         if snapshot.run.active != busy and self._timer is not None:
@@ -407,10 +412,12 @@ class ConsoleScreen(Screen[None]):
                 view.forget()
         self._switcher.current = self.pane = name
         self._keys.pane = name
+        self._faults.whole_below = name == "live"
         self.take_focus(chosen=chosen)
         if self._latest is not None:
             self.panes[name].show(self._latest)
             self._keys.show(self._latest)
+            self._faults.show(self._latest)
 
     def action_back(self) -> None:
         """Escape: what waits for the disk is withdrawn; else out of a field, or of a side pane.

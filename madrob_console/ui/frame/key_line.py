@@ -9,7 +9,14 @@ from textual import events
 from textual.keys import _character_to_key
 
 from madrob_console.ui.cells.lines import Line, Span, Target, Tone, View, line, width_of
-from madrob_console.ui.keys.key_table import FUNCTION_KEYS, KEYS, LETTER_KEYS, PLAYBACK_KEYS, Key
+from madrob_console.ui.keys.key_table import (
+    FINDS_BY_ITSELF,
+    FUNCTION_KEYS,
+    KEYS,
+    LETTER_KEYS,
+    PLAYBACK_KEYS,
+    Key,
+)
 
 if TYPE_CHECKING:
     from madrob_console.ui.keys.console_app import ConsoleApp
@@ -58,6 +65,8 @@ class KeyLine(View):
         keys: tuple[Key, ...] = LETTER_KEYS
         snapshot = self._snapshot
         if snapshot is not None and snapshot.pulse.gone:
+            if snapshot.right.only_watches:
+                return line(Span(FINDS_BY_ITSELF, Tone.STRONG))
             again = KEYS["engine"]
             cap = Target(again.cap, Tone.CAP, again.name)
             return line(cap, Target(f" {again.help}", Tone.STRONG, again.name))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -17,14 +15,11 @@ from madrob_console.errors import MadrobError
 from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.frame.console_screen import BUSY_PERIOD
 from madrob_console.ui.frame.wall import PAGE_TIME, Wall, WallRuns
+from madrob_console.ui.link import EngineSearch
 
 if TYPE_CHECKING:
     from madrob_console.engine.shown.snapshot import Snapshot
     from madrob_console.ui.link import EngineLink
-
-
-LOOKING_PERIOD = 3.0
-"""Between two looks for an engine after the one that was shown has ended, s."""
 
 
 class WallScreen(Screen[None]):
@@ -50,11 +45,11 @@ class WallScreen(Screen[None]):
     ) -> None:
         super().__init__()
         self._link = link
+        aside = partial(self.run_worker, thread=True, group="engine")
+        self._search = EngineSearch(link, monotonic, aside)
         self._load = load
         self._monotonic = monotonic
         self._turned = monotonic()
-        self._looked = -math.inf
-        self._looking = False
         self._read_of: object = None
         self._wall = Wall()
 
@@ -73,7 +68,7 @@ class WallScreen(Screen[None]):
         if snapshot is None:
             return
         if snapshot.pulse.gone:
-            self._look_for_engine()
+            self._search.look()
         run = snapshot.run
         if run.active:
             self._wall.page, self._turned = 0, self._monotonic()
@@ -85,19 +80,6 @@ class WallScreen(Screen[None]):
             self._read_of = seen
             self.run_worker(partial(self._read, snapshot), thread=True, exclusive=True)
         self._wall.show(snapshot)
-
-    def _look_for_engine(self) -> None:
-        """Nobody sits at this screen: it finds the next engine by itself."""
-        if self._looking or self._monotonic() - self._looked < LOOKING_PERIOD:
-            return
-        self._looking, self._looked = True, self._monotonic()
-
-        def connect() -> None:
-            with suppress(MadrobError):  # there is none yet
-                self._link.connect()
-            self._looking = False
-
-        self.run_worker(connect, thread=True, group="engine")
 
     def _read(self, snapshot: Snapshot) -> None:
         """In a thread."""

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 START_ENGINE = "start the engine again"
+FINDS_BY_ITSELF = "this screen only watches: it finds the next engine by itself"
 """What the key does that needs no engine."""
 
 
@@ -73,6 +74,8 @@ class Key:
     def refusal(self, snapshot: Snapshot) -> str | None:
         """Why the key does nothing now; None when it does."""
         if self.act == START_ENGINE:
+            if snapshot.right.only_watches:
+                return FINDS_BY_ITSELF
             return None if snapshot.pulse.gone else "the engine has not ended"
         return snapshot.refusal(self.act) if self.act else None
 

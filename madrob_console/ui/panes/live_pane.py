@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal, VerticalScroll
 
 from madrob_console.ui.cells.lines import View
+from madrob_console.ui.panes.all_faults import AllFaults
 from madrob_console.ui.panes.banner import Banner
 from madrob_console.ui.panes.door_gauge import DoorGauge
 from madrob_console.ui.panes.evidence_line import EvidenceLine
@@ -26,8 +27,8 @@ _SLOW = 3
 """Every third snapshot reaches what costs many bytes and need not be quick."""
 
 
-class LivePane(Vertical):
-    """Clock, steps, sensors, what is known so far, log."""
+class LivePane(VerticalScroll):
+    """Clock, steps, sensors, what is known so far, faults, log; arrows scroll what is too long."""
 
     def __init__(self) -> None:
         super().__init__(id="live")
@@ -40,22 +41,28 @@ class LivePane(Vertical):
             Passage(),
             DoorGauge(),
             HandleGauge(),
+            AllFaults(),
         )
         self._slow: tuple[View, ...] = (Provisional(), EvidenceLine(), LogView())
         self._count = 0
 
     def compose(self) -> ComposeResult:
         """Top to bottom."""
-        clock, tenths, summary, banner, steps, passage, door, handle = self._quick
+        clock, tenths, summary, banner, steps, passage, door, handle, faults = self._quick
+        so_far, evidence, log = self._slow
         yield Horizontal(clock, tenths, summary, classes="row")
         yield banner
         yield Horizontal(steps, passage, classes="row")
         yield Horizontal(door, handle, classes="row")
-        yield from self._slow
+        yield so_far
+        yield evidence
+        yield faults
+        yield log
 
     def enter(self) -> None:
-        """No field has the focus: the letters are keys."""
-        self.screen.set_focus(None)
+        """No field has the focus: the letters are keys, arrows scroll."""
+        self.scroll_home(animate=False)
+        self.screen.set_focus(self)
 
     def show(self, snapshot: Snapshot) -> None:
         """Show a newer snapshot."""

@@ -128,6 +128,7 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
         assert f"{topic}: {lost} messages are not in the recording" in result.quality.remarks
         assert drive.rescored().indicators == result.indicators
         assert drive.rescored().events == result.events
+        assert drive.engine.run.unrecorded == 0  # nothing of it was scored
     else:
         assert drive.recorded(topic) == drive.handed(topic)
         assert drive.rescored() == result

@@ -277,6 +277,22 @@ def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path:
         served.close()
 
 
+def test_who_only_watches_is_promised_no_start_of_an_engine(served: Served) -> None:
+    client = served.attach(Role.WATCH)
+    served.close()
+
+    def told() -> str:
+        try:
+            client.snapshot()
+        except MadrobError as error:
+            return str(error)
+        return ""
+
+    until(lambda: "the next one is looked for" in told(), 5.0)
+    assert "Ctrl+R" not in told()
+    client.close()
+
+
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
     client = served.attach()
     served.close()
@@ -353,7 +369,7 @@ def test_a_screen_that_stands_still_for_whatever_reason_says_so(
             try:
                 client.snapshot()
             except MadrobError as error:
-                return "failed (MemoryError): Ctrl+R connects again" in str(error)
+                return "failed (MemoryError): it is tried again" in str(error)
             return False
 
         until(told)

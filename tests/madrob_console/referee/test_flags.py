@@ -77,6 +77,11 @@ NAMED = replace(a_setup(), team_reason="renamed since")
             FlagWeight.CAUTION,
         ),
         (
+            replace(RUN, unrecorded=1),
+            "the recording lacks 1 message: the result cannot be made again from it",
+            FlagWeight.CAUTION,
+        ),
+        (
             replace(RUN, incidents=(Incident(140.0, IncidentKind.FALL),)),
             "1 incident (fall)",
             FlagWeight.CAUTION,

@@ -5,10 +5,15 @@ from __future__ import annotations
 import asyncio
 import threading
 
+import pytest
+
 from madrob_console.engine.shown.client import EngineClient
+from madrob_console.engine.shown.requests import Role
 from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.errors import MadrobError
 from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF
+from madrob_console.ui.link import LOOKING_PERIOD
 from madrob_console.ui.palette import _commands
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, Hand, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
@@ -88,6 +93,51 @@ def test_the_engine_is_started_again_by_a_key_and_only_when_it_has_ended() -> No
             assert driver.console.status == "The engine is there again."
             assert "SIMULATED slow" in driver.rows()[0]
             assert engines[0].closed
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("role", Role)
+def test_only_a_screen_that_watches_finds_the_next_engine_by_itself(role: Role) -> None:
+    engines = [FakeEngine(right=RightToAct(role))]
+    clock, looks, here = [0.0], [0], threading.get_ident()
+
+    def open_client() -> EngineClient:
+        assert threading.get_ident() != here  # the screen goes on
+        looks[0] += 1
+        if engines[-1].failure:
+            raise MadrobError("no engine runs here")
+        return engines[-1]
+
+    async def drive() -> None:
+        app = MadrobApp(open_client, DEFAULTS, monotonic=lambda: clock[0])
+        async with app.run_test(size=(80, 24)) as pilot:
+            driver = Driver(app, engines[0], pilot, Hand())
+
+            async def wait(duration: float) -> None:
+                clock[0] += duration
+                for _ in range(2):
+                    await driver.settle()
+                    await app.workers.wait_for_complete()
+                await driver.settle()
+
+            await wait(0.0)
+            engines[0].failure = GONE
+            await wait(0.0)
+            assert "as it was at" in driver.rows()[0]
+            watches = role is Role.WATCH
+            assert (FINDS_BY_ITSELF in driver.rows()[-1]) is watches
+            assert ("^R start" in driver.text) is not watches
+            await wait(LOOKING_PERIOD)
+            await wait(LOOKING_PERIOD)
+            assert looks[0] == (4 if watches else 1)
+            if watches:
+                await driver.press("ctrl+r")
+                assert FINDS_BY_ITSELF in driver.console.status
+            engines.append(FakeEngine(label="SIMULATED slow", right=RightToAct(role)))
+            await wait(LOOKING_PERIOD)
+            assert ("SIMULATED slow" in driver.rows()[0]) is watches
+            assert engines[0].closed is watches
 
     asyncio.run(drive())
 

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
-from madrob_console.engine.shown.snapshot import Pulse, RecorderView
+from madrob_console.engine.shown.snapshot import Pulse, RecorderView, RightToAct
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.health import Freshness
@@ -286,13 +287,72 @@ def test_faults_stay_until_they_are_gone(engine: FakeEngine) -> None:
             assert " FAULT panel at -0.043 rad, against the opening side" in driver.rows()[1]
             engine.faults = tuple(f"fault number {n} of the testbed" for n in range(5))
             await driver.settle()
-            assert "fault number 2 of the testbed (and 2 more: F3)" in driver.rows()[3]
+            assert "fault number 2 of the testbed (and 2 more below)" in driver.rows()[3]
             await driver.press("f8")
             assert "FAULT" in driver.rows()[1]
             await driver.press("escape")
             engine.faults = ()
             await driver.settle()
             assert "no faults" in driver.rows()[1]
+
+    asyncio.run(drive())
+
+
+MANY_FAULTS = (
+    "the journal cannot be written (Read-only file system): 5 lines wait for the disk of the hall",
+    "the result is NOT on disk (/home/ref/madrob_runs/subject_001_cond_001_run_001): trying again",
+    *(f"fault number {number} of the testbed" for number in range(12)),
+)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36)])
+def test_the_live_pane_has_every_fault_with_all_its_words(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size) as driver:
+            await driver.run()
+            assert "all faults" not in driver.text
+            engine.faults = MANY_FAULTS
+            await driver.settle()
+            top = " ".join(row.strip() for row in driver.rows()[1:4])
+            assert re.search(r"\(and \d+ more below\)", top)
+            assert ": F3" not in driver.text
+            seen = []
+            for _ in range(5):
+                seen += [row.strip() for row in driver.rows() if row.strip() not in seen]
+                await driver.press("pagedown")
+            told = " ".join(seen)
+            for fault in MANY_FAULTS:
+                assert "".join(fault.split()) in "".join(told.split())
+            await driver.press("f2")
+            await driver.settle()
+            assert re.search(r"\(and \d+ more: F3\)", driver.text)
+            await driver.press("f3")
+            assert "next: step 1" in driver.text  # it begins at its top again
+            engine.faults = ()
+            await driver.settle()
+            assert "all faults" not in driver.text
+
+    asyncio.run(drive())
+
+
+def test_a_fault_that_is_cut_ends_with_a_word_and_says_so(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine, (80, 24)) as driver:
+            await driver.set_up()
+            first = (
+                "the journal cannot be written (Read-only file system, since 22:13): 5 lines wait"
+            )
+            engine.faults = (first, "another thing is wrong with the testbed", *MANY_FAULTS)
+            engine.right = RightToAct(holder="bo@tent")  # a row less for faults
+            await driver.settle()
+            rows = driver.rows()[2:4]
+            assert rows[0].endswith("since 22:13): 5")
+            assert rows[1] == "       lines wait (and 15 more: F3)"
+            engine.faults = (f"{'w' * 72} then {'7 ' * 60}",)
+            await driver.settle()
+            assert driver.rows()[3].endswith("   then … (more: F3)")
 
     asyncio.run(drive())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import islice, product
@@ -12,7 +13,11 @@ import msgspec
 import pytest
 
 from madrob_console.archive import score
+from madrob_console.archive.result_reader import read_result
+from madrob_console.archive.scored import score_opened
 from madrob_console.engine.live.result_keeper import RETRY_PERIOD
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
 from recorder.reader import read_bag
@@ -33,6 +38,8 @@ from tests.madrob_console.failing_disk import (
 from tests.slowly import slow_but_for
 
 FAULT_AT = 5.0
+NOT_RECORDED = r"(?P<topic>\S+): (?P<count>\d+) messages are not in the recording"
+SCORED = {mapping.topic for mapping in DEFAULT_MAPPINGS}
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,28 @@ def check_result(machine: Machine) -> None:
         written = msgspec.json.decode((machine.folder / "result.json").read_bytes())
         assert written["files_left_out"] == []  # what could not be read can be now
     check_on_disk(machine.drive, machine.folder, shown.result)
+    check_flag(machine)
+
+
+def check_flag(machine: Machine) -> None:
+    """A recording that lacks scored messages is a flag, which outlives a spoilt `result.json`."""
+    scored, shown = machine.drive.engine.scored, machine.drive.engine.snapshot()
+    assert scored is not None
+    told = (re.fullmatch(NOT_RECORDED, remark) for remark in scored.result.quality.remarks)
+    lacking = sum(int(one["count"]) for one in told if one and one["topic"] in SCORED)
+    flagged = [flag for flag in shown.flags if flag.kind is FlagKind.RECORDING]
+    assert (machine.fault is Fault.RUN_LOCKED) or lacking > 100
+    assert bool(flagged) is (lacking > 0)
+    if not flagged:
+        return
+    words = f"the recording lacks {lacking} messages: the result cannot be made again from it"
+    assert flagged == [Flag(FlagKind.RECORDING, words, FlagWeight.CAUTION)]
+    assert flagged[0] in (read_result(str(machine.folder))[0].flags or ())
+    if machine.fault not in DELETED:  # no bag to score again
+        kept = (machine.folder / "result.json").read_bytes()
+        (machine.folder / "result.json").write_bytes(b"{")
+        assert flagged[0] in score_opened(machine.folder).flags
+        (machine.folder / "result.json").write_bytes(kept)
 
 
 def check_bag(machine: Machine, safe: Counter[str]) -> None:

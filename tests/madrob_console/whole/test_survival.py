@@ -16,7 +16,7 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.ui.keys.type_ahead import UNSEEN
 from recorder.reader import read_bag
 from scoring.protocol import EventName
-from tests.madrob_console.console_process import F8, F10, Hall, start_a_run, wait_gone
+from tests.madrob_console.console_process import F8, F10, STARTING, Hall, start_a_run, wait_gone
 from tests.watching import until
 
 
@@ -70,6 +70,23 @@ def test_spectators_see_the_run_and_their_keys_do_nothing(hall: Hall) -> None:
             spectator.send(F8)
             spectator.wait_for("Refused: abort: this screen only watches")
     assert hall.wait_for_result(folder)["outcome"] == "completed"
+
+
+@pytest.mark.parametrize("big", [(), ("--big",)])
+def test_spectators_find_the_engine_that_is_started_again(hall: Hall, big: tuple[str, ...]) -> None:
+    with hall.console() as terminal:
+        terminal.wait_for("all fresh and at rate", timeout=STARTING)
+        with hall.console("watch", *big) as spectator:
+            spectator.wait_for("WATCHING", timeout=STARTING)
+            hall.kill_engine()
+            spectator.wait_for("the engine has ended")
+            terminal.wait_for("the engine has ended")
+            assert not any("Ctrl+R" in line or "^R" in line for line in spectator.screen())
+            assert not hall.status()  # neither starts one by itself
+            terminal.send("\x12")  # Ctrl+R
+            terminal.wait_for("The engine is there again", timeout=STARTING)
+            until(lambda: not any("ended" in line.lower() for line in spectator.screen()), 20.0)
+            assert any("WATCHING" in line for line in spectator.screen())
 
 
 def test_nobody_watches_where_no_engine_runs(hall: Hall) -> None:
