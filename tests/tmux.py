@@ -112,11 +112,23 @@ class Tmux:
         """What was copied last into this tmux."""
         return self._tell("show-buffer")
 
-    def wait_for(self, text: str, timeout: float = PATIENCE, *, instead: str | None = None) -> str:
+    def line_with(self, text: str) -> str:
+        """The first line of the screen that has `text`, blanks as in `wait_for`; empty = none."""
+        rows = (" ".join(row.split()) for row in self.screen())
+        return next((row for row in rows if text in row), "")
+
+    def wait_for(
+        self,
+        text: str,
+        timeout: float = PATIENCE,
+        *,
+        instead: str | None = None,
+        before: str = "",
+    ) -> str:
         """Wait until `text` stands on the screen, within one line; the line.
 
         Several blanks count as one, so that columns may move. What may come `instead` of the text
-        ends the waiting, too.
+        ends the waiting, too, unless it is the line that stood there `before`.
 
         Raises:
             AssertionError: it does not come within `timeout` s, or the program ends.
@@ -126,7 +138,7 @@ class Tmux:
             ended = self._exit_code() is not None
             screen = self.screen()
             for line in (" ".join(row.split()) for row in screen):
-                if text in line or (instead is not None and instead in line):
+                if text in line or (instead is not None and instead in line and line != before):
                     return line
             shown = "\n".join(screen).rstrip()
             if ended:

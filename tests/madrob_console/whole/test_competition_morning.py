@@ -90,10 +90,12 @@ class Referee:
         A key that comes before a person could have read what is new is left out, and that is said:
         whoever reads it presses again.
         """
+        left_out = " is left out: "
+        said = self._window.line_with(left_out)  # of a key before
         self._window.press(key)
         for _ in range(3):
-            left_out = " is left out: "
-            if left_out not in self._window.wait_for(texts[0], timeout, instead=left_out):
+            said = self._window.wait_for(texts[0], timeout, instead=left_out, before=said)
+            if left_out not in said:
                 break
             time.sleep(READING)
             self._window.press(key)
