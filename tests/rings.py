@@ -41,7 +41,6 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/referee": Ring.PURE,
     "madrob_console/report": Ring.PURE,
     "madrob_console/standings": Ring.PURE,
-    "madrob_console/test_amounts.py": Ring.PURE,
     "madrob_console/test_names.py": Ring.PURE,
     "madrob_console/test_version.py": Ring.MACHINE,
     "madrob_console/test_words.py": Ring.PURE,

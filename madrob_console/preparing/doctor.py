@@ -13,8 +13,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.amounts import size_words
 from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.referee.amounts import size_words
 from madrob_console.version import DISTRIBUTION
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from madrob_console.amounts import counted, listed
 from madrob_console.errors import MadrobError
 from madrob_console.preparing.finding import Finding, Severity
 from madrob_console.preparing.overheard import overheard
+from madrob_console.referee.amounts import counted, listed
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from madrob_console.testbeds.evidence_flow import TopicFlow
 from madrob_console.testbeds.ros.evidence_intakes import EvidenceIntakes

@@ -14,8 +14,8 @@ from typing import Annotated, Protocol
 
 from msgspec import Meta
 
-from madrob_console.amounts import counted
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.amounts import counted
 from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
 from madrob_console.referee.on_record import (
     AcceptedDoubts,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from madrob_console.amounts import counted, listed, size_words
+from madrob_console.referee.amounts import counted, duration_words, listed, size_words
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.on_record import CheckName, Waiver
 from madrob_console.referee.run import Phase, Run
@@ -292,17 +292,6 @@ def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str
         run_takes = f"a run may take {duration_words(timeout)}"
         return CheckState.WARNING, f"{sends}{text}: {run_takes}"
     return good, f"{sends}{text}"
-
-
-def duration_words(duration: float) -> str:
-    """A time, s, as people say it: `11 h`, `40 min`, `90 s`."""
-    if duration >= 100 * 3600:
-        return f"{min(duration / 86400, 9999):.0f} days"
-    if duration >= 2 * 3600:
-        return f"{duration / 3600:.0f} h"
-    if duration < 120:
-        return f"{duration:.0f} s"
-    return f"{duration / 60:.0f} min"
 
 
 def _referee(r: Readings) -> Check:

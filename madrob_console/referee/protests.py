@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from madrob_console.amounts import span_words
+from madrob_console.referee.amounts import span_words
 from madrob_console.referee.run_times import relative_text
 
 

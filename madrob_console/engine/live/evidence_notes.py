@@ -6,9 +6,9 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from madrob_console.amounts import listed
 from madrob_console.engine.live.fault_notes import FaultNotes
 from madrob_console.engine.live.witness import WitnessStatus, first_words, silent_since
+from madrob_console.referee.amounts import listed
 
 PERIOD = 5.0
 """What topics lack is told so often at most, s: many lack the same one after the other, and the

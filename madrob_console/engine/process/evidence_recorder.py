@@ -11,8 +11,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from madrob_console.amounts import size_words
 from madrob_console.engine.process.evidence_queue import EvidenceQueue
+from madrob_console.referee.amounts import size_words
 from recorder.bag import Topic, is_evidence
 from recorder.errors import RecorderError, remedy
 from recorder.listing import put_listing, summarised

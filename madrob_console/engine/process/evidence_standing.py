@@ -8,12 +8,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from madrob_console.amounts import counted, listed, size_words
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
 from madrob_console.engine.process.evidence_messages import EvidenceNews, RecordInto
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
 from madrob_console.engine.shown.snapshot import EvidenceTopicView
+from madrob_console.referee.amounts import counted, listed, size_words
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,

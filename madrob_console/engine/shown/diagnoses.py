@@ -15,7 +15,7 @@ from madrob_console.referee.preflight import CheckState
 from madrob_console.testbeds.outside import Diagnosis, Level
 
 if TYPE_CHECKING:
-    from madrob_console.amounts import size_words
+    from madrob_console.referee.amounts import size_words
 from madrob_console.engine.shown.snapshot import Snapshot, TopicView
 
 _ENGINE = "engine"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.amounts import span_words
 from madrob_console.referee.acts.act import Act, Asked, RunView, Situation
 from madrob_console.referee.acts.decide_protest import DecideProtest
 from madrob_console.referee.acts.withdraw_protest import WithdrawProtest
+from madrob_console.referee.amounts import span_words
 from madrob_console.referee.protests import Protest, ProtestTimes, open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Question, Write, reasons
 from madrob_console.referee.run import Phase, Run

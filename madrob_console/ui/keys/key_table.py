@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
 
 START_ENGINE = "start the engine again"
-FINDS_BY_ITSELF = "this screen only watches: it finds the next engine by itself"
 """What the key does that needs no engine."""
+
+FINDS_BY_ITSELF = "this screen only watches: it finds the next engine by itself"
+"""Why that key does nothing there."""
 
 
 @dataclass(frozen=True, slots=True)

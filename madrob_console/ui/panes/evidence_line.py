@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.amounts import counted
-from madrob_console.referee.preflight import duration_words
+from madrob_console.referee.amounts import counted, duration_words
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, width_of
 from madrob_console.ui.look.words import shortened
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.amounts import counted, listed, size_words, span_words
+from madrob_console.referee.amounts import counted, listed, size_words, span_words
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,17 @@ def span_words(span: float) -> str:
     return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} days"
 
 
+def duration_words(duration: float) -> str:
+    """A time, s, as people say it: `11 h`, `40 min`, `90 s`."""
+    if duration >= 100 * 3600:
+        return f"{min(duration / 86400, 9999):.0f} days"
+    if duration >= 2 * 3600:
+        return f"{duration / 3600:.0f} h"
+    if duration < 120:
+        return f"{duration:.0f} s"
+    return f"{duration / 60:.0f} min"
+
+
 def listed(names: Sequence[str], most: int = 2) -> str:
     """Names, the first ones of many: `/a, /b and 3 more`."""
     more = len(names) - most
