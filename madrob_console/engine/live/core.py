@@ -177,11 +177,16 @@ class Engine:
 
     @property
     def refused(self) -> str:
-        """What the disk refuses of results and journal, in words; empty = nothing.
+        """What the disk refuses of the run at hand, in words; empty = nothing.
 
         It is in memory alone, and tried again until it is written. From any thread.
         """
-        return self._result.refused or self._at_hand.chronicle.problem or ""
+        return self._result.problem or self._at_hand.chronicle.problem or ""
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Which runs before it are in memory alone, likewise, and why. From any thread."""
+        return self._result.waiting
 
     @property
     def writing(self) -> str:

@@ -115,9 +115,9 @@ class CurrentResult:
         return (self._files.problem, self._scorer.problem, *self._files.problems)
 
     @property
-    def refused(self) -> str | None:
-        """What the disk refuses of results, in words; None = nothing. From any thread."""
-        return next(filter(None, (self._files.problem, *self._files.problems)), None)
+    def waiting(self) -> tuple[str, ...]:
+        """Which runs before the one at hand are not on disk and why, in words. From any thread."""
+        return self._files.problems
 
     @property
     def hurries(self) -> bool:

@@ -170,6 +170,7 @@ class LocalEngine:
             disk=disk,
             unwritten=lines if age >= 1 or disk else 0,
             refused=engine.refused,
+            waiting=len(engine.waiting),
             writing=writing if now - since >= USUAL_WRITING else "",
         )
 
@@ -340,8 +341,14 @@ class LocalEngine:
     @property
     def unsaved(self) -> bool:
         """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
-        lines, _ = self._engine.unwritten
-        return self._failure is None and bool(lines or self._engine.refused)
+        engine = self._engine
+        kept = engine.unwritten[0] or engine.refused or engine.waiting
+        return self._failure is None and bool(kept)
+
+    @property
+    def not_on_disk(self) -> Sequence[str]:
+        """What the disk refuses of all runs, in words."""
+        return tuple(filter(None, (self._engine.refused, *self._engine.waiting)))
 
     @property
     def failed(self) -> bool:

@@ -181,7 +181,8 @@ class EngineServer:
             screens=len(self._screens),
             remarks=(
                 *known.remarks,
-                *filter(None, (snapshot.pulse.words, snapshot.pulse.refused, lost)),
+                *filter(None, (snapshot.pulse.words, lost)),
+                *self._engine.not_on_disk,
                 *self._engine.open_protests,
             ),
         )

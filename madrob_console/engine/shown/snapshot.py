@@ -249,7 +249,8 @@ class Pulse:
         core: its core has not moved for so long, s.
         disk: the disk has not answered for so long, s.
         unwritten: lines of the journal that are not on disk after a second.
-        refused: what the disk refuses of results and journal, in words; empty = nothing.
+        refused: what the disk refuses of the run at hand, in words; empty = nothing.
+        waiting: how many runs before it are not on disk.
         writing: the act that takes effect when it is on disk, and is not yet; empty = none.
     """
 
@@ -259,11 +260,12 @@ class Pulse:
     disk: int = 0
     unwritten: int = 0
     refused: str = ""
+    waiting: int = 0
     writing: str = ""
 
     @property
     def unsaved(self) -> bool:
-        """Whether anything of a run is in the engine's memory alone."""
+        """Whether anything of the run at hand is in the engine's memory alone."""
         return bool(self.unwritten or self.refused)
 
     @property

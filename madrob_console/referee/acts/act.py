@@ -43,7 +43,7 @@ class Situation:
         new_id: makes the identity of a run; empty where none is set up.
         time: now, s since the epoch.
         protest_times: the competition's deadlines for protests.
-        refused: what the disk refuses of results and journal, in words; empty = nothing.
+        refused: what the disk refuses of the run, in words; empty = nothing.
     """
 
     run: Run

@@ -226,7 +226,7 @@ def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
             (Sure("Nobody can say whether the run goes on. Leave?"),),
             Leave,
         )
-    if pulse.unsaved and not run.active:
+    if (pulse.unsaved or pulse.waiting) and not run.active:
         return Ask(
             "Leave the console",
             (

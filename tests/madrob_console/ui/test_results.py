@@ -68,6 +68,11 @@ def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
             await driver.settle()
             assert "NOT ON DISK" not in driver.text
             assert "f finalises it" in " ".join(driver.text.split())
+            engine.pulse = Pulse(waiting=1)  # an earlier run
+            await driver.settle()
+            assert "NOT ON DISK" not in driver.text
+            await driver.press("f10")
+            assert "A run is NOT ON DISK yet" in " ".join(driver.text.split())
 
     asyncio.run(drive())
 

@@ -16,8 +16,9 @@ from madrob_console.archive import score
 from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.engine.live.result_keeper import RETRY_PERIOD
 from madrob_console.errors import MadrobError
-from madrob_console.referee.acts import AddNote, Start
+from madrob_console.referee.acts import AddNote, Finalise, Start
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
+from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Outcome
@@ -50,6 +51,26 @@ def test_a_result_that_waits_is_written_while_later_runs_are_made(tmp_path: Path
         assert document["notes"][0]["text"] == "look at the disk"
         what = [entry.what for entry in read_journal(first / "journal.jsonl")[0]]
         assert what[-3:] == ["run stops", "note", "result written"]
+
+
+def test_a_run_that_is_not_on_disk_keeps_no_later_one_from_its_signature(tmp_path: Path) -> None:
+    drive = Drive(tmp_path, Scenario.TOUCH_ONLY)
+    drive.start(setup_of(Stop.ELAPSED))
+    blocked = drive.folder / "result.json"
+    blocked.mkdir()
+    drive.finish()
+    assert "NOT on disk" in drive.engine.refused
+    assert drive.engine.snapshot().refusals["finalise"] == drive.engine.refused
+    drive.whole_run(setup_of(Stop.ELAPSED, 2))
+    assert drive.engine.refused == ""
+    assert len(drive.engine.waiting) == 1
+    drive.act(Finalise(TeamWord.ABSENT, "Ada"))
+    assert drive.engine.run.phase is Phase.FINAL
+    blocked.rmdir()
+    drive.wait(RETRY_PERIOD + STEP)
+    assert not drive.engine.waiting
+    assert blocked.is_file()
+    drive.engine.close()
 
 
 def test_a_start_that_a_full_disk_refuses_leaves_the_engine_ready(tmp_path: Path) -> None:
