@@ -13,6 +13,15 @@ from typing import Protocol
 NS = 1_000_000_000
 """Nanoseconds in a second."""
 
+_STEP = NS // 2
+"""Simulated time that falls back by more was paused or set back, ns."""
+
+_SLOWEST = 0.01
+"""Simulated time never stands quite still: what is received has an order."""
+
+_SILENT = 2 * NS
+"""After so long without news the simulation is paused or gone, ns."""
+
 
 def seconds(ns: int) -> float:
     """Nanoseconds as seconds, correctly rounded."""
@@ -74,6 +83,57 @@ class SystemClock:
     def release(self) -> None:
         """Follow the wall clock again (the bag is closed)."""
         self._held = self.speed != 1.0
+
+
+class SimulationClock(SystemClock):
+    """The time of a simulation, as its topic `/clock` tells it (protocol section 3).
+
+    Between two messages it goes on at their pace, and 2 s after the last one at the machine's: a
+    simulation that pauses or ends holds up no abort and no file. It goes back only while it is not
+    held; what it went on through a pause stays until it is released.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._told = self._wall
+        self._measured = (self._wall, self._monotonic)
+        self._pace = 1.0
+        self._mark = (*self._measured, self._pace)
+        self._ahead = 0
+
+    def hear(self, told: int, age: int) -> None:
+        """The simulation said that it is `told`, `age` of the machine's time ago, ns."""
+        if told == self._told:
+            return  # it is paused
+        self._told, now = told, time.monotonic_ns()
+        before, since = self._measured
+        if (passed := now - age - since) >= _STEP // 3:
+            self._pace = max(_SLOWEST, (told - before) / passed)
+            self._measured = (told, now - age)
+        if not self._held:
+            self._ahead = 0
+        there = told + self._ahead + round(age * self._pace)
+        back = max(0, self._at(now) - there)
+        if back > _STEP and self._held:
+            self._ahead += back
+        elif back > _STEP:
+            back = 0
+        slowed = max(_SLOWEST, 1 - 4 * back / _STEP)  # until /clock is there
+        self._mark = (there + back, now, self._pace * slowed)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the simulation is paused or gone, or was never there."""
+        return time.monotonic_ns() - self._mark[1] > _SILENT
+
+    def now_ns(self) -> int:
+        """Simulated time, ns; the machine's until the simulation is heard."""
+        return self._at(time.monotonic_ns())
+
+    def _at(self, monotonic: int) -> int:
+        reading, at, pace = self._mark
+        passed = monotonic - at
+        return reading + round(min(passed, _SILENT) * pace) + max(0, passed - _SILENT)
 
 
 class VirtualClock:

@@ -7,9 +7,11 @@ out until it is whole, since readers refuse a bag of which they cannot open a fi
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections import Counter
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import replace
 
 from recorder.bag import MAX_NS, METADATA_FILE, YAML_PROBLEMS, BagInformation, is_evidence
@@ -19,6 +21,7 @@ from recorder.reader import METADATA_LIMIT, information_in, listed_names, natura
 from recorder.torn_file import open_file
 
 _SUFFIX = ".mcap"
+_PART = re.compile(rf"{re.escape(METADATA_FILE)}\.[0-9]+\.part")
 _GOES = 100
 """Of listing again; each needs a file that came or went meanwhile."""
 
@@ -46,8 +49,13 @@ def put_listing(
     for _ in range(_GOES):
         if listed is None:
             break
-        prepare_metadata(folder_fd, listed)
-        put_metadata(folder_fd)
+        try:
+            prepare_metadata(folder_fd, listed)
+            put_metadata(folder_fd)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(metadata_part(), dir_fd=folder_fd)
+            raise
         before, listed = listed, listing(folder_fd, recording, without)
         if listed == before:
             break
@@ -125,6 +133,16 @@ def metadata_part() -> str:
     No reader looks at it.
     """
     return f"{METADATA_FILE}.{threading.get_native_id()}.part"
+
+
+def remove_metadata_parts(folder_fd: int) -> None:
+    """Remove what killed writers of `metadata.yaml` have left; nobody may write one now.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    for name in filter(_PART.fullmatch, os.listdir(folder_fd)):
+        os.unlink(name, dir_fd=folder_fd)
 
 
 def prepare_metadata(folder_fd: int, information: BagInformation) -> None:

@@ -6,19 +6,21 @@ A doubt is a sentence beside a value. It never changes one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scoring.deciding import DecidingEdge, EdgeKind
+from scoring.door_angle import runs
 from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName as Name
 from scoring.kinematics import Array
-from scoring.protocol import Signal, Thresholds
+from scoring.protocol import PASSAGE_SENSORS, Signal, Thresholds
 from scoring.quality import QualityCounter
 from scoring.rest import FEWEST_SAMPLES
+from scoring.result import Indicator, Uncertainty, value_text
 
 Doubt = tuple[tuple[Name, ...], str]
 """The indicators that are doubted, and why, in a sentence."""
@@ -26,21 +28,40 @@ Doubt = tuple[tuple[Name, ...], str]
 _MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
 _FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
 _CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
+_FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
 _UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
+_TOP_NOISE = 3.0
+"""By so many standard deviations noise alone lifts one force over its neighbours."""
 _FILTER_REACH = 1.0
 """The filters of the door angle reach so far out of the run, s."""
 
 
-def all_doubts(grounds: Grounds) -> dict[Name, tuple[str, ...]]:
-    """Every doubt on a run, by indicator; those without any are missing."""
+Uncertain = Callable[[Grounds, Mapping[Name, Indicator]], Mapping[Name, Uncertainty | None]]
+"""Finds the uncertainties of values."""
+
+
+def all_doubts(
+    grounds: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
+) -> dict[Name, tuple[str, ...]]:
+    """Every doubt on a run, by indicator; those without any are missing.
+
+    Args:
+        grounds: what the values rest on.
+        indicators: the values.
+        uncertain: finds the uncertainties of values that rest on other grounds.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
         found = (
             *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
             *_gaps_near_edges(grounds),
             *_gaps_near_maxima(grounds),
             *_missing_samples(grounds),
-            *_spikes(grounds),
+            *_bad_samples(grounds, indicators, uncertain),
+            *_bad_edges(grounds),
             *_impossible(grounds),
+            *_guessed_angles(grounds),
+            *_encoder(grounds),
+            *_range_end(grounds),
             *_clipped(grounds),
             *_stuck(grounds),
             *_drift(grounds),
@@ -108,7 +129,7 @@ def _gaps_near_maxima(g: Grounds) -> Iterator[Doubt]:
             Name.ROUGHNESS_OF_DOOR_ACTUATION,
             Signal.HANDLE,
             rows.force_time,
-            rows.force - rows.rest,
+            rows.load,
             "largest force",
         ),
     )
@@ -126,7 +147,7 @@ def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
     counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
     if counter is None:
         return []
-    times = {Signal.DOOR: g.door_time, Signal.HANDLE: g.force_time}.get(signal)
+    times = {Signal.DOOR: g.door.time, Signal.HANDLE: g.force_time}.get(signal)
     if times is None:
         return counter.longer_than(intervals)
     steps, usual = np.diff(times), counter.interval
@@ -142,10 +163,10 @@ def _gap_near(holes: Iterable[tuple[float, float]], time: float, reach: float) -
 
 def _open_intervals(g: Grounds) -> Array:
     """The intervals between the door's readings while it is open, in the run, s, shape (m,)."""
-    is_open = np.abs(g.door_angle) > g.thresholds.closed_angle
-    within = (g.door_time >= g.start) & (g.door_time <= g.end)
+    is_open = np.abs(g.door.angle) > g.thresholds.closed_angle
+    within = (g.door.time >= g.start) & (g.door.time <= g.end)
     counted = is_open & within
-    return np.diff(g.door_time)[counted[1:] | counted[:-1]]
+    return np.diff(g.door.time)[counted[1:] | counted[:-1]]
 
 
 def _missing_samples(g: Grounds) -> Iterator[Doubt]:
@@ -165,22 +186,79 @@ def _missing_samples(g: Grounds) -> Iterator[Doubt]:
         yield _MOTION, f"the door's stamps jitter by {1000 * jitter:.1f} ms"
 
 
-def _spikes(g: Grounds) -> Iterator[Doubt]:
-    steps = np.diff(g.door_angle)
-    speeds = steps / np.diff(g.door_time)
-    fast = np.abs(speeds) > g.thresholds.doubt.spike_velocity
-    back = fast[1:] & fast[:-1] & (np.sign(speeds[1:]) != np.sign(speeds[:-1]))
-    places = np.flatnonzero(back)
-    places = places[_within_filters(g, g.door_time[places + 1])]
-    if not places.size:
+def _bad_samples(
+    g: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
+) -> Iterator[Doubt]:
+    """Samples without which a value would be another by more than its uncertainty."""
+    sound = g.without_bad_samples()
+    if sound is None:
         return
-    largest, when = float(np.abs(steps[places]).max()), _when(g, g.door_time[places + 1])
-    yield _MOTION, f"the door angle steps by up to {largest:.2g} rad and back, {when}"
-    made = {float(time) for index in places for time in g.door_time[index + 1 : index + 3]}
-    for edge in g.edges:
-        if edge.signal is Signal.DOOR and edge.time in made:
-            words = f"{edge.kind.words} is a step of one sample and back"
-            yield edge.indicators, words
+    values = sound.signal_values()
+    known = uncertain(sound, {**indicators, **values})
+    words = dict.fromkeys(_MOTION, _bad_angle(g))
+    words[Name.ROUGHNESS_OF_DOOR_ACTUATION] = "the largest force rests on one sample"
+    for name, other in values.items():
+        value, worth = indicators[name].value, known[name]
+        if value is None or other.value is None or worth is None:
+            continue
+        noise = _TOP_NOISE * g.force_noise if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 0.0
+        if abs(value - other.value) > g.thresholds.doubt.one_sample * (worth.expanded + noise):
+            yield (name,), f"{words[name]}: without it {value_text(other.value, worth)}"
+
+
+def _bad_angle(g: Grounds) -> str:
+    times = g.door.time[g.door.bad]
+    spike = f", by up to {g.door.spike:.2g} rad" if g.door.spikes.any() else ""
+    return f"the door angle fits no motion{spike}, {_when(g, times)}" if times.size else ""
+
+
+def _bad_edges(g: Grounds) -> Iterator[Doubt]:
+    """Edges that rest on no good reading, as `edge_doubts` has it of too few."""
+    times = g.door.time[g.door.bad]
+    for edge in g.edges if g.thresholds.doubt.least_readings else ():
+        since = edge.time if edge.since is None else edge.since
+        hangs = edge.signal is Signal.DOOR and ((times >= since) & (times <= edge.time)).any()
+        if edge.kind in _UNDER_SENSORS:  # it masks them
+            hangs = (np.abs(times - edge.time) <= g.thresholds.doubt.gap_reach).any()
+        if hangs:
+            yield edge.indicators, f"{edge.kind.words} rests on a sample that fits no motion"
+
+
+def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
+    """Passage samples that another door angle would have masked, or not masked."""
+    time, guess = g.guessed[(g.guessed[:, 0] >= g.start) & (g.guessed[:, 0] <= g.end)].T
+    if not time.size or not g.door.time.size:
+        return
+    angle = np.interp(time, g.door.time, g.door.angle)
+    differs = np.zeros(time.size, np.bool_)
+    for sensor in PASSAGE_SENSORS:
+        low, high = g.thresholds.mask(sensor.side, sensor.index)
+        true, taken = (sensor.side.sign * each for each in (angle, guess))
+        differs |= ((low < true) & (true < high)) != ((low < taken) & (taken < high))
+    if differs.any():
+        late = f"the door angle came too late for {int(differs.sum())} samples"
+        doubted = {name: None for kind in _UNDER_SENSORS for name in kind.indicators}
+        yield tuple(doubted), f"{late} of the passage sensors: they may have seen the panel"
+
+
+def _encoder(g: Grounds) -> Iterator[Doubt]:
+    """Another encoder, or a noisier one, than the settings say."""
+    count, limits = g.thresholds.encoder_count, g.thresholds.doubt
+    most = limits.encoder * count
+    for what, seen, known in (
+        ("steps by", g.door.step, count),
+        ("at rest varies by", g.door.noise, g.thresholds.encoder_noise),
+    ):
+        if seen is not None and abs(seen - known) > most:
+            angles = f"{1000 * seen:.2g} mrad, not {1000 * known:.2g}"
+            yield (Name.SMOOTHNESS_OF_DOOR_ACTUATION,), f"another encoder: the door {what} {angles}"
+
+
+def _range_end(g: Grounds) -> Iterator[Doubt]:
+    end = g.thresholds.largest_force
+    if np.abs(g.rows.force).max(initial=0.0) >= g.thresholds.doubt.range_end * end:
+        words = f"the load cell's range ends at {end:.0f} N: it may have been more"
+        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), words
 
 
 def _impossible(g: Grounds) -> Iterator[Doubt]:
@@ -207,8 +285,8 @@ def _clipped(g: Grounds) -> Iterator[Doubt]:
     force = g.rows.force
     if not force.size:
         return
-    top = force[int(np.argmax(np.abs(force - g.rows.rest)))]
-    longest = max((r.stop - r.start for r in _runs(force == top)), default=0)
+    top = force[int(np.argmax(np.abs(g.rows.load)))]
+    longest = max((last - first for first, last in runs(force == top)), default=0)
     pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
     if pressed and longest >= g.thresholds.doubt.clipped:
         words = f"the largest force stands still for {longest} samples: clipped"
@@ -221,18 +299,12 @@ def _stuck(g: Grounds) -> Iterator[Doubt]:
     if at_rest.size < FEWEST_SAMPLES or at_rest.mean() >= 0.5:
         return  # its steps are coarser than its noise
     longest = 0.0
-    for run in _runs(still):
-        since, until = g.force_time[run.start], g.force_time[run.stop]
+    for first, last in runs(still):
+        since, until = g.force_time[first], g.force_time[last]
         if since < g.end and until > g.start:
             longest = max(longest, float(until - since))
     if longest >= g.thresholds.doubt.stuck_time:
         yield _FORCE, f"the handle force does not change for {longest:.1f} s"
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[slice]:
-    """Where flags are set one after the other."""
-    borders = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(borders[::2], borders[1::2], strict=True)]
 
 
 def _drift(g: Grounds) -> Iterator[Doubt]:
@@ -249,17 +321,35 @@ def _chatter(g: Grounds) -> Iterator[Doubt]:
 
 
 def _delays(g: Grounds) -> Iterator[Doubt]:
-    signals = {edge.kind: edge.signal for edge in g.edges}
-    for name in Name:
-        joined = {s for kind, s in signals.items() if name in kind.indicators}
-        known = [c for s in sorted(joined, key=lambda s: s.value) if (c := g.counters.get(s))]
-        for one, other in combinations(known, 2):
-            if one.delay is None or other.delay is None or not one.interval or not other.interval:
-                continue
-            allowed = g.thresholds.doubt.delay_intervals * max(one.interval, other.interval)
-            if (difference := abs(one.delay - other.delay)) > allowed:
-                two = f"{one.signal.value} and {other.signal.value}"
-                yield (name,), f"stamps of {two} differ in delay by {1000 * difference:.0f} ms"
+    """Stamps of signals that an indicator joins, that differ in delay; the start's has none."""
+    joined: dict[Name, set[Signal]] = {name: set() for name in Name}
+    for edge in g.edges:
+        for name in edge.kind.indicators:
+            joined[name].add(edge.signal)
+            if edge.kind in _UNDER_SENSORS and _may_be_masked(g, edge):
+                joined[name].add(Signal.DOOR)
+    for name, signals in joined.items():
+        counters = (g.counters.get(s) for s in sorted(signals, key=lambda s: s.value))
+        known = [
+            (c.signal.value, c.delay, c.interval)
+            for c in counters
+            if c is not None and c.delay is not None and c.interval is not None
+        ]
+        if name in _FROM_START:
+            known.append(("the clock of the start", 0.0, 0.0))
+        for (one, delay, interval), (other, of_other, often) in combinations(known, 2):
+            difference = abs(delay - of_other)
+            if difference > g.thresholds.doubt.delay_intervals * max(interval, often):
+                words = f"stamps of {one} and {other} differ in delay by {1000 * difference:.0f} ms"
+                yield (name,), words
+
+
+def _may_be_masked(g: Grounds, edge: DecidingEdge) -> bool:
+    """Whether the panel was where it masks sensors about the time of an edge."""
+    near = np.abs(g.door.time - edge.time) <= g.thresholds.doubt.gap_reach
+    angles = np.abs(g.door.angle[near])
+    furthest = max(g.thresholds.mask_to_cw + g.thresholds.mask_to_ccw)
+    return bool(((angles > min(g.thresholds.mask_from)) & (angles < furthest)).any())
 
 
 def _rate(g: Grounds) -> Iterator[Doubt]:

@@ -11,11 +11,13 @@ import math
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from scoring import indicators as pi
 from scoring.deciding import DecidingEdge, EdgeKind
+from scoring.door_angle import DoorAngle
 from scoring.doubts import all_doubts, by_indicator, edge_doubts
 from scoring.events import EventDetector
 from scoring.grounds import Grounds
@@ -256,6 +258,7 @@ class Assessment(LiveAssessment):
             rulings: the referee's, in the order in which they were made.
             remarks: what else there is to know of the data, in words.
         """
+        self._finish()
         ending, later = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
         events = self._scoring.events(end)
@@ -267,16 +270,41 @@ class Assessment(LiveAssessment):
             problem = problem or "the run never started"
         procedure = self.procedure(rulings, end)
         rest = self._rest(ending)
-        joint, whole = self._rows(rest)
-        rows = self._cut(whole, ending, procedure)
+        door, joint, whole = self._rows(rest)
+        rows_end = end
+        if completed_by_settling(ending, procedure):
+            rows_end += self._thresholds.settle_time  # a slam ends after the panel has closed
+        rows = cut_rows(whole, self.start, rows_end) if self._ruleset.cut_rows else whole
         if problem is not None:
             indicators = {name: Indicator.missing(name, problem) for name in IndicatorName}
         else:
             indicators = pi.compute_indicators(
                 events, procedure.done, rows, self.condition, self._ruleset
             )
-            edges = self._deciding(ending, rulings, end)
-            grounds = self._grounds(events, edges, joint, rows, rest, end)
+            passage = indicators[IndicatorName.PASSAGE_TIME]
+            denied = next((record for record in procedure.steps if not record.done), None)
+            if passage.value is None and denied is not None and denied.denied:
+                reason = f"step {denied.step} not done: denied by the referee"
+                indicators[IndicatorName.PASSAGE_TIME] = replace(passage, reason=reason)
+            grounds = Grounds(
+                start=self.start,
+                end=end,
+                events=events,
+                edges=self._deciding(ending, rulings, end),
+                counters=self._counters,
+                door=door,
+                impossible_angles=np.array(self._impossible_angles),
+                guessed=np.array(self._scoring.angles.guesses).reshape(-1, 2),
+                force_time=whole.force_time,
+                force=whole.force,
+                joint=joint,
+                rows=rows,
+                rows_end=rows_end,
+                rest=rest,
+                handle_zero=self._zero,
+                ruleset=self._ruleset,
+                thresholds=self._thresholds,
+            )
             indicators = self._trusted(indicators, procedure, grounds)
         result = Result(
             handle_zero=self._zero,
@@ -294,6 +322,10 @@ class Assessment(LiveAssessment):
         )
         return result, replace(rows, occupied=self._scoring.presences())
 
+    def _finish(self) -> None:
+        for detector in {self._live, self._scoring}:
+            detector.finish()
+
     def _deciding(
         self, ending: Ending, rulings: Sequence[Ruling], end: float
     ) -> tuple[DecidingEdge, ...]:
@@ -310,34 +342,6 @@ class Assessment(LiveAssessment):
         since, often = end - 1 / known.rate, known.doubt.least_readings
         return (*edges, DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, end, since, often))
 
-    def _grounds(
-        self,
-        events: Sequence[Event],
-        edges: Sequence[DecidingEdge],
-        joint: JointState,
-        rows: Rows,
-        rest: RestForce,
-        end: float,
-    ) -> Grounds:
-        return Grounds(
-            start=self.start,
-            end=end,
-            events=events,
-            edges=edges,
-            counters=self._counters,
-            door_time=np.array(self._door_time),
-            door_angle=np.array(self._door_angle),
-            impossible_angles=np.array(self._impossible_angles),
-            force_time=np.array(self._force_time),
-            force=np.array(self._force),
-            joint=joint,
-            rows=rows,
-            rest=rest,
-            handle_zero=self._zero,
-            ruleset=self._ruleset,
-            thresholds=self._thresholds,
-        )
-
     def _trusted(
         self,
         indicators: Mapping[IndicatorName, Indicator],
@@ -352,7 +356,8 @@ class Assessment(LiveAssessment):
                 events, done, rows, self.condition, self._ruleset, pi.TIMES
             )
 
-        doubts, known = all_doubts(grounds), uncertainties(grounds, times)
+        uncertain = partial(uncertainties, times=times)
+        doubts, known = all_doubts(grounds, indicators, uncertain), uncertain(grounds, indicators)
         return {
             name: replace(
                 indicator,
@@ -400,27 +405,17 @@ class Assessment(LiveAssessment):
         why = "the run was not completed, the robot may hold the handle"
         return replace(rest, after=None, drift=None, no_after=why)
 
-    def _rows(self, rest: RestForce) -> tuple[JointState, Rows]:
-        joint = joint_state(
-            np.array(self._door_time, dtype=np.float64),
-            np.array(self._door_angle, dtype=np.float64),
-            self._ruleset,
-            self._thresholds,
-        )
-        force_time = np.array(self._force_time, dtype=np.float64)
-        force = np.array(self._force, dtype=np.float64)
+    def _rows(self, rest: RestForce) -> tuple[DoorAngle, JointState, Rows]:
+        time, angle = np.array(self._door_time), np.array(self._door_angle)
+        door = DoorAngle.of(time, angle, self.start, self._thresholds)
+        if self._ruleset.repairs:
+            angle = door.without(door.repairable)
+        joint = joint_state(time, angle, self._ruleset, self._thresholds)
+        force_time, force = np.array(self._force_time), np.array(self._force)
         bare = None
         if self._ruleset.force is ForceRule.ABOUT_REST:
             end = force_time[-1:].max(initial=self.start)
             ends = (self._zero, self._zero + (rest.drift or 0.0))
             bare = np.interp(force_time, (self.start, max(end, self.start + 1e-3)), ends)
         rows = process_rows(joint, force_time, force, self._ruleset, self._thresholds, bare)
-        return joint, rows
-
-    def _cut(self, rows: Rows, ending: Ending, procedure: Procedure) -> Rows:
-        if not self._ruleset.cut_rows:
-            return rows
-        end = self._end(ending)
-        if completed_by_settling(ending, procedure):
-            end += self._thresholds.settle_time  # a slam ends after the panel has closed
-        return cut_rows(rows, self.start, end)
+        return door, joint, rows

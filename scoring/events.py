@@ -1,14 +1,13 @@
 """From samples to events, one sample at a time (protocol section 4).
 
-The same detector serves the live view and the scoring of a recording. It takes samples in
-the order in which the bag stores them; a passage sample uses the last door angle before it in
-that order.
+The same detector serves the live view and the scoring of a recording. Samples of one signal come
+in the order of their stamps; signals are joined by their stamps, whichever comes first.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -20,6 +19,7 @@ from scoring.deciding import (
     first_rise,
     passage_edge,
 )
+from scoring.panel_angles import PanelAngles
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -79,6 +79,9 @@ class EventDetector:
     Attributes:
         changes: grows with every sample that says anything new; where it stands still, events stand
             still, and of the evidence all but the time of the newest door sample.
+        angles: joins passage samples with the door angle.
+        on_passage: told of each passage sample once it counts, with the door angle, rad, by which
+            it was masked.
     """
 
     def __init__(
@@ -95,16 +98,18 @@ class EventDetector:
         self._ruleset = ruleset
         self._zero = handle_zero
         self.changes = 0
+        self.on_passage: Callable[[PassageSample, float], None] | None = None
         self._lintel = thresholds.lintel_height
         self._present_height = ruleset.present_height or thresholds.present_height
         masks = thresholds.mask_to_cw + thresholds.mask_to_ccw
         self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
         self._angle: float | None = None
+        self.angles = PanelAngles(self._join_passage)
         self._door_seen: float | None = None
         self._largest_angle = ruleset.largest_angle(thresholds)
         self._largest_force = ruleset.largest_force(thresholds)
         self._closes_below = ruleset.closes_below(thresholds)
-        self._door = BinarySignal()
+        self._door = BinarySignal(ruleset.door_hold)
         self._touch = BinarySignal(ruleset.touch_hold)
         self._sensors = {s: BinarySignal(ruleset.passage_hold) for s in PASSAGE_SENSORS}
         self._of_strip = {
@@ -112,9 +117,11 @@ class EventDetector:
             for strip in Strip
         }
         self._occupied = dict.fromkeys(Side, 0)  # so many sensors of each side have something below
-        self._falls: list[tuple[float, Side]] = []
-        self._newest_fall: tuple[float, Side] | None = None
+        # a fall: when, and whether on the destination side, whose fall counts of two at one instant
+        self._falls: list[tuple[float, bool]] = []
+        self._newest_fall: tuple[float, bool] | None = None
         self._crossed_since: float | None = None
+        self._newest_change = start
         self._latch: list[Edge] = []
         self._latch_events: list[Event] = []
         self._latch_before_start = False
@@ -160,9 +167,10 @@ class EventDetector:
 
     def feed(self, sample: Sample) -> None:
         """Take the next sample. Values that are no reading change nothing."""
+        self.angles.end_waits(sample.log_time)
         match sample:
             case PassageSample():
-                self._feed_passage(sample)
+                self.angles.add_passage(sample)
             case DoorSample():
                 self._feed_door(sample)
             case HandleSample():
@@ -177,12 +185,17 @@ class EventDetector:
             return
         self._angle = sample.angle
         self._door_seen = sample.time
+        self.angles.add_door(sample)
         least = self._closes_below if self._door.state else self._thresholds.closed_angle
         is_open = abs(sample.angle) >= least
         self.changes += self._door.update(sample.time, is_open, self._start)
 
-    def _feed_passage(self, sample: PassageSample) -> None:
-        angle, (nearest, farthest) = self._angle or 0.0, self._masked_angles
+    def finish(self) -> None:
+        """The recording has ended: passage samples wait for no later door angle."""
+        self.angles.end_waits(math.inf)
+
+    def _join_passage(self, sample: PassageSample, angle: float) -> None:
+        nearest, farthest = self._masked_angles
         passing = nearest < abs(angle) < farthest
         in_range, lintel, highest = all_in_range(sample), self._lintel, self._present_height
         for sensor, level in self._of_strip[sample.strip]:
@@ -200,21 +213,23 @@ class EventDetector:
                 self._occupied[sensor.side] += bool(level.state) - bool(before)
                 if present is not before or len(level.edges) > known:
                     self._follow_sensor(sensor, level.edges[known:], sample.time)
+        if self.on_passage is not None:
+            self.on_passage(sample, angle)
 
     def _follow_sensor(self, sensor: PassageSensor, edges: Sequence[Edge], time: float) -> None:
         for edge in edges:
             if not edge.value:
-                fall = (edge.time, sensor.side)
+                fall = (edge.time, sensor.side is self._destination)
                 self._falls.append(fall)
-                if self._newest_fall is None or edge.time >= self._newest_fall[0]:
+                if self._newest_fall is None or fall > self._newest_fall:
                     self._newest_fall = fall
-        since = edges[-1].time if edges else time
-        self._follow_crossing(max(since, self._start))
+        self._newest_change = max(self._newest_change, edges[-1].time if edges else time)
+        self._follow_crossing(self._newest_change)
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
         fall, occupied = self._newest_fall, self._occupied
-        fell_there = fall is not None and fall[1] is self._destination
+        fell_there = fall is not None and fall[1]
         holds = not occupied[self._starting] and (fell_there or occupied[self._destination] > 0)
         if not holds:
             self._crossed_since = None
@@ -331,9 +346,9 @@ class EventDetector:
     def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
         """When and on which side the robot left the doorway (section 7, "at the stop")."""
         if self._ruleset.passage_events_to_end:
-            return self._newest_fall
+            return self._left(self._newest_fall)
         if stop is None:
-            return None if any(self._occupied.values()) else self._newest_fall
+            return None if any(self._occupied.values()) else self._left(self._newest_fall)
         starting, destination = self._starting, self._destination
         at_stop = {side: self._occupied_at(side, stop) for side in Side}
         if all(at_stop.values()):
@@ -343,12 +358,10 @@ class EventDetector:
         for side in Side:
             if at_stop[side]:
                 return (stop, side)
-        return self._last_fall(stop)
+        return self._left(max((fall for fall in self._falls if fall[0] <= stop), default=None))
 
-    def _last_fall(self, until: float) -> tuple[float, Side] | None:
-        """The last fall up to `until`; of two at the same instant the one that was fed last."""
-        falls = (fall for fall in reversed(self._falls) if fall[0] <= until)
-        return max(falls, key=lambda fall: fall[0], default=None)
+    def _left(self, fall: tuple[float, bool] | None) -> tuple[float, Side] | None:
+        return fall and (fall[0], self._destination if fall[1] else self._starting)
 
     def _occupied_at(self, side: Side, time: float) -> bool:
         return any(level.at(time) for s, level in self._sensors.items() if s.side is side)

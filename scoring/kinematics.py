@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 _RESPONSE = 3.0
 """Periods of the low-pass filter's frequency after which it has forgotten a pulse."""
 
+_STRAY = 3.0
+"""The mean interval strays by so many of its standard deviations."""
+
 _NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
 
 
@@ -359,6 +362,23 @@ def _windows(interval: float, ruleset: Ruleset) -> tuple[int, int]:
         least = math.ceil(round(ruleset.window_time * rate - 1, 9))
         average = max(1, least + (least + 1) % 2)
     return average, ruleset.savgol_window or average
+
+
+def other_windows(time: Array, ruleset: Ruleset) -> Ruleset | None:
+    """The same rules with the other length of the moving average, where chance decides on it.
+
+    `COVERING` windows jump where the mean interval divides the window's time evenly, as 0.02 s
+    does; by how much the first and the last stamp jitter tells then which one is taken.
+    """
+    if ruleset.windows is not WindowRule.COVERING or time.size < 3:
+        return None
+    intervals = np.diff(time)
+    halves = ruleset.window_time / float(intervals.mean()) / 2
+    stray = _STRAY * float(intervals.std()) / (time[-1] - time[0])
+    if abs(halves - round(halves)) > stray * halves:
+        return None
+    nudge = 1 + 2 * stray if math.ceil(halves) == round(halves) else 1 - 2 * stray
+    return replace(ruleset, window_time=ruleset.window_time * nudge)
 
 
 def _too_slow(interval: float) -> str:

@@ -281,6 +281,10 @@ PASSAGE_SENSORS: tuple[PassageSensor, ...] = tuple(
 """The ten used sensors: five a side, by side and index (section 4)."""
 
 
+_AMPLIFIER = 3
+"""No amplifier of a load cell gives more than so many times its range."""
+
+
 @dataclass(frozen=True, slots=True)
 class DoubtLimits:
     """From where on a value is doubted (section 11).
@@ -292,28 +296,33 @@ class DoubtLimits:
         gap_reach: what is near, s.
         missing: more of the door's samples missing while it is open, as a part of them.
         jitter: of the door's stamps, a larger standard deviation of their intervals, s.
-        spike_velocity: one sample that steps by more and back, rad/s.
+        one_sample: a value that is another by more without one bad sample, as a part of its U.
+        range_end: forces from this part of `largest_force` on may have been larger.
         clipped: so many consecutive samples exactly at the largest force.
         stuck_time: a force that does not change for so long, s.
         drift: a rest force after the run that is off the zero by more, as a part of `touch_force`.
         chatter: more openings and closings within a second.
         delay_intervals: delays of two topics' stamps that differ by more sampling intervals.
         rate: a sampling rate that is off by more, as a part of it.
+        encoder: a count of the encoder, or noise of the closed door, off what is set by more, as a
+            part of a count.
     """
 
     least_readings: int = 3
-    least_hold: float = 0.06
+    least_hold: float = 0.1
     gap_intervals: float = 1.5
     gap_reach: float = 0.2
     missing: float = 0.002
     jitter: float = 0.0015
-    spike_velocity: float = 20.0
+    one_sample: float = 1.0
+    range_end: float = 0.95
     clipped: int = 3
     stuck_time: float = 0.5
     drift: float = 0.5
     chatter: int = 3
     delay_intervals: float = 1.0
     rate: float = 0.1
+    encoder: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,9 +339,10 @@ class Thresholds:
         settle_time: how long the door must stay closed to count as locked, s.
         largest_gap: intervals above this between samples are gaps, s.
         largest_skew: stamps that differ by this much from reception are worth a remark, s.
-        largest_force: a force beyond this, in either direction, is no reading, N.
+        largest_force: where the load cell's range ends, in either direction, N.
         largest_angle: a door angle beyond this, to either side, is no reading, rad.
         encoder_counts: of the door's encoder, a turn.
+        encoder_noise: standard deviation of the angle of the closed door, rad.
         rate: what the testbed's topics should have, Hz.
         doubt: from where on a value is doubted (section 11).
     """
@@ -362,6 +372,7 @@ class Thresholds:
     largest_force: float = 20_000 * GRAM_FORCE
     largest_angle: float = 1.75
     encoder_counts: int = 3600
+    encoder_noise: float = 0.0
     rate: float = 50.0
     doubt: DoubtLimits = DoubtLimits()
 
@@ -369,6 +380,11 @@ class Thresholds:
     def encoder_count(self) -> float:
         """One count of the door's encoder, rad."""
         return math.tau / self.encoder_counts
+
+    @property
+    def impossible_force(self) -> float:
+        """A force beyond this, in either direction, is no reading, N: no amplifier gives it."""
+        return _AMPLIFIER * self.largest_force
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
         """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""

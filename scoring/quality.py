@@ -277,7 +277,7 @@ def missing_readings(sample: Sample, thresholds: Thresholds, used: tuple[int, ..
         case DoorSample():
             return not abs(sample.angle) <= thresholds.largest_angle
         case HandleSample():
-            return not abs(sample.force) <= thresholds.largest_force
+            return not abs(sample.force) <= thresholds.impossible_force
         case _:
             return 0
 
@@ -288,7 +288,7 @@ def is_impossible(sample: Sample, thresholds: Thresholds) -> bool:
         case DoorSample():
             return math.isfinite(sample.angle) and abs(sample.angle) > thresholds.largest_angle
         case HandleSample():
-            return math.isfinite(sample.force) and abs(sample.force) > thresholds.largest_force
+            return math.isfinite(sample.force) and abs(sample.force) > thresholds.impossible_force
         case _:
             return False
 

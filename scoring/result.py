@@ -27,33 +27,36 @@ class Uncertainty:
 
     Attributes:
         u: standard uncertainty, two significant digits.
-        expanded: expanded uncertainty (k = 2), two significant digits.
+        expanded: what holds 95 errors in 100, two significant digits.
     """
 
     u: float
     expanded: float
 
     @classmethod
-    def of_mean(cls, parts: Sequence[Uncertainty | None]) -> Uncertainty | None:
-        """That of the mean of values which err independently of each other.
+    def of_mean(
+        cls, parts: Sequence[Uncertainty | None], deviation: float | None = None
+    ) -> Uncertainty | None:
+        """That of the mean of several values: by measurement or by their scatter.
 
         Args:
-            parts: of the values.
+            parts: of the values, which err independently of each other.
+            deviation: the sample standard deviation of the values; None for one value.
 
         Returns:
-            The root of the sum of squares, divided by their number; None where one is not known,
-            there is none, or it is beyond the range of numbers.
+            The larger one: the root of the sum of the parts' squares divided by their number, or
+            the deviation divided by the root of that number. None where a part is not known, there
+            is none, or it is beyond the range of numbers.
         """
         known = [part for part in parts if part is not None]
         if not known or len(known) < len(parts):
             return None
-        u, expanded = (
-            math.hypot(*(part.u for part in known)),
-            math.hypot(*(part.expanded for part in known)),
-        )
+        scatter = (deviation or 0.0) / math.sqrt(len(known))
+        u = math.hypot(*(part.u for part in known)) / len(known)
+        expanded = math.hypot(*(part.expanded for part in known)) / len(known)
         if not math.isfinite(expanded):
             return None
-        return cls(u / len(known), expanded / len(known))
+        return cls(max(u, scatter), max(expanded, 2 * scatter))
 
 
 @dataclass(frozen=True, slots=True)

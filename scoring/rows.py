@@ -24,6 +24,7 @@ class Rows:
         force_time, force: handle force as recorded, s and N, shape (k,).
         rest: the force of a free handle at these times, from which the roughness is measured, N,
             shape (k,); 0 where the ruleset takes the force as it was recorded.
+        load: the force from which the roughness is taken, N, shape (k,).
         problem: why no low-passed acceleration could be computed; None if it could.
         thresholds: the testbed's numbers by which all this was made.
         occupied: for each used passage sensor, from when to when something was under it since the
@@ -38,6 +39,7 @@ class Rows:
     force_time: Array
     force: Array
     rest: Array
+    load: Array
     problem: str | None
     thresholds: Thresholds
     occupied: Mapping[PassageSensor, tuple[tuple[float, float], ...]] = field(default_factory=dict)
@@ -62,7 +64,7 @@ class Rows:
             case Quantity.JERK:
                 return self.jerk_time, self.jerk
             case Quantity.FORCE:
-                return self.force_time, self.force - self.rest
+                return self.force_time, self.load
 
 
 def process_rows(
@@ -84,6 +86,8 @@ def process_rows(
         rest: the free handle's force at these times, N, shape (k,), if the ruleset looks at it.
     """
     jerk_time, jerks = jerk(joint, ruleset, thresholds)
+    rest = np.zeros(force.size) if rest is None else rest
+    load = force - rest
     return Rows(
         joint_state=joint,
         low_passed=low_pass(joint, ruleset, thresholds),
@@ -91,10 +95,20 @@ def process_rows(
         jerk=jerks,
         force_time=force_time,
         force=force,
-        rest=np.zeros(force.size) if rest is None else rest,
+        rest=rest,
+        load=median_of_three(load) if ruleset.repairs else load,
         problem=low_pass_problem(joint, ruleset, thresholds),
         thresholds=thresholds,
     )
+
+
+def median_of_three(values: Array) -> Array:
+    """The median of each value and its neighbours along the last axis; the ends stay."""
+    left, here, right = values[..., :-2], values[..., 1:-1], values[..., 2:]
+    low, high = np.minimum(left, here), np.maximum(left, here)
+    medians = values.copy()
+    medians[..., 1:-1] = np.maximum(low, np.minimum(high, right))
+    return medians
 
 
 def cut_rows(rows: Rows, start: float, end: float) -> Rows:
@@ -110,4 +124,5 @@ def cut_rows(rows: Rows, start: float, end: float) -> Rows:
         force_time=rows.force_time[force_kept],
         force=rows.force[force_kept],
         rest=rows.rest[force_kept],
+        load=rows.load[force_kept],
     )

@@ -114,6 +114,9 @@ class Ruleset:
         own_steps: whether its own rules find the steps; else the protocol's do.
         passage_hold: a passage sensor's state counts when it has been held for so long, s.
         touch_hold: the same of the touch.
+        door_hold: the same of the open and of the closed door.
+        repairs: whether door angles that fit no motion are replaced before the derivatives, and
+            the roughness looks at the median of three forces.
         hysteresis: the door closes below the closed zone's angle less so many encoder counts.
         onto_grid: whether the door angle is brought onto a grid of the nominal rate, by linear
             interpolation.
@@ -145,6 +148,8 @@ class Ruleset:
     own_steps: bool = True
     passage_hold: float = 0.0
     touch_hold: float = 0.0
+    door_hold: float = 0.0
+    repairs: bool = False
     hysteresis: float = 0.0
     onto_grid: bool = False
     least_velocity: float = 0.0
@@ -161,7 +166,7 @@ class Ruleset:
 
     def largest_force(self, thresholds: Thresholds) -> float:
         """Forces beyond this, in either direction, are no readings, N."""
-        return float_info.max if self.believes_impossible else thresholds.largest_force
+        return float_info.max if self.believes_impossible else thresholds.impossible_force
 
     def closes_below(self, thresholds: Thresholds) -> float:
         """An open door closes when its angle falls below this, rad."""
@@ -222,6 +227,8 @@ ROBUST_2026 = replace(
     low_pass=LowPassRule.SECTIONS,
     passage_hold=0.06,
     touch_hold=0.04,
+    door_hold=0.06,
+    repairs=True,
     hysteresis=2,
     onto_grid=True,
     least_velocity=0.02,

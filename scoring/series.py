@@ -74,17 +74,15 @@ class SeriesAssessment(Assessment):
         self._sensor, self._present, self._masked = array("b"), array("b"), array("b")
         self._latch_time, self._latch_engaged = array("d"), array("b")
 
+        self._scoring.on_passage = self._keep
+
     def _admit(self, sample: Sample) -> None:
         super()._admit(sample)
-        match sample:
-            case PassageSample():
-                self._keep(sample)
-            case LatchSample():
-                self._latch_time.append(sample.time)
-                self._latch_engaged.append(sample.engaged)
+        if isinstance(sample, LatchSample):
+            self._latch_time.append(sample.time)
+            self._latch_engaged.append(sample.engaged)
 
-    def _keep(self, sample: PassageSample) -> None:
-        angle = self._scoring.angle or 0.0
+    def _keep(self, sample: PassageSample, angle: float) -> None:
         for sensor, present in self._scoring.under(sample.strip):
             read = is_reading(sample, sensor.element)
             self._time.append(sample.time)
@@ -100,13 +98,14 @@ class SeriesAssessment(Assessment):
             ending: how the run ended.
             rulings: the referee's, in the order in which they were made.
         """
+        self._finish()
         ending, _ = self._stopped_by_these_rules(ending, rulings)
         end = self._end(ending)
         if completed_by_settling(ending, self.procedure(rulings, end)):
             end += self._thresholds.settle_time
         whole = not self._ruleset.cut_rows
         return WholeSeries(
-            rows=self._rows(self._rest(ending))[1],
+            rows=self._rows(self._rest(ending))[2],
             rows_from=-math.inf if whole else self.start,
             rows_until=math.inf if whole else end,
             passage=PassageSeries(

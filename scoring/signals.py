@@ -88,7 +88,7 @@ class BinarySignal:
             self._pending = None
             if self.begun or time < start:
                 return False
-        if time >= start:
+        if time >= start and not self.begun:
             self.begin(start)
         if value is self.state:
             return True

@@ -1,8 +1,8 @@
 """How far the values can be trusted: their uncertainty, by Monte Carlo (section 11, JCGM 101).
 
-What is drawn: when an edge happened between two samples, the door angle within an encoder count
-and the jitter of its stamps, the force's noise, and where the samples lie about a force peak. The
-draws are the same each time: their seed is a digest of the recorded samples.
+Each draw is an error: what a sensor that samples at other instants, with other noise, makes of
+the motion that was seen, less that motion. The draws are the same each time: their seed is a
+digest of the recorded samples.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -26,28 +27,31 @@ from scoring.kinematics import (
     low_pass,
     low_pass_response,
     noise_kernel,
+    other_windows,
     smoothed,
 )
 from scoring.protocol import Event, EventName, Signal
 from scoring.result import Indicator, Uncertainty
+from scoring.rows import median_of_three
+from scoring.rulesets import Ruleset
 
-DRAWS = 100
+DRAWS = 200
 """Draws of each value."""
 
-_FEWEST_STEPS = 10
-"""Steps of the door angle that tell its encoder's count."""
+_HELD = 0.98
+"""The expanded uncertainty holds this part of the errors that are drawn: 95 in 100 of all."""
 
 _TRIED = 8
 """Draws that tell how much jerk encoder and stamps add."""
 
+_MOST_PEAKS = 48
+"""So many of the largest accelerations can be the largest in a draw."""
+
 _NEAR_TOP = 0.9
 """Forces from this part of the largest on can be the largest in a draw."""
 
-_MOST_TOPS = 48
-"""So many of the largest values are drawn."""
-
-_SAME_STEP = 1e-9
-"""Smaller steps of the door angle are none, rad."""
+_MOST_TOPS = 1024
+"""So many of the largest forces are drawn."""
 
 _LONGEST_COUNT = 0.5
 """A panel that takes longer for one count stands still, s."""
@@ -55,9 +59,15 @@ _LONGEST_COUNT = 0.5
 _LEAST_JITTER = 1e-5
 """Less jitter of the stamps moves nothing, s: they are known to 238 ns."""
 
+_HIDDEN = 3.0
+"""Noise may hide that a value is the largest where it is lower by so many standard deviations."""
+
+_MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
+Values = Mapping[Name, Indicator]
+
 
 def uncertainties(
-    grounds: Grounds, times: Callable[[Sequence[Event]], Mapping[Name, Indicator]]
+    grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
 ) -> dict[Name, Uncertainty | None]:
     """The uncertainty of every indicator; 0 where nothing that is drawn moves it.
 
@@ -65,36 +75,50 @@ def uncertainties(
 
     Args:
         grounds: what the values rest on.
+        indicators: the values.
         times: the time indicators of other events.
     """
     random = np.random.RandomState(_seed(grounds))  # its stream is frozen, unlike a Generator's
     with np.errstate(over="ignore", invalid="ignore"):
-        draws = {
-            **_times(grounds, times, random),
-            **_motion(grounds, random),
+        errors = {
+            **_times(grounds, indicators, times, random),
+            **_motion(grounds, indicators, random),
             Name.ROUGHNESS_OF_DOOR_ACTUATION: _roughness(grounds, random),
         }
-        return {name: _spread(draws.get(name)) for name in Name}
+        return {name: _spread(errors.get(name)) for name in Name}
 
 
 def _seed(grounds: Grounds) -> list[int]:
     """From all samples: the same for the same recording, whatever reads it."""
     digest = hashlib.blake2b(digest_size=16)
-    for series in (grounds.door_time, grounds.door_angle, grounds.rows.force):
+    for series in (grounds.door.time, grounds.door.angle, grounds.rows.force):
         digest.update(np.ascontiguousarray(series).tobytes())
     return [int(word) for word in np.frombuffer(digest.digest(), dtype=np.uint32)]
 
 
-def _spread(draws: Array | None) -> Uncertainty | None:
-    finite = np.empty(0) if draws is None else draws[np.isfinite(draws)]
-    u = float(finite.std(ddof=1)) if finite.size > 1 else 0.0
-    if not math.isfinite(2 * u):  # of forces and angles that only `eurobench-2020` believes
+def _spread(errors: Array | None) -> Uncertainty | None:
+    """Root of the mean square, and what holds the errors: both are about the value."""
+    finite = np.empty(0) if errors is None else np.abs(errors[np.isfinite(errors)])
+    if not finite.size:
+        return Uncertainty(0.0, 0.0)
+    u, expanded = float(np.sqrt(np.square(finite).mean())), float(np.quantile(finite, _HELD))
+    if not math.isfinite(u):  # of forces and angles that only `eurobench-2020` believes
         return None
-    return Uncertainty(_two_digits(u), _two_digits(2 * u))
+    return Uncertainty(_two_digits(u), _two_digits(expanded))
 
 
 def _two_digits(value: float) -> float:
     return float(f"{value:.1e}")
+
+
+def _spread_evenly(random: np.random.RandomState, columns: int) -> Array:
+    """Numbers in [0, 1), shape (DRAWS, columns): one of each column in each of DRAWS equal parts.
+
+    So few draws of one column are as good as many at random (a Latin hypercube).
+    """
+    places = np.array([random.permutation(DRAWS) for _ in range(columns)]).reshape(columns, DRAWS)
+    shares: Array = (places.T + random.random_sample((DRAWS, columns))) / DRAWS
+    return shares
 
 
 # ---------------------------------------------------------------------------------- times
@@ -102,26 +126,39 @@ def _two_digits(value: float) -> float:
 
 def _times(
     grounds: Grounds,
-    times: Callable[[Sequence[Event]], Mapping[Name, Indicator]],
+    indicators: Values,
+    times: Callable[[Sequence[Event]], Values],
     random: np.random.RandomState,
 ) -> dict[Name, Array]:
     """Each edge happened somewhere between its sample and the one before.
 
-    One of the door did so at an angle that is off by up to half an encoder count, too.
+    One of the door did so at an angle that is off by up to half an encoder count, too; and all of
+    them by the delay of the stamps against the clock of the start, up to one sampling interval.
     """
     timed = [edge for edge in grounds.edges if edge.since is not None]
     widths = np.array([edge.time - (edge.since or edge.time) for edge in timed])
     counted = np.array([_time_of_a_count(grounds, edge) for edge in timed])
+    behind = np.array([_known_delay(grounds, edge) for edge in timed])
     events = list(_looked_at(grounds.events))
-    draws: dict[Name, list[float]] = {}
-    shares = random.random_sample((2, DRAWS, len(timed)))
-    for shifts in shares[0] * widths + (shares[1] - 0.5) * counted:
+    errors: dict[Name, list[float]] = {}
+    shares = _spread_evenly(random, 2 * len(timed) + 1)
+    late, count, clock = np.split(shares, [len(timed), 2 * len(timed)], axis=1)
+    for shifts in late * widths + (count - 0.5) * counted - clock * behind:
         of_time = {edge.time: float(by) for edge, by in zip(timed, shifts, strict=True)}
         moved = [Event(e.time - of_time.get(e.time, 0.0), e.name) for e in events]
-        for name, indicator in times(moved).items():
-            if indicator.value is not None:
-                draws.setdefault(name, []).append(float(indicator.value))
-    return {name: np.array(values) for name, values in draws.items()}
+        for name, drawn in times(moved).items():
+            value = indicators[name].value
+            if drawn.value is not None and value is not None:
+                errors.setdefault(name, []).append(value - drawn.value)
+    return {name: np.array(values) for name, values in errors.items()}
+
+
+def _known_delay(grounds: Grounds, edge: DecidingEdge) -> float:
+    """How far the stamps of an edge lie behind the clock of the start, s, up to an interval."""
+    counter = grounds.counters.get(edge.signal)
+    if counter is None or counter.delay is None or counter.interval is None:
+        return 0.0
+    return max(-counter.interval, min(counter.interval, counter.delay))
 
 
 def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
@@ -130,15 +167,7 @@ def _time_of_a_count(grounds: Grounds, edge: DecidingEdge) -> float:
         return 0.0
     row = int(np.searchsorted(grounds.joint.time, edge.time).clip(0, grounds.joint.time.size - 1))
     speed = abs(float(grounds.joint.velocity[row]))
-    count = _encoder_count(grounds)
-    return min(count / speed, _LONGEST_COUNT) if speed > 0 else 0.0
-
-
-def _encoder_count(grounds: Grounds) -> float:
-    """The smallest step of the door angle, rad; what the settings say where few are seen."""
-    steps = np.abs(np.diff(grounds.door_angle))
-    steps = steps[steps > _SAME_STEP]
-    return float(steps.min()) if steps.size >= _FEWEST_STEPS else grounds.thresholds.encoder_count
+    return min(grounds.door.count / speed, _LONGEST_COUNT) if speed > 0 else 0.0
 
 
 def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
@@ -152,7 +181,9 @@ def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
 # ---------------------------------------------------------------------------------- motion
 
 
-def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array]:
+def _motion(
+    grounds: Grounds, indicators: Values, random: np.random.RandomState
+) -> dict[Name, Array]:
     """The same motion, sampled at other instants by an encoder that stands elsewhere."""
     joint, ruleset, thresholds = grounds.joint, grounds.ruleset, grounds.thresholds
     kernel = noise_kernel(joint, ruleset, thresholds)
@@ -176,22 +207,65 @@ def _motion(grounds: Grounds, random: np.random.RandomState) -> dict[Name, Array
 
     jerk = (smooth.acceleration[after] - smooth.acceleration[after - 1]) / intervals
     lost = (joint.acceleration[after] - joint.acceleration[after - 1]) / intervals - jerk
-    tried = islice(_angle_errors(grounds, smooth, part, random), _TRIED)
+    phases = _spread_evenly(random, 2)
+    tried = islice(_angle_errors(grounds, smooth, part, phases, random), _TRIED)
     jerk += _share_of_motion(lost, [quotients(error) for error in tried]) * lost
-    tops = _tops(low_passed[first : last + 1]) + first
+    size = np.nan_to_num(np.abs(low_passed))
+    tops = _peaks(size[first : last + 1]) + first
+    signs, curve = np.sign(low_passed[tops]), _Curve.through(size, tops)
     near = tops[:, None] - part.start + np.arange(response.size)[::-1] - response.size // 2
     near = near.clip(0, part.stop - part.start - 1)
+    least, speed = ruleset.least_velocity, smooth.velocity[after]
+    growth = smooth.acceleration[after] * intervals
     drawn = np.full((2, DRAWS), np.nan)
-    for draw, error in enumerate(_angle_errors(grounds, smooth, part, random)):
-        if after.size:
-            mean = float(np.abs(jerk + quotients(error)).mean())
-            drawn[0, draw] = SMOOTHNESS_SCALE / mean if mean else np.nan
-        if tops.size:
-            drawn[1, draw] = np.abs(low_passed[tops] + error[near] @ response).max()
-    return {
-        Name.SMOOTHNESS_OF_DOOR_ACTUATION: drawn[0],
-        Name.UNSAFETY_OF_DOOR_OPERATION: drawn[1],
-    }
+    noise = np.zeros((DRAWS, tops.size))
+    for draw, error in enumerate(_angle_errors(grounds, smooth, part, phases, random)):
+        phase = phases[draw, 0]
+        jerks = np.abs(jerk + quotients(error))
+        if least:
+            jerks = jerks[np.abs(speed + phase * growth) > least]
+        if jerks.size and (mean := float(jerks.mean())):
+            drawn[0, draw] = SMOOTHNESS_SCALE / mean
+        noise[draw] = error[near] @ response
+    defined = drawn[0, np.isfinite(drawn[0])]
+    drawn[0] -= defined.sum() / max(1, defined.size)  # no error: what encoder and noise always add
+    seen = (
+        signs * curve.under_noise(phases[:, :1], float(noise.std()) if tops.size else 0.0) + noise
+    )
+    drawn[1] = np.abs(seen).max(axis=1, initial=0.0) - curve.top
+    for others in _alternatives(grounds, indicators):
+        drawn += others[:, random.randint(0, others.shape[1], DRAWS)]
+    return dict(zip(_MOTION, drawn, strict=True))
+
+
+def _alternatives(grounds: Grounds, indicators: Values) -> Iterator[Array]:
+    """What chance decides on, and by how much smoothness and unsafety differ, shape (2, n), each.
+
+    The first of the n is what was decided: no difference.
+    """
+    door, rules = grounds.door, grounds.ruleset
+    time, angle = door.time, door.without(door.repairable) if rules.repairs else door.angle
+    if (other := other_windows(grounds.joint.time, rules)) is not None:
+        yield _differences(grounds, indicators, [(time, angle, other)])
+    if rules.onto_grid:  # where the grid begins
+        yield _differences(grounds, indicators, [(time[i:], angle[i:], rules) for i in (1, 2)])
+    between = (time[1:] + time[:-1]) / 2, (angle[1:] + angle[:-1]) / 2
+    halfway = _differences(grounds, indicators, [(*between, rules)])  # where a sudden stop lies
+    halfway[0] = 0.0
+    yield halfway
+
+
+def _differences(
+    grounds: Grounds, indicators: Values, series: Sequence[tuple[Array, Array, Ruleset]]
+) -> Array:
+    differences = np.zeros((2, 1 + len(series)))
+    for column, (time, angle, rules) in enumerate(series, 1):
+        others = replace(grounds, rows=grounds.rows_of(time, angle, rules)[1]).signal_values()
+        for row, name in enumerate(_MOTION):
+            value, other = indicators[name].value, others[name]
+            if value is not None and other.value is not None:
+                differences[row, column] = other.value - value
+    return differences
 
 
 def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
@@ -205,8 +279,9 @@ def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
 
 
 def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:
-    """The later rows of the quotients that are jerk, in the run, of neighbours; shape (m,)."""
-    before, after = jerk_rows(grounds.joint, grounds.ruleset, grounds.thresholds)
+    """The later rows of the quotients that can be jerk, in the run, of neighbours; shape (m,)."""
+    ruleset = replace(grounds.ruleset, least_velocity=0.0)
+    before, after = jerk_rows(grounds.joint, ruleset, grounds.thresholds)
     kept = (after >= first) & (after <= last) & (before == after - 1)
     known = np.isfinite(smooth.acceleration)
     kept &= known[after] & known[before]
@@ -214,36 +289,90 @@ def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> ND
 
 
 def _angle_errors(
-    grounds: Grounds, smooth: JointState, part: slice, random: np.random.RandomState
+    grounds: Grounds,
+    smooth: JointState,
+    part: slice,
+    phases: Array,
+    random: np.random.RandomState,
 ) -> Iterator[Array]:
     """What the encoder makes of a smooth motion, less the motion, rad, shape (rows,), each draw.
 
     Its steps are not noise: a slow panel stays on one for several samples. So each draw has the
     motion sampled a part of an interval later, by an encoder that stands a part of a count
-    further on. What the stamps' jitter makes of it is noise, of uniform distribution.
+    further on. What the stamps' jitter makes of it is noise, of uniform distribution, and so is
+    what the closed door shows, of normal one.
     """
-    count = _encoder_count(grounds)
-    intervals = np.diff(grounds.door_time)
+    count, trembling = grounds.door.count, grounds.door.noise
+    intervals = np.diff(grounds.door.time)
     regular = intervals[intervals <= grounds.thresholds.largest_gap]
     interval = float(regular.mean()) if regular.size else 0.0
     jitter = float(regular.std()) / math.sqrt(2) if regular.size else 0.0
     angle, speed = smooth.position[part], np.nan_to_num(grounds.joint.velocity[part])
-    for phase, begins in random.random_sample((DRAWS, 2)):  # one by one: they stay in the cache
-        moved = angle + interval * (phase - 0.5) * speed + count * begins
-        error: Array = np.rint(moved / count) * count - moved
+    for phase, begins in phases:  # one by one: they stay in the cache
+        moved = angle + interval * phase * speed + count * begins
+        shown = moved + trembling * random.standard_normal(angle.size) if trembling else moved
+        error: Array = np.rint(shown / count) * count - moved
         if jitter > _LEAST_JITTER:
             noise = random.random_sample(error.size) - 0.5
             error += math.sqrt(12) * jitter * speed * noise
         yield error
 
 
-def _tops(values: Array) -> NDArray[np.intp]:
-    """Where the largest values stand."""
-    size = np.nan_to_num(np.abs(values))
+def _tops(size: Array, most: int) -> NDArray[np.intp]:
+    """Where the largest of some sizes stand that are not 0, in an order that all libraries give."""
     known = np.flatnonzero(size > 0)
-    if known.size > _MOST_TOPS:
-        known = known[np.argpartition(size[known], -_MOST_TOPS)[-_MOST_TOPS:]]
-    return known
+    return np.sort(known[np.argsort(-size[known], kind="stable")[:most]])
+
+
+def _peaks(size: Array) -> NDArray[np.intp]:
+    """Where the largest peaks begin, so that each lies within an interval after one of them."""
+    padded = np.pad(size, 1)
+    peaks = _tops(np.where((size >= padded[:-2]) & (size >= padded[2:]), size, 0.0), _MOST_PEAKS)
+    return np.unique(np.concatenate((peaks, (peaks - 1).clip(0))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Curve:
+    """Parabolas between samples, each as bent as the less bent of its two ends; shape (n,).
+
+    So a step does not overshoot, and a pulse has its peak between two samples.
+
+    Attributes:
+        heights: of the samples.
+        rises: to the next ones.
+        bends: downwards, per interval and interval.
+    """
+
+    heights: Array
+    rises: Array
+    bends: Array
+
+    @classmethod
+    def through(cls, size: Array, places: NDArray[np.intp]) -> _Curve:
+        """From each of some places in a series to the next sample."""
+        bent = np.zeros(size.size)
+        bent[1:-1] = 2 * size[1:-1] - size[:-2] - size[2:]
+        here = places.clip(0, size.size - 1)
+        following = (places + 1).clip(0, size.size - 1)
+        bends = np.minimum(bent[here], bent[following]).clip(0)
+        return cls(size[here], size[following] - size[here], bends)
+
+    def at(self, part: float | Array) -> Array:
+        """The curve at a part of the interval, in [0, 1]."""
+        between: Array = self.heights + part * self.rises + self.bends * part * (1 - part) / 2
+        return between
+
+    def under_noise(self, part: Array, noise: float | Array) -> Array:
+        """The curve as it may be under noise of a standard deviation: as high as the largest."""
+        return np.minimum(self.at(part) + _HIDDEN * noise, self.top)
+
+    @property
+    def top(self) -> float:
+        """Its largest value; 0 where there is none."""
+        with np.errstate(divide="ignore"):
+            highest = (self.rises / self.bends + 0.5).clip(0, 1)
+        parts = np.where(self.bends > 0, highest, self.rises > 0)
+        return float(self.at(parts).max(initial=0.0))
 
 
 # ---------------------------------------------------------------------------------- force
@@ -251,15 +380,18 @@ def _tops(values: Array) -> NDArray[np.intp]:
 
 def _roughness(grounds: Grounds, random: np.random.RandomState) -> Array:
     """The force's noise, and samples that lie elsewhere about the peak."""
-    force = grounds.rows.force - grounds.rows.rest
-    if not force.size:
+    size, noise = np.abs(grounds.rows.load), grounds.force_noise
+    if not size.size:
         return np.full(DRAWS, np.nan)
-    size = np.abs(force)
-    tops = _tops(np.where(size >= _NEAR_TOP * size.max(), size, 0.0))
-    here = force[tops]
-    left, right = force[(tops - 1).clip(0)], force[(tops + 1).clip(None, force.size - 1)]
-    shift = random.random_sample((DRAWS, 1)) - 0.5
-    curved = here + shift * (right - left) / 2 + shift**2 * (right - 2 * here + left) / 2
-    noise = grounds.force_noise * random.standard_normal((DRAWS, tops.size))
-    drawn: Array = np.abs(curved + noise).max(axis=1, initial=0.0)
-    return drawn
+    tops = _tops(np.where(size >= _NEAR_TOP * size.max(), size, 0.0), _MOST_TOPS)
+    repairs = grounds.ruleset.repairs
+    around = tops[:, None] + (np.arange(-1, 2) if repairs else np.zeros(1, np.intp))
+    curve = _Curve.through(size, around)
+    phases = _spread_evenly(random, 1)[:, :, None]
+    freedom = max(1, grounds.rest.before.number - 1) if grounds.rest.before else 1
+    few = np.sqrt(freedom / random.chisquare(freedom, (DRAWS, 1, 1)))  # samples tell the noise
+    forces = curve.under_noise(phases, few * noise)
+    forces += few * noise * random.standard_normal(forces.shape)
+    seen = median_of_three(forces)[..., 1] if repairs else forces[..., 0]
+    errors: Array = np.abs(seen).max(axis=1, initial=0.0) - curve.top
+    return errors

@@ -8,7 +8,7 @@ from collections.abc import Generator
 import pytest
 from hypothesis import settings
 
-from tests import rings
+from tests import programs, rings
 
 # else each worker and each process that a test starts compiles everything anew
 sys.dont_write_bytecode = False
@@ -48,6 +48,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         slow = {item for item in items if item.get_closest_marker("slow") is not None}
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
+
+
+@pytest.hookimpl(tryfirst=True)  # before what a fixture starts
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A test whose programs are absent is skipped."""
+    programs.look_for(item)
 
 
 @pytest.hookimpl(wrapper=True)

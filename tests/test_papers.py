@@ -10,7 +10,7 @@ import runpy
 import shlex
 import shutil
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from pathlib import Path
 from random import Random
@@ -19,24 +19,50 @@ from typing import Any
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.cli.main import build_parser, main
+from madrob_console.cli.guide_command import PAGES
+from madrob_console.cli.main import COMMANDS, build_parser, main
+from madrob_console.config import Settings
+from madrob_console.config.settings import parse_settings
 from madrob_console.kinds import Scenario
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.tidy.run_tables import RUN_TABLES, WHOSE
-from madrob_console.tidy.sample_tables import SAMPLE_TABLES
-from madrob_console.tidy.tidy_table import TidyColumn
+from madrob_console.messages.codec import (
+    DEFAULT_MAPPINGS,
+    REFEREE_EVENT_TOPIC,
+    REFEREE_STATE_TOPIC,
+    MessageTypes,
+    decode_text,
+)
+from madrob_console.referee.acts import ACTS
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Phase
+from madrob_console.standings.data_files import COLUMNS
+from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS
+from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, EventName, Outcome, Step, Thresholds
+from scoring.protocol import (
+    BenchmarkType,
+    Condition,
+    EventName,
+    Outcome,
+    Side,
+    Step,
+    Thresholds,
+)
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import recorded
+from tests.madrob_console.engine.test_practice import Rehearsal
+from tests.madrob_console.recorded_runs import completed, recorded
 from tests.madrob_console.run_folders import summary, write
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("madrob_console", "scoring", "recorder")
+GUIDE = sorted(f"madrob_console/guide/{page}.md" for page in PAGES)
+USERS = ("README.md", *GUIDE)
+"""The papers of those who use the console."""
+
 PAPERS = (
-    "README.md",
+    *USERS,
     "scoring/PROTOCOL.md",
     "madrob_console/ARCHITECTURE.md",
     "madrob_console/CHANGELOG.md",
@@ -55,8 +81,17 @@ _PLACEHOLDERS = {
     "N": "3",
     "KG": "2.5",
     "SHELL": "fish",
+    "RUN": "somewhere",
 }
+FOREIGN_OPTIONS = {"--qos-durability", "--qos-reliability", "--system-site-packages"}
+"""Of other programs."""
+
 _LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
+
+
+def read(paper: str) -> str:
+    """A paper's text."""
+    return (ROOT / paper).read_text(encoding="utf-8")
 
 
 def protocol_sections() -> dict[int, str]:
@@ -72,6 +107,12 @@ def rows(section: str) -> list[list[str]]:
     cells = [[cell.strip().replace("`", "") for cell in line.split("|")[1:-1]] for line in lines]
     ruled = [index for index, row in enumerate(cells) if set(row[0]) == {"-"}]
     return [row for i, row in enumerate(cells) if i not in ruled and i + 1 not in ruled]
+
+
+def section(page: str, title: str) -> str:
+    """A part of a page of the guide."""
+    text = read(f"madrob_console/guide/{page}.md").partition(f"\n## {title}\n")[2]
+    return text.partition("\n## ")[0]
 
 
 def citations(text: str) -> Iterator[tuple[int, str]]:
@@ -111,12 +152,13 @@ def test_every_section_that_the_code_cites_is_in_the_protocol_page() -> None:
     assert cited > 50
 
 
-def test_the_protocol_page_names_the_topics_that_are_listened_to() -> None:
-    told = {
-        topic: (f"{type_.replace(', ', '/msg/')}", field.removesuffix("[0..3]"))
-        for topic, type_, field in rows(protocol_sections()[3])
-    }
-    assert told == {m.topic: (m.type, m.field) for m in DEFAULT_MAPPINGS}
+def test_protocol_page_and_guide_name_the_topics_that_are_listened_to() -> None:
+    for text in (protocol_sections()[3], section("testbed", "Topics")):
+        told = {
+            topic: (f"{type_.replace(', ', '/msg/')}", field.removesuffix("[0..3]"))
+            for topic, type_, field in rows(text)
+        }
+        assert told == {m.topic: (m.type, m.field) for m in DEFAULT_MAPPINGS}
 
 
 def test_the_protocol_page_names_all_events_and_the_masks_of_the_panel() -> None:
@@ -194,60 +236,160 @@ def fenced(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def readme_examples() -> list[str]:
-    """The README's programs."""
-    return fenced((ROOT / "README.md").read_text(encoding="utf-8"), "python")
+def blocks(language: str) -> list[str]:
+    """The blocks of README and guide in a language."""
+    return [block for paper in USERS for block in fenced(read(paper), language)]
 
 
-def readme_commands() -> list[list[str]]:
-    """What the README's sh blocks and its table of commands give `madrob`, word by word."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    lines = [part for block in fenced(text, "sh") for part in re.split(r"\n|&&", block)]
-    lines = [line.partition(" > ")[0] for line in lines]
-    lines += re.findall(r"^\| `(madrob [^`]*)` \|", text, re.MULTILINE)
+def example(words: str) -> str:
+    """The one program of the papers with these words."""
+    (found,) = (one for one in blocks("python") if words in one)
+    return found
+
+
+def commands(texts: Iterable[str]) -> list[list[str]]:
+    """What sh blocks give `madrob`, word by word."""
+    lines = [part for text in texts for part in re.split(r"\n|&&", text)]
     return [
         [_PLACEHOLDERS.get(word, word) for word in words[1:]]
-        for words in map(shlex.split, lines)
+        for words in (shlex.split(line.partition(" > ")[0], comments=True) for line in lines)
         if words and words[0].rpartition("/")[2] == "madrob"
     ]
 
 
-@pytest.mark.parametrize("words", readme_commands(), ids=" ".join)
-def test_the_readme_s_commands_parse(words: list[str]) -> None:
+@pytest.mark.parametrize("words", commands(blocks("sh")), ids=" ".join)
+def test_the_commands_of_the_papers_parse(words: list[str]) -> None:
     build_parser().parse_args(words)
 
 
-def test_the_readme_names_every_command() -> None:
-    named = {words[0] for words in readme_commands()}
-    help_text = build_parser().format_help()
-    assert named == set(re.findall(r"^    ([a-z]+)", help_text, re.MULTILINE))
+def named_commands() -> list[tuple[str, str]]:
+    """The commands within the sentences of README and guide, and what stands behind each."""
+    words = r"`madrob ((?:calibrate |engine |table )?[a-z]+)([^`]*)`"
+    return re.findall(words, "\n".join(map(read, USERS)))
 
 
-def test_the_readme_s_options_are_those_of_the_commands(
+def test_the_papers_name_every_command() -> None:
+    named = {words[0] for words in commands(blocks("sh"))}
+    named |= {words.split()[0] for words, _ in named_commands()}
+    assert named == set(COMMANDS)
+
+
+def test_the_options_that_a_sentence_names_are_those_of_the_commands(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    command = r"madrob ((?:calibrate |engine |table )?[a-z]+)"
-    lines = re.findall(rf"^\| `{command}[^`]*` \| (.*) \|$", text, re.MULTILINE)
-    lines += re.findall(rf"`(?:\w+=)?{command}([^`]*)`", text)
-    seen = 0
-    for words, rest in lines:
+    def help_of(words: str) -> str:
         with pytest.raises(SystemExit):
             build_parser().parse_args([*words.split(), "--help"])
-        help_text = capsys.readouterr().out
+        return capsys.readouterr().out
+
+    seen = 0
+    for words, rest in named_commands():
+        text = help_of(words)
         for option in re.findall(r"--[a-z-]+", rest):
             seen += 1
-            assert option in help_text, f"madrob {words} {option}"
-    assert seen > 10
+            assert option in text, f"madrob {words} {option}"
+    every = "".join(map(help_of, (*COMMANDS, "table runs", "table samples")))
+    for option in re.findall(r"`(--[a-z-]+)[^`]*`", "\n".join(map(read, USERS))):
+        seen += 1
+        assert option in every or option in FOREIGN_OPTIONS, option
+    assert seen > 20
 
 
-def test_the_readme_s_example_scores_a_run(
+@pytest.mark.parametrize("block", blocks("toml"), ids=lambda block: block.split()[0])
+def test_the_settings_of_the_papers_are_settings(block: str) -> None:
+    assert parse_settings(block) != Settings()
+
+
+def test_the_commands_of_a_competition_day_do_what_they_are_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (example,) = (one for one in readme_examples() if "import score" in one)
-    assert len(example.splitlines()) <= 12
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / ".config"))
+    monkeypatch.chdir(tmp_path)
+    settings = tmp_path / ".config" / "madrob" / "madrob.toml"
+    settings.parent.mkdir(parents=True)
+    readme = read("README.md")
+    settings.write_text(fenced(readme, "toml")[0])
+    Path("teams.csv").write_text("3,Delft\n4,Ghent\n")
+    Path("plan.csv").write_text(fenced(read("madrob_console/guide/organiser.md"), "text")[0])
+    hall = Rehearsal(tmp_path / "madrob_runs")  # nobody there says that it is simulated
+    hall.whole_run(make_setup())
+    hall.engine.close()
+    day = readme.partition("## A competition day in ten commands")[2].partition("\n## ")[0]
+    every = commands(fenced(day, "sh"))
+    assert len(every) == 10
+    said = {}
+    for words in every:
+        if words[0] not in ("doctor", "console", "watch"):  # they need a testbed or a terminal
+            assert main(words) == 0, words
+            said[words[0]] = capsys.readouterr().out
+    assert "Delft" in said["plan"]
+    assert "Delft" in said["standings"]
+    assert "same digits" in said["score"]
+    assert Path("site", "index.html").is_file()
+    assert Path(said["export"].splitlines()[-1]).is_file()
+    assert said["tidy"].startswith("evidence of 0 runs")
+
+
+@pytest.mark.parametrize(
+    ("paper", "limit"), [("README.md", 12_000), ("madrob_console/CHANGELOG.md", 6_000)]
+)
+def test_a_paper_that_all_read_stays_short(paper: str, limit: int) -> None:
+    assert len(read(paper).encode()) <= limit
+
+
+def test_the_guide_has_every_key() -> None:
+    told = [cell for row in rows(section("referee", "Keys")) for cell in row[0].split(", ")]
+    caps = [key.cap.strip().replace("^", "Ctrl+") for key in (*FUNCTION_KEYS, *LETTER_KEYS)]
+    assert sorted(told) == sorted([*caps, "?", "/"])
+
+
+def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
+    said = [
+        (message.topic, json.loads(decode_text(MessageTypes(), message.data)))
+        for message in read_bag(completed()).messages()
+        if message.topic in (REFEREE_STATE_TOPIC, REFEREE_EVENT_TOPIC)
+    ]
+    states = [content for topic, content in said if topic == REFEREE_STATE_TOPIC]
+    events = [content for topic, content in said if topic == REFEREE_EVENT_TOPIC]
+    told = [row[0] for row in rows(section("robots", "The state"))]
+    assert told == [*states[0], *Phase]
+    assert {tuple(state) for state in states} == {tuple(states[0])}
+    lines = [line.split(" | ") for line in section("robots", "Events").splitlines()]
+    table = {
+        what: set(re.findall(r"`(\w+)`", details.partition(";")[0]))
+        for names, details in (line for line in lines if len(line) == 2)
+        for what in re.findall("`([^`]+)`", names)
+    }
+    keys = list(table)[: len(Entry.__slots__)]
+    assert keys == list(Entry.__slots__)
+    assert set(table) - set(keys) <= {*(act.name for act in ACTS), *Change}
+    assert len(events) > 10
+    for event in events:
+        assert set(event) <= set(keys)
+        assert table.get(event["what"], set()) <= set(event["details"]), event["what"]
+    assert {event["what"] for event in events} >= {"set up", "run starts", "event", "run stops"}
+
+
+def test_the_guide_numbers_the_conditions() -> None:
+    sides = [(Side.CCW, Side.CCW), (Side.CW, Side.CCW), (Side.CCW, Side.CW), (Side.CW, Side.CW)]
+    assert rows(section("organiser", "Before the competition")) == [
+        [kind, *(str(Condition(kind, *pair).number) for pair in sides)] for kind in BenchmarkType
+    ]
+
+
+def test_the_guide_names_the_columns_of_the_standings() -> None:
+    table = rows(section("data", "Tables of many runs"))
+    assert sorted(name for row in table for name in row[0].split(", ")) == sorted(COLUMNS)
+
+
+def test_the_guide_s_example_scores_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = example("import score")
+    assert len(program.splitlines()) <= 12
     shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / "my_run")
-    (tmp_path / "example.py").write_text(example, encoding="utf-8")
+    (tmp_path / "example.py").write_text(program, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     runpy.run_path("example.py")
     first, *told = capsys.readouterr().out.splitlines()
@@ -259,24 +401,7 @@ def test_the_readme_s_example_scores_a_run(
     assert re.fullmatch(r"\d+ samples of the door, 1\.\d\d rad at most", told[8])
 
 
-def test_the_readme_names_the_columns_of_the_tables() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text.partition("## Tables to compute with")[2].partition("\n## ")[0]
-    every: list[tuple[str, Sequence[TidyColumn]]] = [("all four", WHOSE)]
-    every += [(table.name, table.columns[len(WHOSE) :]) for table in RUN_TABLES]
-    every += [(table.name, tuple(table.columns)) for table in SAMPLE_TABLES]
-    assert [tuple(row) for row in rows(section)] == [
-        (name, column.name, column.unit, column.meaning)
-        for name, columns in every
-        for column in columns
-    ]
-    for table in RUN_TABLES:
-        assert table.columns[: len(WHOSE)] == WHOSE
-    for table in (*RUN_TABLES, *SAMPLE_TABLES):
-        assert f"- `{table.name}`: {table.row}\n" in section
-
-
-def test_the_readme_s_lines_for_pandas_give_the_mean_of_each_team(
+def test_the_guide_s_lines_for_pandas_give_the_mean_of_each_team(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -287,8 +412,7 @@ def test_the_readme_s_lines_for_pandas_give_the_mean_of_each_team(
             write(Path(hall), summary(subject, run_number=number, **told))
     write(Path("Hall A"), summary(5, outcome=Outcome.ABORTED, values={}, run_id="x"))
     assert main(["table", "indicators", ".", "--output", "indicators.csv"]) == 0
-    (example,) = (one for one in readme_examples() if "indicators.csv" in one)
-    Path("example.py").write_text(example, encoding="utf-8")
+    Path("example.py").write_text(example("indicators.csv"), encoding="utf-8")
     times = runpy.run_path("example.py")["times"]
     means = times.groupby(["team", "testbed"])["value"].mean().to_dict()
     assert means == {("T3", "Hall A"): 22.0, ("T3", "Hall B"): 22.0, ("T4", "Hall B"): 22.5}
@@ -306,7 +430,7 @@ def test_the_readme_s_lines_for_pandas_give_the_mean_of_each_team(
         (Scenario.NO_TOUCH, 17, 20.0, Outcome.TIMEOUT, 0),
     ],
 )
-def test_the_readme_s_program_computes_the_indicators_from_the_tables_alone(
+def test_the_guide_s_program_computes_the_indicators_from_the_tables_alone(
     scenario: Scenario,
     condition: int,
     timeout: float,
@@ -317,13 +441,13 @@ def test_the_readme_s_program_computes_the_indicators_from_the_tables_alone(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     drive = Drive(tmp_path / "results", scenario)
-    result = run_as_in_the_readme(drive, condition, timeout)
+    result = run_as_in_the_guide(drive, condition, timeout)
     assert result.outcome == outcome
     assert result.indicators[IndicatorName.CAPABILITY_LEVEL].value == level
 
 
 @pytest.mark.slow
-def test_the_readme_s_program_computes_the_indicators_of_any_run(
+def test_the_guide_s_program_computes_the_indicators_of_any_run(
     request: pytest.FixtureRequest,
     tmp_path_factory: pytest.TempPathFactory,
     monkeypatch: pytest.MonkeyPatch,
@@ -333,17 +457,16 @@ def test_the_readme_s_program_computes_the_indicators_of_any_run(
         folder = tmp_path_factory.mktemp(f"seed_{seed}")
         monkeypatch.chdir(folder)
         drive = Drive(folder / "results", Scenario.RANDOM, seed)
-        run_as_in_the_readme(drive, random.randint(1, 20), random.uniform(5.0, 30.0))
+        run_as_in_the_guide(drive, random.randint(1, 20), random.uniform(5.0, 30.0))
 
 
-def run_as_in_the_readme(drive: Drive, condition: int, timeout: float) -> Result:
-    """Make a run in the working folder and hold the README's program to what it scores."""
+def run_as_in_the_guide(drive: Drive, condition: int, timeout: float) -> Result:
+    """Make a run in the working folder and hold the guide's program to what it scores."""
     drive.whole_run(make_setup(Condition.from_number(condition), timeout=timeout))
     drive.engine.close()
     drive.folder.rename("my_run")
     assert main(["table", "samples", "my_run", "--output", "tables"]) == 0
-    (example,) = (one for one in readme_examples() if "tables/" in one)
-    Path("example.py").write_text(example, encoding="utf-8")
+    Path("example.py").write_text(example("tables/"), encoding="utf-8")
     computed = runpy.run_path("example.py")["indicators"]
     (run,) = score("my_run", RulesetName.PROTOCOL)
     finite = {name: one if abs(one) < math.inf else None for name, one in computed.items()}

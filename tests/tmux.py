@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import tempfile
@@ -13,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-
-import pytest
 
 from tests.terminal import CLEARED, FIXED
 from tests.watching import PATIENCE
@@ -27,12 +24,6 @@ LEAVING = 10.0
 BETWEEN_LOOKS = 0.05
 
 _PANE = "it:0.0"
-
-
-def needs_tmux() -> None:
-    """Skip the test where there is no tmux."""
-    if shutil.which("tmux") is None:
-        pytest.skip("tmux is not installed")
 
 
 class Tmux:

@@ -2,13 +2,69 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from madrob_console.archive.folders import RESULT_FILE
+import msgspec
+
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.files.bounded import read_all
+from madrob_console.referee.journal import LARGEST_JOURNAL, read_journal
+from madrob_console.referee.journal_mark import mark_of
+from madrob_console.referee.on_record import JournalMark
+from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Run
+
+Details = dict[str, int | str]
+
+_DIGEST = "sha256"
+
+
+class _Marked(msgspec.Struct):
+    journal: JournalMark | None = None
+
+
+def written_details(result: bytes | memoryview, issue: int) -> Details:
+    """What the journal's line `result written` says of a `result.json`.
+
+    Args:
+        result: its content.
+        issue: its number.
+    """
+    mark = msgspec.json.decode(result, type=_Marked).journal
+    lines = 0 if mark is None else mark.lines
+    return {"issue": issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
+
+
+def was_changed(data: bytes, folder: Path) -> bool:
+    """Whether a `result.json` is another one than the journal beside it says was written.
+
+    The journal's line follows the file. A result made of more lines than the last one that was
+    noted waits for its line; a kill can come between the two. A journal of an earlier version has
+    no digests, and one that cannot be used says nothing here.
+
+    Args:
+        data: its content.
+        folder: of the run.
+
+    Raises:
+        msgspec.MsgspecError: it is no JSON.
+    """
+    path = folder / JOURNAL_FILE
+    try:
+        if hashlib.sha256(data).hexdigest().encode() in read_all(path, LARGEST_JOURNAL):
+            return False
+        entries, _ = read_journal(path)
+    except OSError:
+        return False
+    noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
+    if not noted or _DIGEST not in noted[-1]:
+        return False
+    mark = msgspec.json.decode(data, type=_Marked).journal
+    return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
 
 
 def disagreement(result: ListedResult, folder: Path) -> str | None:

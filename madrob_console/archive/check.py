@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import msgspec
 
 from madrob_console.archive.digests import lists_evidence
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.grades import CLOSEST, Grade, libraries_told
+from madrob_console.archive.grades import Grade, libraries_told
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.archive.run_paths import RunPath
@@ -32,10 +32,8 @@ is done beside a result that is written."""
 _COMPUTED = ("indicators.", "quality.")
 """Where libraries decide the last digits. Times are stamps: of the epoch 1e-9 is over a second."""
 
-_ROUNDED, _TWO_DIGITS = ".uncertainty.", 0.1
-"""Numbers of two digits: where the unrounded ones differ in the last, these may by one step."""
-
-_TRUST = re.compile(r"indicators\.\w+\.(uncertainty|doubts)\b")
+_UNCERTAINTY = re.compile(r"indicators\.\w+\.uncertainty\b")
+_DOUBTS = re.compile(r"indicators\.\w+\.doubts\b")
 """What says how far a value can be trusted; no value hangs on it."""
 
 _LONGEST = 80
@@ -69,11 +67,13 @@ class CheckedRun:
 
     Attributes:
         found: every value that is not what was stored to the last digit.
+        uncertainties: those that are not what was stored; no grade hangs on them.
         stored_by: what computed the stored result; None = it does not say.
         libraries: what computes now.
     """
 
     found: tuple[Difference, ...]
+    uncertainties: tuple[Difference, ...]
     stored_by: Libraries | None
     libraries: Libraries
 
@@ -88,12 +88,12 @@ class CheckedRun:
 
     @property
     def of_the_rest(self) -> Grade:
-        """The worst of what was found but for uncertainties and doubts: of what was measured."""
-        return Grade.worst(each.grade for each in self.found if not _TRUST.match(each.what))
+        """The worst of what was found but for doubts: of what was measured."""
+        return Grade.worst(each.grade for each in self.found if not _DOUBTS.match(each.what))
 
     @property
     def values_hold(self) -> bool:
-        """Whether it differs in uncertainties and doubts only."""
+        """Whether it differs in doubts only."""
         return self.grade is Grade.DIFFERS and self.of_the_rest is not Grade.DIFFERS
 
     @property
@@ -108,22 +108,33 @@ class CheckedRun:
                 told = f"{grade} in {len(self.of(grade))}"
                 if not self.values_hold:
                     return told
-                return f"{told}, only uncertainties and doubts; the values: {self.of_the_rest}"
+                return f"{told}, only doubts; the values: {self.of_the_rest}"
+
+    @property
+    def uncertainty_words(self) -> str:
+        """Which uncertainties are other ones, on one line; empty where none is."""
+        last = {each.what.split(".")[1]: each for each in self.uncertainties}  # the expanded one
+        told = (
+            f"{name} {_short(each.recomputed)} was {_short(each.stored)}"
+            for name, each in last.items()
+        )
+        return f"uncertainties differ in {len(last)}: {', '.join(told)}" if last else ""
 
     def content(self) -> dict[str, Any]:
         """What was found, for programs."""
 
-        def values(grade: Grade) -> list[dict[str, object]]:
+        def values(found: Iterable[Difference]) -> list[dict[str, object]]:
             return [
                 {"what": each.what, "stored": each.stored, "recomputed": each.recomputed}
-                for each in self.of(grade)
+                for each in found
             ]
 
         return {
             "grade": self.grade,
-            "grade_but_for_uncertainties_and_doubts": self.of_the_rest,
-            "differences": values(Grade.DIFFERS),
-            "last_digits": values(Grade.CLOSE),
+            "grade_but_for_doubts": self.of_the_rest,
+            "differences": values(self.of(Grade.DIFFERS)),
+            "last_digits": values(self.of(Grade.CLOSE)),
+            "uncertainties": values(self.uncertainties),
             "libraries": {"stored": self.stored_by, "now": self.libraries},
         }
 
@@ -169,8 +180,10 @@ def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
     first = dataclasses.replace(scored.run, issue=max(1, scored.run.issue))
     scored = dataclasses.replace(scored, run=first)
     recomputed = msgspec.json.encode(ResultDocument.of(scored, folder, {}))
+    found = tuple(_compare(stored, msgspec.json.decode(recomputed), folder))
     return CheckedRun(
-        found=tuple(_compare(stored, msgspec.json.decode(recomputed), folder)),
+        found=tuple(each for each in found if not _UNCERTAINTY.match(each.what)),
+        uncertainties=tuple(each for each in found if _UNCERTAINTY.match(each.what)),
         stored_by=msgspec.convert(stored.get("libraries"), Libraries | None),
         libraries=libraries_here(),
     )
@@ -200,8 +213,7 @@ def _differences(where: str, stored: object, recomputed: object) -> Iterator[Dif
             yield Difference(where, f"{len(stored)} entries", f"{len(recomputed)} entries")
         case _ if stored != recomputed:
             computed = where.startswith(_COMPUTED)
-            tolerance = _TWO_DIGITS if _ROUNDED in where else CLOSEST
-            grade = Grade.of(stored, recomputed, tolerance) if computed else Grade.DIFFERS
+            grade = Grade.of(stored, recomputed) if computed else Grade.DIFFERS
             yield Difference(where, stored, recomputed, grade)
 
 

@@ -48,6 +48,11 @@ class Collection:
     unlisted: tuple[Unlisted, ...] = ()
 
     @property
+    def competitions(self) -> frozenset[str]:
+        """Those that the runs say they are of."""
+        return frozenset(run.competition for run in self.runs if run.competition is not None)
+
+    @property
     def twins(self) -> tuple[str, ...]:
         """Which runs are there twice, in words."""
         return tuple(run.why_twin for run in self.runs if run.twin)
@@ -125,12 +130,51 @@ def demand_testbed(name: str, testbeds: Iterable[str]) -> None:
     Raises:
         MadrobError: there are none.
     """
-    names = sorted(testbeds)
-    if name not in names:
-        known = ", ".join(f"'{terminal_safe(one)}'" for one in names) or "none"
+    _demand_known("--testbed-name", name, testbeds)
+
+
+def demand_competition(name: str, competitions: Iterable[str]) -> None:
+    """There are runs of the competition of a name.
+
+    Raises:
+        MadrobError: there are none.
+    """
+    _demand_known("--competition", name, competitions)
+
+
+def the_competition(runs: Iterable[RunSummary], name: str | None) -> str | None:
+    """Which competition runs are of; a team is competition and subject (protocol section 2).
+
+    Args:
+        runs: those that would stand beside each other.
+        name: the one that was chosen; None = nobody chose.
+
+    Returns:
+        The one that was chosen, or the only one that there is; None where no run says.
+
+    Raises:
+        MadrobError: there are several, and nobody chose.
+    """
+    if name is not None:
+        return name
+    names = {run.competition for run in runs if run.competition is not None}
+    if len(names) > 1:
         raise MadrobError(
-            f"--testbed-name '{terminal_safe(name)}': no such runs; there are {known}"
+            f"runs of {len(names)} competitions are here: {_listed(names)}: choose one by "
+            "--competition NAME"
         )
+    return next(iter(names), None)
+
+
+def _demand_known(option: str, name: str, known: Iterable[str]) -> None:
+    names = {*known}
+    if name not in names:
+        there = _listed(names) or "none"
+        raise MadrobError(f"{option} '{terminal_safe(name)}': no such runs; there are {there}")
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"'{terminal_safe(one)}'" for one in sorted(names))
 
 
 def _with_name(path: Path) -> Path:

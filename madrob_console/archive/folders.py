@@ -42,9 +42,6 @@ JOURNAL_FILE = "journal.jsonl"
 REPORT_FILE = "report.html"
 """In a run folder: the page for the team."""
 
-LARGEST_REPORT = 20_000_000
-"""Of a report that is taken along, bytes."""
-
 PICTURES_FOLDER = "pictures"
 """In a run folder: what its cameras saw."""
 
@@ -96,6 +93,11 @@ def link_problem(root: Path) -> str | None:
     """Why practice runs cannot be kept there, in words: behind a link nobody would find them."""
     folder = root / PRACTICE_FOLDER
     return f"{folder}: is a link; put a folder in its place" if folder.is_symlink() else None
+
+
+def results_folder_of(run: Path) -> Path:
+    """The results folder in which a run folder lies."""
+    return run.parent.parent if run.parent.name == PRACTICE_FOLDER else run.parent
 
 
 def lies_in_practice(name: str) -> bool:

@@ -24,18 +24,17 @@ class Grade(StrEnum):
     DIFFERS = "differs"
 
     @classmethod
-    def of(cls, stored: object, now: object, tolerance: float = CLOSEST) -> Grade:
+    def of(cls, stored: object, now: object) -> Grade:
         """Of one value that was computed: numbers may differ in their last digits, nothing else.
 
         Args:
             stored: the value that was stored.
             now: what it is now.
-            tolerance: how far numbers may differ, as a part of the larger one.
         """
         if stored == now:
             return cls.SAME
         numbers = isinstance(stored, float) and isinstance(now, float)
-        if numbers and math.isclose(stored, now, rel_tol=tolerance):  # type: ignore[arg-type]
+        if numbers and math.isclose(stored, now, rel_tol=CLOSEST):  # type: ignore[arg-type]
             return cls.CLOSE
         return cls.DIFFERS
 

@@ -6,6 +6,7 @@ of another version, and not kept where the folder cannot be written.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterable, Sequence
@@ -54,7 +55,7 @@ from scoring.result import DOUBTED, Uncertainty
 INDEX_FILE = ".history.json"
 """In the results folder."""
 
-_INDEX_VERSION = (7, RESULT_FORMAT)
+_INDEX_VERSION = (9, RESULT_FORMAT)
 _LONGEST_REASON = 500  # characters
 
 OUTCOME_WORDS = {
@@ -123,7 +124,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         source: `ros`, `simulated` or `replay`; None = unknown.
         practice: it counts for nothing and stands apart (protocol section 2); a run without a
             result that an older version left may be one and not say so.
-        competition, ruleset: as they were set.
+        competition: its name; empty = none was set, None = its files do not say.
+        ruleset: as it was set.
         problem: what is wrong with the result, in words; None = nothing. With a problem, all but
             folder, numbers and start is unknown.
         repairable: the result is damaged or out of date, and can be made again.
@@ -156,7 +158,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     protested: bool = False
     source: str | None = None
     practice: bool = False
-    competition: str = ""
+    competition: str | None = ""
     ruleset: str = ""
     problem: str | None = None
     repairable: bool = False
@@ -174,6 +176,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """Whether its indicators count (protocol section 2)."""
         ended = self.outcome in VALID_OUTCOMES and not self.voided
         return ended and self.problem is None and not self.twin
+
+    @property
+    def comparable(self) -> bool:
+        """Whether it is compared with other runs: it counts and was completed (section 11)."""
+        return self.valid and self.outcome is Outcome.COMPLETED
 
     @property
     def why_twin(self) -> str:
@@ -228,7 +235,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             ),
             *(self.closing, self.team_word or "", self.source or "", self.ruleset),
             *(
-                self.competition,
+                self.competition or "",
                 self.testbed,
                 self.problem or "",
                 "practice" if self.practice else "",
@@ -286,20 +293,21 @@ class History:
             run_number=named.run,
             started=local.timestamp(),
             practice=lies_in_practice(name),
+            competition=None,
         )
         try:
             result, stamp = read_result(folder)
             if (why := misplaced(result, named)) is not None:
-                return replace(unread, problem=why)
+                return _unusable(unread, folder, why)
             if (why := disagreement(result, Path(folder))) is not None:
                 if is_held(Path(folder, JOURNAL_FILE)):
                     return self._told(unread, result)  # it is about to be written
-                return replace(unread, problem=out_of_date(why), repairable=True)
+                return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
             return self._without_result(unread)
         except (UnusableResultError, UnusableJournalError) as problem:
             damaged = isinstance(problem, DamagedResultError)
-            return replace(unread, problem=str(problem), repairable=damaged)
+            return _unusable(unread, folder, str(problem), repairable=damaged)
         run = self._told(unread, result)
         index.put(name, (stamp, stamps[1]), run)
         return run
@@ -326,6 +334,9 @@ class History:
 
 def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
     """The same runs; those that are there several times have the `twin` that counts but for it."""
+    known = [run.run_id for run in runs if run.run_id]
+    if len(set(known)) == len(known):  # as nearly always, and ten thousand places take their time
+        return tuple(runs)
     counting = places_that_count(
         RunPlace(run.folder, run.run_id, run.practice, run.issue) for run in runs
     )
@@ -336,30 +347,37 @@ def twins_told(runs: Sequence[RunSummary]) -> tuple[RunSummary, ...]:
     )
 
 
+def of_competition(runs: Iterable[RunSummary], name: str | None) -> tuple[RunSummary, ...]:
+    """The runs of a competition; one whose files do not say of which it is may be of any."""
+    return tuple(run for run in runs if run.competition in (name, None))
+
+
 def earlier_runs(
     runs: Iterable[RunSummary],
     subject: int,
     condition: int,
     before: float,
     *,
+    competition: str,
     practice: bool,
     ruleset: str | None = None,
 ) -> tuple[RunSummary, ...]:
-    """The runs with which a run can be compared: valid, same robot, same condition.
+    """The runs with which a run can be compared: completed, same robot, same condition.
 
     Args:
         runs: from a history.
         subject: of the run.
         condition: its number.
         before: the start of the run, s since the epoch; only runs started before it.
+        competition: of the run: another competition has another team of this number.
         practice: of the run: practice runs compare with practice runs only.
         ruleset: of the run: other rules make other numbers; None = any.
     """
     return tuple(
         run
         for run in runs
-        if run.valid
-        and (run.subject, run.condition) == (subject, condition)
+        if run.comparable
+        and (run.competition, run.subject, run.condition) == (competition, subject, condition)
         and (run.practice if practice else run.official)
         and run.started < before
         and ruleset in (None, run.ruleset)
@@ -367,14 +385,24 @@ def earlier_runs(
 
 
 def rank(run: RunSummary) -> tuple[float, bool, float, float]:
-    """By which the best of a team's runs is found: smaller is better; of equals the earlier run."""
-    values = run.values
+    """By which the best of a team's runs is found: smaller is better; of equals the earlier run.
+
+    The time of a failed run is none of the robot's.
+    """
+    completed = run.outcome is Outcome.COMPLETED
     return (
-        -values.get(IndicatorName.CAPABILITY_LEVEL, -1),
-        run.outcome is Outcome.TIMEOUT,
-        values.get(IndicatorName.EXECUTION_TIME, float("inf")),
+        -run.values.get(IndicatorName.CAPABILITY_LEVEL, -1),
+        not completed,
+        run.values.get(IndicatorName.EXECUTION_TIME, math.inf) if completed else math.inf,
         run.started,
     )
+
+
+def _unusable(unread: RunSummary, folder: str, why: str, *, repairable: bool = False) -> RunSummary:
+    """A run whose result cannot be used; its journal says of which competition it is."""
+    setup = read_setup(f"{folder}/{JOURNAL_FILE}")
+    competition = None if setup is None else setup.competition
+    return replace(unread, problem=why, repairable=repairable, competition=competition)
 
 
 def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
@@ -398,6 +426,7 @@ def _of_journal(unread: RunSummary, folder: Path) -> RunSummary:
         practice=practice,
         run_id=setup.run_id,
         testbed=setup.testbed,
+        competition=setup.competition,
     )
 
 

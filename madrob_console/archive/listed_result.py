@@ -247,6 +247,7 @@ class SetupPart(msgspec.Struct, frozen=True):
     practice: bool = False
     run_id: Name = ""
     testbed: Name = ""
+    competition: Name | None = None
 
 
 class RemarksPart(msgspec.Struct):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from uuid import UUID
 
+from madrob_console.archive.agreement import Details, written_details
 from madrob_console.archive.digests import (
     identity_record,
     kept_run_id,
@@ -19,13 +22,15 @@ from madrob_console.archive.result_reader import (
     read_result,
 )
 from madrob_console.archive.result_writer import result_files, write_result
+from madrob_console.archive.run_journal import journal_held
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.archive.scored import Scored, open_run
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
 from madrob_console.files.held import Hold
-from madrob_console.referee.journal import HOLD_FILE
+from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
+from madrob_console.referee.rebuild import Change
 from recorder.bag import METADATA_FILE
 from recorder.reader import read_bag
 from recorder.recovery import Recovered, recover
@@ -85,18 +90,35 @@ def repair(folder: Path) -> Scored | None:
     if is_held(journal):
         raise busy
     try:
-        with Hold(folder / HOLD_FILE):
+        with Hold(folder / HOLD_FILE) as hold:
             opened = open_run(folder)
             if not opened.out_of_date and _has_all_files(folder):
                 return None
             run = replace(opened.recorded.run, issue=max(1, opened.recorded.run.issue))
             scored = Scored.of(opened.recorded.record, run, opened.assessment)
-            write_result(folder, result_files(folder, scored), run.issue)
+            files = result_files(folder, scored)
+            write_result(folder, files, run.issue)
+            details = written_details(files[RESULT_FILE], run.issue)
+            if all(entry.details != details for entry in opened.recorded.entries):
+                _note_written(folder, hold, details)
             return scored
     except BlockingIOError:
         raise busy from None
     except OSError as error:
         raise MadrobError(f"{folder}: cannot be written ({error.strerror})") from None
+
+
+def _note_written(folder: Path, hold: Hold, details: Details) -> None:
+    """Journal what was written, where there is a journal.
+
+    Raises:
+        MadrobError: the disk refuses.
+        OSError: likewise.
+    """
+    with suppress(FileNotFoundError), journal_held(folder, hold) as journal:
+        written = Entry(time.time(), Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
+        if not journal.append([written]) and journal.refused is not None:
+            raise journal.refused
 
 
 def _has_all_files(folder: Path) -> bool:
@@ -108,6 +130,6 @@ def _has_all_files(folder: Path) -> bool:
         if name == METADATA_FILE and lists_evidence(folder):
             continue
         stamp = stamp_of(str(folder / name))
-        if stamp is None or stamp[1] != size:
+        if stamp is None or stamp.size != size:
             return False
     return True

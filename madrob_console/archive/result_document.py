@@ -51,8 +51,8 @@ SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 """How the schema is called where it is a file."""
 
 _ADDED = {
-    *("doubts", "impossible", "out_of_plan", "practice", "run_id", "team_reason", "testbed"),
-    "uncertainty",
+    *("competition", "doubts", "impossible", "out_of_plan", "practice", "run_id", "team_reason"),
+    *("testbed", "uncertainty"),
 }
 """Keys of its parts that results of earlier versions lack."""
 

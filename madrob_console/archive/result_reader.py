@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from madrob_console.archive.agreement import was_changed
 from madrob_console.archive.digests import FileDigest, run_id_at, run_id_of
-from madrob_console.archive.folders import ISSUE_FILE, RESULT_FILE, RESULT_FORMAT
+from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.listed_result import (
     ListedResult,
     MarksPart,
@@ -87,7 +88,7 @@ def read_result(folder: str) -> tuple[ListedResult, Stamp]:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, stamp = _read(folder)
-    return _completed(_decoded(_results, data), folder, data), stamp
+    return _own(_decoded(_results, data), folder, data), stamp
 
 
 def read_tabled_result(folder: str) -> TabledResult:
@@ -98,7 +99,7 @@ def read_tabled_result(folder: str) -> TabledResult:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, _ = _read(folder)
-    return tabled_result(folder, data)
+    return _own(_decoded(_tabled, data), folder, data)
 
 
 def tabled_result(folder: str, data: bytes) -> TabledResult:
@@ -112,6 +113,17 @@ def tabled_result(folder: str, data: bytes) -> TabledResult:
         UnusableResultError: it cannot be used; the message says why.
     """
     return _completed(_decoded(_tabled, data), folder, data)
+
+
+def _own(result: _Listed, folder: str, data: bytes) -> _Listed:
+    """The result of a run folder, as its journal says it was written.
+
+    Raises:
+        DamagedResultError: it was changed since.
+    """
+    if was_changed(data, Path(folder)):
+        raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
+    return _completed(result, folder, data)
 
 
 def _completed(result: _Listed, folder: str, data: bytes) -> _Listed:
@@ -149,7 +161,7 @@ def read_paged_result(folder: str) -> PagedResult:
         UnusableResultError: it cannot be used; the message says why and what to do.
     """
     data, _ = _read(folder)
-    return _completed(_decoded(_paged, data), folder, data)
+    return _own(_decoded(_paged, data), folder, data)
 
 
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ListedResult, ...]:
@@ -187,7 +199,8 @@ def read_remarks(folder: str) -> list[str]:
     """What a stored result says of the data quality; nothing where it is missing or damaged."""
     try:
         data, _ = read_bounded(f"{folder}/{RESULT_FILE}", LARGEST_RESULT)
-        return _quality.decode(data).quality.remarks
+        remarks = _quality.decode(data).quality.remarks
+        return [] if was_changed(data, Path(folder)) else remarks
     except (OSError, *_DAMAGED):
         return []
 
@@ -222,8 +235,8 @@ def _read(folder: str) -> tuple[bytes, Stamp]:
         raise UnusableResultError(
             f"{RESULT_FILE} cannot be read ({refusal(error)}): put a readable file in its place"
         ) from None
-    if stamp[1] > LARGEST_RESULT:
-        size = f"{stamp[1] / 1e6:.0f} MB"
+    if stamp.size > LARGEST_RESULT:
+        size = f"{stamp.size / 1e6:.0f} MB"
         raise DamagedResultError(f"{RESULT_FILE} has {size}, too much for a result: {_AGAIN}")
     version = _decoded(_formats, data).format
     if version > RESULT_FORMAT:
@@ -249,3 +262,12 @@ def read_setup(journal: str) -> SetupPart | None:
         return _first_entries.decode(data.partition(b"\n")[0]).details.setup
     except (OSError, *_DAMAGED):
         return None
+
+
+def competition_of(folder: str) -> str | None:
+    """Of which competition a run is, as its result says, else its journal; None = neither does."""
+    try:
+        return read_result(folder)[0].competition
+    except (FileNotFoundError, UnusableResultError):
+        setup = read_setup(f"{folder}/{JOURNAL_FILE}")
+        return None if setup is None else setup.competition

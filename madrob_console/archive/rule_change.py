@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from madrob_console.archive.agreement import written_details
 from madrob_console.archive.check import Difference, compare
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.grades import Grade
@@ -272,7 +273,7 @@ def write_next_issue(made: NextIssue, now: float) -> None:
             write_result(folder, made.files, made.number)
         except MadrobError as error:
             raise UnwrittenError(folder, made.number, error) from None
-        details = {"issue": made.number}
+        details = written_details(made.files[RESULT_FILE], made.number)
         journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
     finally:
         journal.close()

@@ -19,6 +19,7 @@ _TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
     "closed": lambda run: run.closing,
     "ruleset": lambda run: run.ruleset,
     "testbed": lambda run: run.testbed,
+    "competition": lambda run: run.competition or "",
 }
 _FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
 """A word that looks at one field alone; a time of day, `14:28`, does not."""

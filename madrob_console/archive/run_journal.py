@@ -10,6 +10,7 @@ from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.errors import MadrobError
+from madrob_console.files.held import Hold
 from madrob_console.files.plain import refusal
 from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
@@ -73,14 +74,18 @@ def read_run_journal(folder: Path) -> RunJournal:
 
 
 @contextmanager
-def journal_held(folder: Path) -> Iterator[Journal]:
+def journal_held(folder: Path, hold: Hold | None = None) -> Iterator[Journal]:
     """The journal of a run, to be gone on with, on which nobody else works meanwhile.
+
+    Args:
+        folder: of the run.
+        hold: of the caller on the run; None = there is none yet.
 
     Raises:
         BlockingIOError: somebody does.
         OSError: there is none, or it cannot be written.
     """
-    journal = Journal()
+    journal = Journal(hold)
     journal.reopen(folder / JOURNAL_FILE)
     try:
         yield journal

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import takewhile
 from pathlib import Path
 from typing import TypeVar
@@ -25,6 +26,7 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import Stamp, stamp_of
 from madrob_console.files.plain import refusal
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
@@ -228,6 +230,20 @@ def score_opened(path: Path) -> Scored:
     return Scored.of(opened.recorded.record, opened.recorded.run, opened.assessment)
 
 
+def score_once(path: Path) -> Scored:
+    """As `score_opened`, and again only where result or journal of the run have changed since.
+
+    Raises:
+        MadrobError: it cannot be read; the message names path and remedy.
+    """
+    return _score_as_of(path, *(stamp_of(f"{path}/{name}") for name in (RESULT_FILE, JOURNAL_FILE)))
+
+
+@lru_cache(maxsize=64)
+def _score_as_of(path: Path, *_stamps: Stamp | None) -> Scored:
+    return score_opened(path)
+
+
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
     """Turn what reading a run raises into a `MadrobError` that names its path."""
@@ -269,6 +285,8 @@ def read_recorded_run(path: Path) -> RecordedRun:
         entries = tuple(_journal_in(bag))
     found = rebuild(entries, record.handle_zero, record.zero_samples)
     run = replace(found, journal=mark_of(entries))
+    if run.setup is not None:  # journals of earlier versions do not have it
+        run = replace(run, setup=replace(run.setup, competition=record.competition))
     if run.start is None:
         raise MadrobError(f"{path}: the run was never started, there is nothing to score")
     corrected = record.corrected(run) if run.corrections else record

@@ -18,6 +18,8 @@ _Item = TypeVar("_Item")
 Stamps = tuple[Stamp | None, ...]
 """Of all files that an item was read from, each time in the same order; None = there is none."""
 
+_Kept = tuple[tuple[int, int, int] | None, ...]  # equal to stamps, and decoded sooner
+
 _LARGEST = 100_000_000  # bytes; a larger index is none
 
 
@@ -36,7 +38,7 @@ class StampedIndex(Generic[_Item]):
     def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
         self._path = path
         self._version = version
-        layout: Any = tuple[tuple[int, int], dict[str, tuple[Stamps, kind]]]  # type: ignore[valid-type]
+        layout: Any = tuple[tuple[int, int], dict[str, tuple[_Kept, kind]]]  # type: ignore[valid-type]
         self._decoder = msgspec.json.Decoder(layout)
         self._items = self._read()
         self._changed = False

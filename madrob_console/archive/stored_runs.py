@@ -69,25 +69,27 @@ class Counted:
 
     Attributes:
         places: by `run_id`, the name of the place that counts.
-        testbeds: the names of all testbeds.
+        testbeds, competitions: the names of all.
     """
 
     places: dict[str, str]
     testbeds: frozenset[str]
+    competitions: frozenset[str]
 
     @classmethod
     def of(cls, runs: Iterable[RunPath]) -> Counted:
         """Look through the results of runs; what cannot be used is passed over."""
-        testbeds = set()
+        testbeds, competitions = set(), set()
 
         def places() -> Iterator[RunPlace]:
             for run in runs:
                 with suppress(MadrobError):
                     one = stored_run(run)
                     testbeds.add(one.result.testbed)
+                    competitions.add(one.result.competition)
                     yield RunPlace(run.name, one.result.run_id, one.practice, one.result.issue)
 
-        return cls(places_that_count(places()), frozenset(testbeds))
+        return cls(places_that_count(places()), frozenset(testbeds), frozenset(competitions))
 
 
 def stored_run(run: RunPath) -> StoredRun:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,12 +21,13 @@ from madrob_console.archive.run_journal import (
 from madrob_console.archive.unfinished import is_held
 from madrob_console.errors import MadrobError
 from madrob_console.files.held import locked_by_another
-from madrob_console.files.plain import open_plain
+from madrob_console.files.plain import open_plain, opened_folder
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.protests import USUAL_PROTEST_TIMES
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run
 from recorder.bag import is_left_of_evidence
+from recorder.listing import listing, put_listing, remove_metadata_parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,10 @@ def remove_evidence(
     """
     folder = of.folder
     try:
-        with journal_held(folder) as journal, _opened(folder) as folder_fd:
+        with (
+            journal_held(folder) as journal,
+            opened_folder(folder.parent, folder.name) as folder_fd,
+        ):
             known = read_run_journal(folder)
             why = _why_not_now(of, known) or _protest_words(known.run, filing, now)
             if why:
@@ -143,6 +146,7 @@ def remove_evidence(
                     assert journal.refused is not None
                     why = refusal_words(journal.refused)
                     raise MadrobError(f"{folder}: {why}: nothing of it was removed")
+            remove_metadata_parts(folder_fd)
             _list_without(folder, folder_fd, files)
             for name in files:
                 os.unlink(name, dir_fd=folder_fd)
@@ -156,15 +160,6 @@ def remove_evidence(
             f"{folder}: its evidence cannot be removed ({error.strerror}): check the disk and the "
             "folder's permissions, then try again"
         ) from None
-
-
-@contextmanager
-def _opened(folder: Path) -> Iterator[int]:
-    number = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        yield number
-    finally:
-        os.close(number)
 
 
 def _files(folder: Path) -> dict[str, int] | None:
@@ -270,8 +265,6 @@ def _list_without(
         MadrobError: they are, and that cannot be changed.
         OSError: the disk refuses.
     """
-    from recorder.listing import listing, put_listing
-
     without = frozenset(files)
     make = listing if check_only else put_listing
     if make(folder_fd, None, without) is None and without & set(listed_in(folder)):

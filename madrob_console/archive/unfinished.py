@@ -83,7 +83,7 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
             if (folder / RESULT_FILE).exists() or is_held(folder / JOURNAL_FILE):
                 continue
             stamp = stamp_of(str(folder / JOURNAL_FILE))
-            size = 0 if stamp is None else stamp[1]
+            size = 0 if stamp is None else stamp.size
             if size <= LARGEST_JOURNAL and (left := left - size) < 0:
                 break
             journal = read_run_journal(folder)
@@ -123,5 +123,7 @@ def _known(name: str, folder: Path, entries: tuple[Entry, ...], run: Run) -> Unf
         started=run.start,
         last_time=entries[-1].time,
         last_event=event_words(str(events[-1])) if events else "",
-        recorded=sum(stamp[1] for path in folder.glob("*.mcap") if (stamp := stamp_of(str(path)))),
+        recorded=sum(
+            stamp.size for path in folder.glob("*.mcap") if (stamp := stamp_of(str(path)))
+        ),
     )

@@ -1,8 +1,9 @@
 """`python -m madrob_console.cli.aside ...`: work that gives way to everything else.
 
 `page FILE` writes the report of the scored run that comes pickled on the standard input, `repair
-FOLDER` makes results of a results folder again that are not what their journals say; anything else
-is a `madrob` command.
+FOLDER` makes results of a results folder again that are not what their journals say, `renew FOLDER`
+reports that tell of other runs than there are now, and what stands behind it is a `madrob` command
+that is carried out first; anything else is a `madrob` command.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from madrob_console.engine.process.reporting import PAGE, REPAIR
+from madrob_console.engine.process.reporting import OLDER, PAGE, RENEW, REPAIR
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """What a process is started with that does such work."""
@@ -30,11 +31,15 @@ def main() -> int:
     if sys.argv[1:2] == [PAGE]:
         _page(Path(sys.argv[2]))
         return 0
-    if sys.argv[1:2] == [REPAIR]:
-        return _repair(Path(sys.argv[2]))
     from madrob_console.cli.main import main as madrob
 
-    return madrob()
+    if sys.argv[1:2] not in ([REPAIR], [RENEW]):
+        return madrob()
+    chore, results, *command = sys.argv[1:]
+    code = madrob(command) if command else 0
+    if (older := _all_of(Path(results), repair=chore == REPAIR)) != 0:
+        print(OLDER)
+    return code or older
 
 
 def _page(file: Path) -> None:
@@ -42,33 +47,27 @@ def _page(file: Path) -> None:
 
     What its cameras saw is found and decoded here: whatever they sent, it costs this process.
     """
-    from madrob_console.cameras.run_pictures import renewed_pictures
     from madrob_console.cli.problems import BAD_INPUT, complain
+    from madrob_console.cli.repairing import write_report
     from madrob_console.errors import MadrobError
-    from madrob_console.files.whole import atomic_write
-    from madrob_console.report.page import report_html
     from madrob_console.report.surroundings import Surroundings
-    from madrob_console.version import software_version
 
     try:
-        scored = pickle.load(sys.stdin.buffer)
-        seen = renewed_pictures(file.parent, scored)
-        place = Surroundings().place_of(file.parent, scored)
-        atomic_write(file, report_html(scored, software_version(), place, seen).encode())
+        write_report(file.parent, pickle.load(sys.stdin.buffer), Surroundings())
     except (MadrobError, OSError, MemoryError) as error:
         complain(str(error) or "no memory: end other programs")
         # the disk, file handles or memory may come back; the run's folder does not
         sys.exit(os.EX_TEMPFAIL if file.parent.is_dir() else BAD_INPUT)
 
 
-def _repair(results: Path) -> int:
+def _all_of(results: Path, *, repair: bool) -> int:
     from madrob_console.cli.problems import BAD_INPUT, complain
-    from madrob_console.cli.repairing import repair_all
+    from madrob_console.cli.repairing import renew_all, repair_all
     from madrob_console.errors import MadrobError
 
     bad = 0
     try:
-        for problem in repair_all(results):
+        for problem in repair_all(results) if repair else renew_all(results):
             complain(problem)
             bad += 1
     except MadrobError as error:

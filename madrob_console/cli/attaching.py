@@ -60,11 +60,16 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
     """What the engine of the testbed owns: the same words, the same names.
 
     Raises:
-        MadrobError: the speed is not one of the testbed's.
+        MadrobError: speed, latency or jitter cannot be set on this testbed.
     """
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = SourceKind(named[0])
     results = options.results_folder(arguments, settings).resolve()
+    if kind is not SourceKind.SIMULATED and (arguments.latency or arguments.jitter):
+        raise MadrobError(
+            "--latency and --jitter delay simulated messages: use them with `--testbed simulated` "
+            "or `madrob testbed`"
+        )
     match kind:
         case SourceKind.ROS:
             if arguments.speed != 1:
@@ -75,8 +80,8 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
             paths = (Path(path).expanduser().absolute() for path in named[1:])
             return owned_by(kind, *paths, results=None)
         case SourceKind.SIMULATED:
-            what = (results, arguments.scenario, arguments.seed, arguments.speed)
-            return owned_by(kind, *what, results=results)
+            what = (getattr(arguments, name) for name in options.SIMULATION)
+            return owned_by(kind, results, *what, results=results)
         case _:
             assert_never(kind)
 
@@ -113,7 +118,7 @@ def demand_engine(arguments: argparse.Namespace, settings: Settings) -> None:
         MadrobError: nothing of the kind runs.
     """
     owned = owned_testbed(arguments, settings)
-    if found_at(owned.testbed, _ANSWERING_TIME) is None and not _listens(place_of(owned).socket):
+    if _found(owned) is None and not _listens(place_of(owned).socket):
         raise MadrobError(_NOTHING_TO_WATCH)
 
 
@@ -126,7 +131,7 @@ def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
     from madrob_console.engine.process.remote import RemoteEngine
 
     end = time.monotonic() + STARTING_TIME
-    while (found := found_at(owned.testbed, _ANSWERING_TIME)) is not None:
+    while (found := _found(owned)) is not None:
         if (socket_path := _socket_of(found)) is not None:
             with suppress(OSError):  # it is lost, and made again in a moment
                 return RemoteEngine(socket_path, role, who, found.pid)
@@ -134,13 +139,20 @@ def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
             raise MadrobError(f"the engine ({found.who}) {_not_yet(found)}: {found.end_words}")
         time.sleep(_PERIOD)
     try:
-        return RemoteEngine(place_of(owned).socket, role, who)  # of an older version, if at all
+        return RemoteEngine(place_of(owned).socket, role, who)  # it has no name, if it is there
     except OSError:
         return None
 
 
+def _found(owned: Owned) -> FoundEngine | None:
+    """The engine that has the testbed's name; None where nobody or another user has it."""
+    with suppress(MadrobError):
+        return found_at(owned.testbed, _ANSWERING_TIME)
+    return None
+
+
 def _listens(path: Path) -> bool:
-    """Whether somebody listens on a socket: an engine of an older version has no other name."""
+    """Whether somebody listens on a socket: an engine may have no other name."""
     with socket.socket(socket.AF_UNIX) as connection:
         return connection.connect_ex(str(path)) == 0
 
@@ -220,13 +232,15 @@ def _start(arguments: argparse.Namespace, place: Place) -> subprocess.Popen[byte
 def engine_options(arguments: argparse.Namespace) -> list[str]:
     """The options of the engine: testbed and lists, as they were given."""
     words: list[str] = []
-    names = ("scenario", "seed", "speed", "domain", "results", "settings")
+    names = (*options.SIMULATION, "domain", "results", "settings")
     for name in (*names, "teams", "plan", "idle_time"):
         value = getattr(arguments, name)
         if value is not None:
             words.append(f"--{name.replace('_', '-')}={value}")
     if arguments.testbed is not None:
         words += ["--testbed", *arguments.testbed]
+    if arguments.use_sim_time:
+        words.append("--use-sim-time")
     return [*words, *ros_words(arguments)]
 
 

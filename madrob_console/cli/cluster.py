@@ -62,6 +62,32 @@ def worker_facts(paths: Sequence[str]) -> WorkerFacts:
     return WorkerFacts(software_version(), libraries_here(), unseen)
 
 
+@dataclass(frozen=True, slots=True)
+class _Answer(Generic[_Done]):
+    """What comes of an item.
+
+    Attributes:
+        worker: that had it.
+        facts: what the worker says of itself.
+        done: what came of it; nothing where the worker does not fit.
+    """
+
+    worker: str
+    facts: WorkerFacts
+    done: _Done
+
+
+def answer_of(
+    work: Callable[[_Item], _Done], item: _Item, here: WorkerFacts
+) -> _Answer[_Done | None]:
+    """Do the work on an item, on a worker that is as what is here."""
+    from distributed import get_worker
+
+    facts = worker_facts(())
+    done = work(item) if facts == here else None  # it may write files
+    return _Answer(str(get_worker().contact_address), facts, done)
+
+
 def on_cluster(
     work: Callable[[_Item], _Done],
     items: Sequence[_Item],
@@ -73,9 +99,9 @@ def on_cluster(
 ) -> Generator[_Done, None, None]:
     """Do the work on every item; what comes of it, in the order of the items, as it gets ready.
 
-    What a worker that dies had in hand is given to others. An item that takes worker after worker
-    with it is tried once more without any other beside it, and then given up. Closed, it cancels
-    what still works.
+    What a worker that dies had in hand is given to others, and so is what one with other versions
+    got: it may have joined late. An item that takes worker after worker with it is tried once more
+    without any other beside it, and then given up. Closed, it cancels what still works.
 
     Args:
         work: what to do; it must be importable by name on the workers.
@@ -87,7 +113,7 @@ def on_cluster(
 
     Raises:
         MadrobError: `distributed` is not installed, the scheduler does not answer or goes away, or
-            a worker does not fit.
+            no worker fits, or one that is there at the start does not.
     """
     with _connected(address) as client:
         _demand_fitting(client, address, [str(path) for path in paths])
@@ -114,6 +140,7 @@ class _Spread(Generic[_Item, _Done]):
         self._waiting: dict[Future, int] = {}
         self._ready: dict[int, _Done] = {}
         self._suspects: list[int] = []
+        self._misfits: dict[str, str] = {}
 
     def results(self, ahead: int) -> Iterator[_Done]:
         """In the order of the items; no more than so many are handed out or ready at once."""
@@ -134,7 +161,21 @@ class _Spread(Generic[_Item, _Done]):
                 self._client.cancel(list(self._waiting), force=True)
 
     def _hand_out(self, number: int) -> None:
-        future = self._client.submit(self._work, self._items[number], pure=False)
+        fitting = None
+        if self._misfits:
+            fitting = [each for each in self._client.nthreads() if each not in self._misfits]
+            if not fitting:
+                *_, problem = self._misfits.values()
+                raise MadrobError(f"no worker is left that fits: {problem}")
+        future = self._client.submit(
+            answer_of,
+            self._work,
+            self._items[number],
+            worker_facts(()),
+            pure=False,
+            workers=fitting,
+            allow_other_workers=fitting is not None,  # once all of these are gone
+        )
         self._waiting[future] = number
 
     def _try_alone(self, number: int) -> None:
@@ -163,7 +204,7 @@ class _Spread(Generic[_Item, _Done]):
         number = self._waiting[future]
         item = self._items[number]
         try:
-            self._ready[number] = future.result(timeout=_LOOK)
+            answer = future.result(timeout=_LOOK)
         except _CANCELLED:
             raise _gone() from None
         except KilledWorker:
@@ -177,7 +218,27 @@ class _Spread(Generic[_Item, _Done]):
                 return
             why = f"the cluster could not do it ({type(error).__name__}: {str(error)[:200]})"
             self._ready[number] = self._lost(item, terminal_safe(why))
+        else:
+            self._take_answer(number, answer)
         del self._waiting[future]
+
+    def _take_answer(self, number: int, answer: object) -> None:
+        """Take what came of an item, or give the item to a worker that fits.
+
+        Raises:
+            MadrobError: there is none.
+        """
+        if not isinstance(answer, _Answer):
+            raise MadrobError("a worker answers as no madrob-console does: install the same there")
+        problem = _misfit(answer.worker, answer.facts)
+        if problem is None:
+            self._ready[number] = answer.done
+            return
+        known = answer.worker in self._misfits
+        self._misfits[answer.worker] = problem
+        self._hand_out(number)
+        if not known:
+            complain(f"{problem}; others do its share")
 
 
 @contextmanager
@@ -242,20 +303,29 @@ def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
             f"({type(error).__name__}: {terminal_safe(str(error)[:200])}): install the same "
             "madrob-console there"
         ) from None
-    here = worker_facts(())
     for worker, facts in sorted(found.items()):
+        if (problem := _misfit(worker, facts)) is not None:
+            raise MadrobError(problem)
         if facts.unseen:
             raise MadrobError(
                 f"worker {worker} does not see {facts.unseen[0]}: name paths on a disk that all "
                 "workers share"
             )
-        there = (facts.software, *astuple(facts.libraries))
-        if there != (own := (here.software, *astuple(here.libraries))):
-            theirs, ours = next(pair for pair in zip(there, own, strict=True) if len(set(pair)) > 1)
-            raise MadrobError(
-                f"worker {worker} has other versions ({theirs} there, {ours} here), which round "
-                "otherwise: install the same there"
-            )
+
+
+def _misfit(worker: str, facts: object) -> str | None:
+    """Why results of a worker are not those of this machine, in words; None = they are."""
+    if not isinstance(facts, WorkerFacts):
+        return f"worker {worker} does not say its versions: install the same madrob-console there"
+    here = worker_facts(())
+    there, own = ((one.software, *astuple(one.libraries)) for one in (facts, here))
+    if there == own:
+        return None
+    theirs, ours = next(pair for pair in zip(there, own, strict=True) if len(set(pair)) > 1)
+    return (
+        f"worker {worker} has other versions ({theirs} there, {ours} here), which round otherwise: "
+        "install the same there"
+    )
 
 
 def _gone() -> MadrobError:

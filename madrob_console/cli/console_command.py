@@ -34,8 +34,9 @@ def add(commands: options.Commands) -> None:
         "console",
         main,
         "the referee's screens: set up, start, watch and score runs",
-        "Without arguments it comes back to the only engine that runs, or says what to type where "
-        "several do; where none runs it takes the live testbed if one is found.",
+        "Without arguments it comes back to the engine of the settings' results folder. Where only "
+        "others run it says what to type; where none runs it takes the live testbed if one is "
+        "found.",
         examples=(
             "madrob console                      # at the testbed, and to come back",
             "madrob console --testbed simulated  # to practise",
@@ -121,9 +122,11 @@ def show(
         from madrob_console.ui.terminal import check_terminal, run_console
 
     check_terminal(os.environ, (sys.__stdin__, sys.__stdout__))
-    engines = engines_meant(arguments)
-    if len(engines) > 1:
-        return ask_which(engines, "console" if role is Role.REFEREE else "watch")
+    own = options.results_folder(arguments, load_settings(arguments.settings)).resolve()
+    engines = engines_meant(arguments, own)
+    elsewhere = role is Role.REFEREE and any(one.results != own for one in engines)
+    if len(engines) > 1 or elsewhere:
+        return ask_which(engines, "console" if role is Role.REFEREE else "watch", own)
     if engines:
         mean(arguments, engines[0])
     settings = load_settings(arguments.settings)

@@ -109,7 +109,7 @@ def serve(arguments: argparse.Namespace) -> int:
     from madrob_console.cli.attaching import TAKEN, owned_testbed
     from madrob_console.cli.owning import owning
     from madrob_console.config import load_settings
-    from madrob_console.engine.process.holding import HeldError
+    from madrob_console.engine.process.owned import HeldError
     from madrob_console.engine.process.place import place_of
     from madrob_console.engine.process.service import ServiceManager, log_to_journal
     from madrob_console.engine.shown import wire
@@ -126,7 +126,6 @@ def serve(arguments: argparse.Namespace) -> int:
             return TAKEN if error.same else BAD_INPUT
         control, presence, holding = owns
         place = place_of(owned)
-        stack.enter_context(place.taken())
         with imports_kept():
             import asyncio
 

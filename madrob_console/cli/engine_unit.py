@@ -151,10 +151,12 @@ def _testbed(arguments: argparse.Namespace, settings: Settings, owned: Owned) ->
     if owned.domain is not None:
         words.insert(0, f"--domain={owned.domain}")
     else:
-        names = ("scenario", "seed", "speed")
-        words += [f"--{name}={getattr(arguments, name)}" for name in names]
+        values = ((name, getattr(arguments, name)) for name in options.SIMULATION)
+        words += [f"--{name}={value}" for name, value in values if value is not None]
     if arguments.settings is not None:
         words.append(f"--settings={arguments.settings.expanduser().absolute()}")
+    if arguments.use_sim_time:
+        words.append("--use-sim-time")
     return ["--testbed", owned.kind.value, *words]
 
 

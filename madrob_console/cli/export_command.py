@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,30 +76,33 @@ def add(commands: options.Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Make the zip; what could not be packed is named. The last line is the path of the zip."""
-    from madrob_console.cli.run_dossier import check_options, make_dossier
+    from madrob_console.cli.run_dossier import check_options, make_dossier, rendered_report
 
     check_options(arguments)
     with imports_kept():
         from madrob_console.config import load_settings
         from madrob_console.export.pack import export_team
         from madrob_console.export.packed_bag import BagParts
+        from madrob_console.report.surroundings import Surroundings
 
     if arguments.dossier:
         return _told(make_dossier(arguments, _tell_size))
     settings = load_settings(arguments.settings)
-    teams = options.team_list(arguments, settings)
     found = options.collection(arguments, settings)
+    teams = options.team_names(arguments, settings, found)
     with progress("runs") as tell:
         export = export_team(
             found,
             arguments.subject,
             settings.mappings(),
             time.time(),
+            competition=arguments.competition,
             practice=arguments.practice,
             target=arguments.output,
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
-            team=teams.names.get(arguments.subject, ""),
+            team=teams.get(arguments.subject, ""),
             thresholds=settings.scoring_thresholds(),
+            report=partial(rendered_report, around=Surroundings()),
             tell=tell,
             tell_size=_tell_size,
         )
@@ -111,7 +115,8 @@ def _told(export: Export, notes: Sequence[str] = ()) -> int:
     """Say what was packed, and what could not be; returns the exit code."""
     for problem in export.problems:
         complain(problem)
-    for words in (*export.renamed, *notes):
+    others = (f"another name of the team, {words}" for words in export.other_names)
+    for words in (*export.renamed, *others, *notes):
         print(f"note: {terminal_safe(words)}")
     plural = "" if export.runs == 1 else "s"
     print(f"{export.runs} run{plural}, {export.files} files, {export.size / 1e6:.1f} MB")

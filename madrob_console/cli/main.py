@@ -21,6 +21,7 @@ COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
     *("score", "eurobench", "report", "pictures", "plan", "standings", "publish", "export"),
     *("table", "schema", "recover", "tidy", "calibrate", "doctor", "settings", "completion"),
+    "guide",
 )
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
 

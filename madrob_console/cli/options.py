@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from madrob_console.cli.parsing import Parser, number_within, one_of, whole_number, whole_within
+from madrob_console.cli.parsing import (
+    Parser,
+    delay,
+    none_of,
+    number_within,
+    one_of,
+    whole_number,
+    whole_within,
+)
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import Scenario, SourceKind
 from madrob_console.testbeds.ros_domain import domain_number
 from madrob_console.tidy.tidy_table import TableFormat
-from scoring.protocol import BenchmarkType, Condition, Side
+from scoring.protocol import BenchmarkType, Condition, Side, Signal, Strip
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
@@ -32,6 +40,16 @@ FASTEST = 1000.0
 
 _SHORT = 40
 """Longer lists of words stand in the text of an option, not beside its name."""
+
+SIMULATION = ("scenario", "seed", "speed", "latency", "jitter")
+"""The options that tell one simulated testbed from another."""
+
+_DELAYED: dict[str, Sequence[Signal]] = {
+    "all": tuple(Signal),
+    "passage": tuple(map(Signal.of_strip, Strip)),
+    **{signal.name.lower(): (signal,) for signal in Signal},
+}
+"""The names under which messages of the simulation are delayed."""
 
 NO_COMMAND = 1
 """Exit code where no command is given."""
@@ -82,7 +100,7 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="where the data come from: `ros`, `simulated`, or `replay` and the path of a bag",
     )
-    add_scenario(parser)
+    add_simulation(parser)
     parser.add_argument(
         "--speed",
         type=number_within(0, FASTEST),
@@ -91,6 +109,12 @@ def add_testbed(parser: argparse.ArgumentParser) -> None:
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     )
     add_domain(parser)
+    parser.add_argument(
+        "--use-sim-time",
+        action="store_true",
+        help="follow `/clock` of a simulation over ROS, every run is practice; else setting "
+        "`testbed.use_sim_time`",
+    )
     add_results(parser)
     add_settings(parser)
     add_ros_args(parser)
@@ -191,20 +215,36 @@ def add_run_paths(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only runs of the testbed of this name, as its settings call it",
     )
+    add_competition(parser)
+
+
+def add_competition(parser: argparse.ArgumentParser) -> None:
+    """Whose teams: every competition has a number 1."""
+    parser.add_argument(
+        "--competition",
+        default=None,
+        metavar="NAME",
+        help="only runs of the competition of this name; '' = of none",
+    )
 
 
 def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
-    """The runs that are named, each once.
+    """The runs that are named, each once; of whichever competition.
 
     Raises:
-        MadrobError: a folder does not exist or cannot be read, or there is no such testbed.
+        MadrobError: a folder does not exist or cannot be read, or there is no such testbed, or no
+            such competition; that of the settings may have no runs yet.
     """
-    from madrob_console.archive.collection import collected, collected_in
+    from madrob_console.archive.collection import collected, collected_in, demand_competition
 
     paths = run_paths(arguments, settings)
     if arguments.paths:
-        return collected(paths, arguments.testbed_name)
-    return collected_in(paths[0], arguments.testbed_name)
+        found = collected(paths, arguments.testbed_name)
+    else:
+        found = collected_in(paths[0], arguments.testbed_name)
+    if arguments.competition not in (None, settings.competition.name):
+        demand_competition(arguments.competition, found.competitions)
+    return found
 
 
 def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
@@ -257,6 +297,21 @@ def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
     if arguments.teams is not None and source.file is not None:
         read_teams(source.file, source.remedy)
     return source.read()
+
+
+def team_names(
+    arguments: argparse.Namespace, settings: Settings, found: Collection
+) -> Mapping[int, str]:
+    """The list of teams, for these runs; that of the settings is of their competition alone.
+
+    Raises:
+        MadrobError: the file named on the command line cannot be read.
+    """
+    own, chosen = settings.competition.name, arguments.competition
+    of = found.competitions if chosen is None else {chosen}
+    if arguments.teams is None and own and of and own not in of:
+        return {}
+    return team_list(arguments, settings).names
 
 
 def add_plan(parser: argparse.ArgumentParser) -> None:
@@ -348,12 +403,34 @@ def add_subject(
         )
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
-    """What the simulated robot does."""
+def add_simulation(parser: argparse.ArgumentParser) -> None:
+    """What the simulated robot does, and how slow the simulated network is."""
     add_choice(parser, "--scenario", Scenario, Scenario.NOMINAL, "what the simulated robot does")
     parser.add_argument(
         "--seed", type=whole_number, default=0, metavar="N", help="of the simulation"
     )
+    which = f"`50ms` or `door=50ms,passage=0.1s`; signals: {', '.join(_DELAYED)}"
+    for flag, text in (
+        ("--latency", f"simulated messages arrive so much later: {which}"),
+        ("--jitter", "standard deviation of a random delay beside the latency, likewise"),
+    ):
+        parser.add_argument(flag, type=_delay_text, metavar="SIGNAL=TIME,...", help=text)
+
+
+def _delay_text(text: str) -> str:
+    delays(text)
+    return text
+
+
+def delays(text: str | None) -> Mapping[Signal, float]:
+    """The delays that `--latency` or `--jitter` names, s; later ones replace earlier ones."""
+    found = dict[Signal, float]()
+    for part in () if text is None else text.split(","):
+        name, _, time = part.rpartition("=")
+        if (signals := _DELAYED.get(name or "all")) is None:
+            raise argparse.ArgumentTypeError(none_of(name, _DELAYED))
+        found |= dict.fromkeys(signals, delay(time))
+    return found
 
 
 def add_condition(parser: argparse.ArgumentParser) -> None:

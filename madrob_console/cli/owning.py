@@ -8,11 +8,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from madrob_console.cli import options
 from madrob_console.cli.problems import complain
 from madrob_console.engine.process.control import ControlPort, WhoAnswer
 from madrob_console.engine.process.holding import Holding, held
 from madrob_console.engine.process.owned import Owned
-from madrob_console.kinds import Scenario, SourceKind
+from madrob_console.kinds import SourceKind
 from madrob_console.version import RELEASE
 
 
@@ -33,7 +34,8 @@ def owning(
     Raises:
         HeldError: another engine has some of it.
     """
-    with held(owned) as holding:
+    lock_testbed = bool(wire_version) or owned.domain is not None
+    with held(owned, lock_testbed=lock_testbed) as holding:
         for remark in holding.remarks:
             complain(remark)
         presence = WhoAnswer(
@@ -59,8 +61,8 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
     if owned.results is not None:
         words += ["--results", str(owned.results)]
     if owned.kind is SourceKind.SIMULATED:
-        for name, usual in (("scenario", Scenario.NOMINAL), ("seed", 0), ("speed", 1.0)):
-            if (value := getattr(arguments, name)) != usual:
+        for name in options.SIMULATION:
+            if (value := getattr(arguments, name)) != arguments.parser.get_default(name):
                 words += [f"--{name}", f"{value:g}" if isinstance(value, float) else str(value)]
     if arguments.settings is not None:
         words += ["--settings", str(arguments.settings.absolute())]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
@@ -24,8 +25,8 @@ def add(commands: options.Commands) -> None:
         main,
         "the competition's plan: what is done, what comes next, what is left",
         "The plan is a csv file with lines `subject,condition,attempts` in the order of the "
-        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or a run "
-        "cannot be read; the others count.",
+        "competition (setting `plan.file`). Exit code 2 when a line of it cannot be used or has a "
+        "subject that is not in the list of teams, or a run cannot be read; the others count.",
         examples=(
             "madrob plan",
             "madrob plan --plan tomorrow.csv --teams teams.csv",
@@ -43,14 +44,17 @@ def main(arguments: argparse.Namespace) -> int:
     """Print the plan or its JSON; lines and runs that cannot be used are named."""
     with imports_kept():
         from madrob_console.config import load_settings
-        from madrob_console.referee.competition_plan import plan_progress
+        from madrob_console.referee.competition_plan import plan_progress, unknown_teams
         from madrob_console.standings.plan_table import plan_json, plan_lines
         from madrob_console.version import software_version
 
     settings = load_settings(arguments.settings)
     plan = _plan(options.plan_source(arguments, settings))
     teams = options.team_list(arguments, settings).names
-    competition = settings.competition.name
+    unknown = unknown_teams((line.task for line in plan.lines), teams)
+    plan = replace(plan, problems=(*plan.problems, *unknown))
+    chosen: str | None = arguments.competition
+    competition = settings.competition.name if chosen is None else chosen
     collection = options.collection(arguments, settings)
     found = plan_progress(plan, collection.runs, competition)
     if arguments.json:

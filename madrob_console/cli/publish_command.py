@@ -90,17 +90,17 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
     from madrob_console.version import software_version
 
     official = not arguments.practice
-    _, runs = entering_runs(found.runs, arguments.competition, official=official)
+    title, runs = entering_runs(found.runs, arguments.competition, official=official)
     plan = options.plan_source(arguments, settings).read()
     for problem in plan.problems:
         complain(problem)
-    name = arguments.competition or settings.competition.name
+    name = title if runs else settings.competition.name
     return SiteContent(
         root=found.root,
         runs=[run for run in runs if not run.twin and not run.never_ran],
         standings=which_runs.standings(arguments, settings, found),
         plan=plan_progress(plan, found.runs, name) if plan.lines else None,
-        names=options.team_list(arguments, settings).names,
+        names=options.team_names(arguments, settings, found),
         software=software_version(),
         zips=frozenset(
             run.subject for run in runs if (_site(arguments) / zip_place(run.subject)).is_file()

@@ -42,7 +42,7 @@ def repair_run(folder: Path) -> bool:
     if scored is None:
         return False
     if stamp_of(str(folder / REPORT_FILE)) is not None:
-        _write_report(folder, scored, Surroundings())
+        write_report(folder, scored, Surroundings())
     return True
 
 
@@ -52,12 +52,17 @@ def renew_report(folder: Path, around: Surroundings) -> None:
     Raises:
         MadrobError: it cannot be.
     """
-    from madrob_console.archive.scored import score_opened
+    from madrob_console.archive.scored import score_once
 
-    _write_report(folder, score_opened(folder), around)
+    write_report(folder, score_once(folder), around)
 
 
-def _write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
+    """Write the report of a scored run, and what its cameras saw.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
     from madrob_console.cameras.run_pictures import renewed_pictures
     from madrob_console.files.whole import atomic_write
     from madrob_console.report.page import report_html
@@ -88,3 +93,19 @@ def repair_all(root: Path) -> Iterator[str]:
                 repair_run(folder)
             except MadrobError as error:
                 yield str(error)
+    yield from renew_all(root)
+
+
+def renew_all(root: Path) -> Iterator[str]:
+    """Make the reports again that tell of other runs of their team than there are now.
+
+    Yields what could not be done, in words.
+    """
+    from madrob_console.report.surroundings import Surroundings
+
+    around = Surroundings()
+    for folder in around.old_reports(root):
+        try:
+            renew_report(folder, around)
+        except MadrobError as error:
+            yield str(error)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from madrob_console.cli import options
 from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.kinds import SourceKind
 from madrob_console.names import clean_name, terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
@@ -135,25 +134,23 @@ def main(arguments: argparse.Namespace) -> int:
         from madrob_console.cli.unattended import UnattendedRun, print_replay
         from madrob_console.cli.which_runs import site_arguments
         from madrob_console.config import load_settings
-        from madrob_console.engine.process.place import place_of
         from madrob_console.engine.process.reporting import Reporting
         from madrob_console.engine.shown.snapshot import label_of
         from madrob_console.version import software_version
 
     settings = load_settings(arguments.settings)
+    owned = owned_testbed(arguments, settings)
     engine = open_engine(arguments, settings)
     if engine.replay is not None:
         return EXIT_CODES[print_replay(engine, engine.replay)]
     teams = options.team_list(arguments, settings)
     engine.hear_of_teams(teams)
-    live = engine.source.kind is SourceKind.ROS
     reports = settings.results.reports and not arguments.no_report
     site = site_arguments(arguments, settings)
     reporting = None
     if reports or site:
         reporting = Reporting(aside.COMMAND, lambda: engine.busy, reports=reports, publish=site)
     run = UnattendedRun(engine, reporting)
-    owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:
         control, presence, _ = stack.enter_context(owning(arguments, owned))
         presence = replace(presence, version=software_version())
@@ -161,8 +158,6 @@ def main(arguments: argparse.Namespace) -> int:
             presence.of(engine.run, busy=engine.busy),
             testbed=label_of(engine.source.label, practice=engine.run.practice),
         )
-        if live:
-            stack.enter_context(place_of(owned).taken())
         stack.enter_context(run.stopping_on_signals())
 
         def setup(*, simulated: bool) -> RunSetup:

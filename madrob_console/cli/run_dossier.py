@@ -16,6 +16,7 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.export.pack import Export
+    from madrob_console.report.surroundings import Surroundings
 
 
 def check_options(arguments: argparse.Namespace) -> None:
@@ -30,8 +31,10 @@ def check_options(arguments: argparse.Namespace) -> None:
     if not of_run and arguments.subject is None:
         raise MadrobError("whose runs? give --subject N, or --run RUN --dossier for one run")
     of_team = arguments.subject is not None or arguments.practice or arguments.paths
-    if of_run and of_team:
-        raise MadrobError("--run names the run: leave out --subject, --practice and PATH")
+    if of_run and (of_team or arguments.competition is not None):
+        raise MadrobError(
+            "--run names the run: leave out --subject, --practice, --competition and PATH"
+        )
 
 
 def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], None]) -> Export:
@@ -44,10 +47,11 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
         from madrob_console.archive.folders import JOURNAL_FILE
         from madrob_console.export.dossier import check_dossier, dossier_target, export_dossier
         from madrob_console.export.packed_bag import BagParts
+        from madrob_console.report.surroundings import Surroundings
 
     run: Path = arguments.run.absolute()
     check_dossier(run)
-    made, problems = _page(run)
+    made, problems = rendered_report(run, Surroundings())
     with _tables(run, (run / JOURNAL_FILE).stat().st_mtime) as (tables, why):
         return export_dossier(
             run,
@@ -61,30 +65,23 @@ def make_dossier(arguments: argparse.Namespace, tell_size: Callable[[int, int], 
         )
 
 
-def _page(run: Path) -> tuple[dict[str, bytes], list[str]]:
-    """The report, where the one in the folder is missing or not of this result; and what is wrong.
+def rendered_report(run: Path, around: Surroundings) -> tuple[dict[str, bytes], list[str]]:
+    """The report of a run as it is now, with its pictures where there are none; and what is wrong.
 
-    It is made as `madrob report` makes it, with its pictures where there are none yet, and only the
-    zip has it. The files are named as in the run's folder.
+    Only the zip has it. The files are named as in the run's folder.
     """
     with imports_kept():
         from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
         from madrob_console.archive.scored import score_opened
         from madrob_console.cameras.run_pictures import run_pictures, stored_pictures
-        from madrob_console.report.old_reports import report_is_old
         from madrob_console.report.page import report_html
-        from madrob_console.report.surroundings import Surroundings
         from madrob_console.version import software_version
 
-    there = (run / REPORT_FILE).is_file()
-    if there and not report_is_old(run):
-        return {}, []
     try:
         scored = score_opened(run)
     except MadrobError as error:
-        state = "not of this result" if there else "missing"
-        return {}, [f"{REPORT_FILE}: {state}, and it cannot be made: {error}"]
-    place = Surroundings().place_of(run, scored)
+        return {}, [f"{REPORT_FILE}: cannot be made: {error}"]
+    place = around.place_of(run, scored)
     seen, new = stored_pictures(run), {}
     if not seen:
         seen = run_pictures(run, scored)

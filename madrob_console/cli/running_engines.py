@@ -14,7 +14,7 @@ from madrob_console.config import load_settings
 from madrob_console.engine.process.control import Inquiry, WhoAnswer, ask, stop_answer_in
 from madrob_console.engine.process.ending import EngineHandle
 from madrob_console.engine.process.engines import FoundEngine, all_engines
-from madrob_console.engine.process.owned import address_of, results_name
+from madrob_console.engine.process.owned import results_name
 from madrob_console.engine.shown import wire
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
@@ -210,7 +210,7 @@ def _end_process(found: FoundEngine, handle: EngineHandle, *, force: bool) -> in
         force = True
     told, hangs = False, found.silent
     if presence is not None:
-        heard = ask(address_of(found.names[0]), Inquiry("stop", force))
+        heard = ask(found.names[0], Inquiry("stop", force))
         answer = stop_answer_in(heard.line if heard else b"")
         if answer.refused:
             return _say(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from madrob_console.cli import options, sharing
 from madrob_console.cli.parsing import one_of
-from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
+from madrob_console.cli.problems import BAD_INPUT, Complaints, complain, name_twins
 from madrob_console.cli.progress import Tell, progress
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe, valid_text
@@ -42,7 +42,8 @@ class RunText(NamedTuple):
         text: lines for people, or one JSON document; empty where there is a problem.
         problem: why it cannot be scored, on one line; None = it can.
         grade: what a check found; None = nothing was checked.
-        values_hold: whether it differs in uncertainties and doubts only.
+        values_hold: whether it differs in doubts only.
+        uncertainties: whether some are not what was stored; no grade hangs on them.
         run_id: which run it is; empty = not known, or it does not matter.
     """
 
@@ -50,6 +51,7 @@ class RunText(NamedTuple):
     problem: str | None = None
     grade: Grade | None = None
     values_hold: bool = False
+    uncertainties: bool = False
     run_id: str = ""
 
 
@@ -76,8 +78,8 @@ def add(commands: options.Commands) -> None:
         "depth. Runs that are there twice are named. "
         "Exit code 2 when a run cannot be read; the rest is scored. With --check a result has the "
         "same digits as its recording gives, is equal to 1e-9 (other libraries round otherwise; "
-        "it says which), or differs: exit code 1, also where only uncertainties and doubts differ; "
-        "it says then that the values hold.",
+        "it says which), or differs: exit code 1, also where only doubts differ; it says then that "
+        "the values hold. Uncertainties that differ have a line of their own and no exit code.",
         examples=(
             "madrob score ~/madrob_runs                  # all runs",
             "madrob score --ruleset all my_run           # all rulesets side by side",
@@ -88,6 +90,7 @@ def add(commands: options.Commands) -> None:
         ),
     )
     parser.add_argument("paths", nargs="+", type=Path, metavar="PATH")
+    options.add_competition(parser)
     parser.add_argument(
         "--ruleset",
         choices=[*map(str, RulesetName), _ALL],
@@ -159,7 +162,7 @@ class _Write(argparse.Action):
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
     _refuse_contradictions(arguments)
-    runs = sharing.runs_of(arguments)
+    runs = _chosen(sharing.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)
     if arguments.output is not None:
         from madrob_console.cli.score_output import write_tables
@@ -171,6 +174,26 @@ def main(arguments: argparse.Namespace) -> int:
 
         return reissue(arguments, runs, rules[0], SystemClock())
     return _describe(arguments, runs, rules)
+
+
+def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]:
+    """Those of the competition that was asked for; runs that do not say of which they are named.
+
+    Raises:
+        MadrobError: there are none.
+    """
+    if arguments.competition is None:
+        return runs
+    from madrob_console.archive.collection import demand_competition
+    from madrob_console.archive.result_reader import competition_of
+
+    found = [(run, competition_of(str(run.path))) for run in runs]
+    for run, competition in found:
+        if competition is None:
+            complain(f"note: {run.name}: does not say of which competition it is, left out")
+    if arguments.shard is None:  # a share may have none
+        demand_competition(arguments.competition, {name for _, name in found if name is not None})
+    return [run for run, competition in found if competition == arguments.competition]
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
@@ -208,12 +231,13 @@ def _describe(
     )
     scored = sharing.shared(arguments, describe, runs, _lost)
     with closing(scored) as texts, progress("runs") as tell:
-        bad, grades, held = _print(runs, texts, tell, as_json=arguments.json)
+        bad, grades, held, unsure = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
-        only = f" ({held} only in uncertainties and doubts: the values hold)" if held else ""
+        only = f" ({held} only in doubts: the values hold)" if held else ""
         told = {Grade.DIFFERS: f"differ{only}"}
         counts = (f"{grades[grade]} {told.get(grade, grade)}" for grade in Grade)
-        print(f"{', '.join(counts)}, {bad} could not be checked")
+        more = f"; of {unsure} the uncertainties differ" if unsure else ""
+        print(f"{', '.join(counts)}, {bad} could not be checked{more}")
     if grades[Grade.DIFFERS]:
         return DIFFERENCES
     return BAD_INPUT if bad else 0
@@ -231,14 +255,15 @@ def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
 
 def _print(
     runs: Sequence[RunPath], texts: Iterable[RunText], tell: Tell, *, as_json: bool
-) -> tuple[int, Counter[Grade | None], int]:
+) -> tuple[int, Counter[Grade | None], int, int]:
     """Print what is said of each run as soon as it is.
 
     Returns:
-        how many were bad, how many of each grade, and of how many that differ the values hold.
+        how many were bad, how many of each grade, of how many that differ the values hold, and of
+        how many the uncertainties differ.
     """
     grades: Counter[Grade | None] = Counter()
-    printed = held = 0
+    printed = held = unsure = 0
     met: dict[str, str] = {}
     same: list[tuple[str, str]] = []
     if as_json:
@@ -261,10 +286,11 @@ def _print(
             printed += 1
             grades[one.grade] += 1
             held += one.values_hold
+            unsure += one.uncertainties
     if as_json:
         print("\n  ]\n}" if printed else "]\n}")
     name_twins(same)
-    return bad.count, grades, held
+    return bad.count, grades, held, unsure
 
 
 def describe_run(
@@ -349,13 +375,19 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
 
     checked = check_run(run)
     if as_json:
-        return RunText(
-            _json(run, checked.content()), grade=checked.grade, values_hold=checked.values_hold
-        )
-    found = checked.of(checked.grade)
-    lines = [f"{run.name}: {checked.words}", *(f"  {difference.words}" for difference in found)]
-    text = "\n".join(map(terminal_safe, lines))
-    return RunText(text, grade=checked.grade, values_hold=checked.values_hold)
+        text = _json(run, checked.content())
+    else:
+        found = [each.words for each in checked.of(checked.grade)]
+        if checked.uncertainties:
+            found.append(checked.uncertainty_words)
+        lines = [f"{run.name}: {checked.words}", *(f"  {words}" for words in found)]
+        text = "\n".join(map(terminal_safe, lines))
+    return RunText(
+        text,
+        grade=checked.grade,
+        values_hold=checked.values_hold,
+        uncertainties=bool(checked.uncertainties),
+    )
 
 
 def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:

@@ -217,6 +217,8 @@ def _renew_reports(
     arguments: argparse.Namespace, runs: Sequence[RunPath], change: RuleChange, bad: Complaints
 ) -> None:
     """Make reports again that tell of an earlier issue, when all results are there to compare."""
+    from madrob_console.archive.folders import results_folder_of
+    from madrob_console.cli.repairing import renew_all
     from madrob_console.report.old_reports import report_is_old
 
     old = [run for run in runs if report_is_old(run.path)]
@@ -226,6 +228,9 @@ def _renew_reports(
             tell(number, len(old))
             if problem:
                 bad.add(problem, run.name)
+    for results in dict.fromkeys(results_folder_of(run.path) for run in old):
+        for problem in renew_all(results):
+            bad.add(problem, str(results))
 
 
 def renewed_report(run: RunPath, *, time: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.names import terminal_safe
-from madrob_console.referee.flags import Flag
+from madrob_console.referee.flags import Flag, common_reason
 from scoring.result import (
     Indicator,
     Result,
@@ -26,7 +26,9 @@ def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
     """A result as a table for people, its flags first."""
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
     yield from flag_lines(found)
-    for name, indicator in result.indicators.items():
+    if reason := common_reason(result.indicators):
+        yield f"indicators: none: {reason}"
+    for name, indicator in () if reason else result.indicators.items():
         sign, spread = indicator.sign or " ", uncertainty_text(indicator.uncertainty)
         words = indicator.reason or " ".join(filter(None, (spread, indicator.unit)))
         yield f"{name.words:<30} {_value(indicator):>12}{sign} {words}"
@@ -65,7 +67,9 @@ def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> I
         rows.append([*cells, one.unit])
     yield from _aligned(rows)
     for each in results:
-        for name, indicator in each.indicators.items():
+        if reason := common_reason(each.indicators):
+            yield f"indicators, {each.ruleset}: {reason}"
+        for name, indicator in () if reason else each.indicators.items():
             if indicator.reason is not None:
                 yield f"{name.words}, {each.ruleset}: {indicator.reason}"
     yield from dict.fromkeys(text for each in results for text in doubt_lines(each))

@@ -12,7 +12,7 @@ from socket import gethostname
 from typing import assert_never
 
 from madrob_console.cli import options
-from madrob_console.clock import Clock, SystemClock, VirtualClock
+from madrob_console.clock import Clock, SimulationClock, SystemClock, VirtualClock
 from madrob_console.config import Settings
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
@@ -25,7 +25,7 @@ from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import MessageTypes, referee_topics
 from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated import Network, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source
 
@@ -77,7 +77,8 @@ def open_engine(
                 simulated, clock, config, types, keepers=Keepers.threads(), scorer=scorer()
             )
         case SourceKind.ROS:
-            clock = SystemClock()
+            follows = arguments.use_sim_time or settings.testbed.use_sim_time
+            clock = SimulationClock() if follows else SystemClock()
             source = _ros_source(arguments, settings, types, clock)
             return Engine(
                 source,
@@ -124,13 +125,14 @@ def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:
-    """The simulated testbed of the settings, with the scenario of the command line."""
+    """The simulated testbed of the settings, with the robot and network of the command line."""
     return SimulatedTestbed(
         arguments.scenario,
         arguments.seed,
         settings.door_geometry(),
         settings.simulated.sensors.settings(),
         settings.simulated.robot.settings(),
+        Network(options.delays(arguments.latency), options.delays(arguments.jitter)),
     )
 
 

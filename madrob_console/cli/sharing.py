@@ -27,7 +27,8 @@ def add(parser: argparse.ArgumentParser, done: str) -> None:
         metavar="ADDRESS",
         default=None,
         help="hand the runs to a running Dask cluster, tcp://HOST:8786, whose workers have the "
-        "same madrob-console and see the same paths; needs the extra `cluster`",
+        "same madrob-console and see the same paths; needs the extra `cluster`. A scheduler is "
+        "trusted like a shell: it can run anything as you; use tls:// where others reach it",
     )
     parser.add_argument(
         "--shard",

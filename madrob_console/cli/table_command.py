@@ -138,7 +138,7 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
         target as file,
         closing(RowWriter(TableWriter(file, table, arguments.format), table)) as writer,
     ):
-        _write_runs(runs, arguments.testbed_name, table, writer, bad, tell)
+        _write_runs(runs, arguments, table, writer, bad, tell)
     if not to_terminal:
         print(terminal_safe(str(output)))
     return BAD_INPUT if bad.count else 0
@@ -146,20 +146,23 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
 
 def _write_runs(
     runs: Sequence[RunPath],
-    testbed: str | None,
+    arguments: argparse.Namespace,
     table: TidyTable,
     writer: RowWriter,
     bad: Complaints,
     tell: Tell,
 ) -> None:
     """The rows of all runs, some runs after the other."""
-    from madrob_console.archive.collection import demand_testbed
+    from madrob_console.archive.collection import demand_competition, demand_testbed
     from madrob_console.archive.stored_runs import Counted, stored_run
     from madrob_console.tidy.run_rows import rows_of
 
     counted = Counted.of(runs)
+    testbed, competition = arguments.testbed_name, arguments.competition
     if testbed is not None:
         demand_testbed(testbed, counted.testbeds)
+    if competition is not None:
+        demand_competition(competition, counted.competitions)
     twins: list[tuple[str, str]] = []
     tell(0, len(runs))
     for number, run in enumerate(runs, start=1):
@@ -171,7 +174,7 @@ def _write_runs(
         label = stored.label
         if (place := counted.places.get(label.run_id, run.name)) != run.name:
             twins.append((run.name, place))
-        elif testbed in (None, label.testbed):
+        elif testbed in (None, label.testbed) and competition in (None, label.competition):
             writer.add(rows_of(table, stored))
         tell(number, len(runs))
     name_twins(twins)

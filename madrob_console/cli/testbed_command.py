@@ -20,9 +20,10 @@ def add(commands: options.Commands) -> None:
         "The robot sets out when /madrob/referee/state says that the run is running.",
         examples=(
             "madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",
+            "madrob testbed --latency door=50ms --jitter 30ms  # a slow network",
         ),
     )
-    options.add_scenario(parser)
+    options.add_simulation(parser)
     options.add_condition(parser)
     options.add_domain(parser)
     parser.add_argument(

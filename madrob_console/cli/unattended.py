@@ -125,8 +125,7 @@ class UnattendedRun:
     def _prepare(self, setup: SetupMaker, wait: float, waive: str | None) -> None:
         engine = self._engine
         simulated = self._set_up(setup)
-        begin = engine.now()
-        self._wait_for_checks(begin + _REST, begin + wait)
+        self._wait_for_checks(wait)
         if engine.source.announcement.simulated is not None and not simulated:
             self._set_up(setup)  # it is heard only now
         if problem := engine.source.sides_problem:
@@ -148,15 +147,17 @@ class UnattendedRun:
         print(f"testbed: {self._engine.snapshot().label}", flush=True)
         return simulated
 
-    def _wait_for_checks(self, rest: float, end: float) -> None:
+    def _wait_for_checks(self, wait: float) -> None:
         """Let the handle rest for a while, and wait for the checks that time can mend."""
-        by_hand = (CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
-        looked = 0.0
-        while (now := self._engine.now()) < end:
+        by_hand = (CheckName.TEAM, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
+        begin = looked = self._engine.now()
+        while (now := self._engine.now()) < begin + wait:
             self._step()
             if self._signal is not None:
                 raise StoppedError("stopped before the start; nothing was recorded", self._signal)
-            if now < max(rest, looked + _LOOK_PERIOD):
+            if now < begin:
+                begin = looked = now  # the clock was set back: to that of a simulation, say
+            if now < max(begin + _REST, looked + _LOOK_PERIOD):
                 continue
             looked = now
             if all(c.name in by_hand for c in blocking(self._engine.situation().checks)):

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.options import results_folder, team_list
+from madrob_console.cli.options import results_folder, team_names
 from madrob_console.cli.parsing import whole_within
 from madrob_console.cli.problems import complain
 from madrob_console.errors import MadrobError
@@ -28,7 +28,6 @@ def add_which_runs(parser: argparse.ArgumentParser) -> None:
         help="only the N best runs of each team in each condition, 0 = all; else setting "
         "`competition.best_runs`",
     )
-    parser.add_argument("--competition", default=None, metavar="NAME", help="only its runs")
     parser.add_argument(
         "--practice", action="store_true", help="the practice runs instead, marked as such"
     )
@@ -48,7 +47,7 @@ def standings(
         competition=arguments.competition,
         official=not arguments.practice,
         best=best,
-        listed=team_list(arguments, settings).names,
+        listed=team_names(arguments, settings, collection),
     )
 
 
@@ -87,4 +86,5 @@ def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[st
     plan: Path | None = getattr(arguments, "plan", None)  # `madrob run` takes the settings'
     more = [] if plan is None else [f"--plan={plan}"]
     site = Path(settings.results.publish).expanduser()
-    return [str(site), *named_places(arguments, settings), *more]
+    of = f"--competition={settings.competition.name}"
+    return [str(site), *named_places(arguments, settings), *more, of]

@@ -205,6 +205,9 @@ class SourceSetting(SettingsTable, frozen=True):
         ]
         | None
     ) = None
+    use_sim_time: Annotated[
+        bool, Meta(description="follow `/clock` of a simulation over ROS; every run is practice")
+    ] = False
 
     def __post_init__(self) -> None:
         if self.name is not None:
@@ -260,10 +263,15 @@ class ThresholdSettings(SettingsTable, frozen=True):
     mask_to_ccw: Annotated[_Angles, Meta(description="rad; to, CCW side")] = _T.mask_to_ccw
     settle_time: Annotated[float, within(0, 60, "s closed to count as locked")] = _T.settle_time
     largest_gap: Annotated[float, within(0.001, 10, "s between samples")] = _T.largest_gap
-    largest_force: Annotated[float, within(0.1, 1e6, "N; more is no reading")] = _T.largest_force
+    largest_force: Annotated[float, within(0.1, 1e6, "N; the load cell's range ends here")] = (
+        _T.largest_force
+    )
     largest_angle: Annotated[float, within(0.1, 100, "rad; more is no reading")] = _T.largest_angle
     encoder_counts: Annotated[int, Meta(ge=4, le=10**9, description="of the door, a turn")] = (
         _T.encoder_counts
+    )
+    encoder_noise: Annotated[float, within(0, 0.1, "rad, standard deviation at rest")] = (
+        _T.encoder_noise
     )
 
     def __post_init__(self) -> None:
@@ -286,8 +294,11 @@ class DoubtSettings(SettingsTable, frozen=True):
     gap_reach: Annotated[float, within(0, 60, "s from an edge or a maximum")] = _D.gap_reach
     missing: Annotated[float, within(0, 1, "part of the open door's samples missing")] = _D.missing
     jitter: Annotated[float, within(0, 10, "s, of the door's stamps")] = _D.jitter
-    spike_velocity: Annotated[float, within(0.1, 1e6, "rad/s, by one sample and back")] = (
-        _D.spike_velocity
+    one_sample: Annotated[float, within(0, 1e9, "of U; without it the value is another")] = (
+        _D.one_sample
+    )
+    range_end: Annotated[float, within(0, 10, "of largest_force; it may have been more")] = (
+        _D.range_end
     )
     clipped: Annotated[
         int, Meta(ge=2, le=10000, description="samples exactly at the largest force")
@@ -305,6 +316,9 @@ class DoubtSettings(SettingsTable, frozen=True):
         float, within(0, 1000, "sampling intervals between the delays of two topics")
     ] = _D.delay_intervals
     rate: Annotated[float, within(0, 1, "part by which the sampling rate is off")] = _D.rate
+    encoder: Annotated[float, within(0, 1e6, "counts by which encoder or noise are off")] = (
+        _D.encoder
+    )
 
 
 class FreshnessSettings(SettingsTable, frozen=True):

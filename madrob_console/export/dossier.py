@@ -12,8 +12,8 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     REPORT_FILE,
     RESULT_FILE,
-    lies_in_practice,
     parse_folder_name,
+    results_folder_of,
 )
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import (
@@ -66,10 +66,8 @@ def dossier_target(run: Path) -> Path:
     That of a practice run is `dossier_practice_RUN.zip`.
     """
     run = run.absolute()
-    within = lies_in_practice(f"{run.parent.name}/{run.name}")
-    root = run.parent.parent if within else run.parent
     kind = "practice_" if KnownRun.of(run).practice else ""
-    return root / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
+    return results_folder_of(run) / EXPORTS_FOLDER / f"dossier_{kind}{run.name}.zip"
 
 
 def check_dossier(run: Path) -> None:
@@ -105,8 +103,7 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
         run: its folder.
         target: the zip.
         now: s since the epoch.
-        made: what is not in its folder, or not as it should be: its report as it is now, and what
-            belongs to that; by name.
+        made: its report as it is now, and what belongs to that; by name.
         tables: a folder with its samples as tables; None = there are none.
         problems: why something of that is missing, in words.
         parts: what is packed of the recording.
@@ -149,7 +146,7 @@ def export_dossier(  # noqa: PLR0913  what is packed, and how
 def _stamp(run: Path) -> float:
     """Of what is made here: as old as what it is made of, whenever that is, s since the epoch."""
     stamps = (stamp_of(str(run / name)) for name in (JOURNAL_FILE, RESULT_FILE))
-    return max((stamp[0] / 1e9 for stamp in stamps if stamp is not None), default=0.0)
+    return max((stamp.modified / 1e9 for stamp in stamps if stamp is not None), default=0.0)
 
 
 def _protests(run: Path, problems: list[str], now: float) -> str:

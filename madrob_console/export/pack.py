@@ -11,13 +11,14 @@ from pathlib import Path
 
 import msgspec
 
-from madrob_console.archive.collection import Collection
+from madrob_console.archive.collection import Collection, demand_competition, the_competition
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     PRACTICE_FOLDER,
+    REPORT_FILE,
     RESULT_FILE,
 )
-from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.archive.history import VOID, RunSummary, of_competition
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
@@ -34,12 +35,16 @@ from madrob_console.files.whole import whole_file
 from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import TopicMapping
 from madrob_console.names import terminal_safe
+from madrob_console.referee.amounts import listed as first_of
 from madrob_console.referee.flags import FlagKind, weighty
 from madrob_console.referee.teams import TeamName
 from scoring.protocol import Thresholds
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""
+
+Rendering = Callable[[Path], tuple[Mapping[str, bytes], Sequence[str]]]
+"""Renders the report of a run: files by name, and why there is none, in words."""
 
 _LONGEST_TEAM = 40  # characters of it in a file name
 _UNOFFICIAL = {SourceKind.SIMULATED: "PRACTICE, simulated", SourceKind.REPLAY: "a REPLAY"}
@@ -53,8 +58,9 @@ class Export:
         path: of the zip.
         runs, files: how many are in it.
         size: of the zip, bytes.
-        problems: what is not in it and why, in words.
+        problems: what is not in it and why, and which results cannot be used, in words.
         renamed: what is called otherwise in it, in words.
+        other_names: of the team, and in which runs.
     """
 
     path: Path
@@ -63,6 +69,7 @@ class Export:
     size: int
     problems: tuple[str, ...]
     renamed: tuple[str, ...] = ()
+    other_names: tuple[str, ...] = ()
 
 
 def export_team(  # noqa: PLR0913  what is packed, and how
@@ -71,11 +78,13 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     mappings: Sequence[TopicMapping],
     now: float,
     *,
+    competition: str | None = None,
     practice: bool = False,
     target: Path | None = None,
     parts: BagParts = WHOLE_BAGS,
     team: str = "",
     thresholds: Thresholds | None = None,
+    report: Rendering = lambda _run: ({}, []),
     tell: Callable[[int, int], None] = lambda _done, _total: None,
     tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
@@ -86,19 +95,22 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         subject: the team's number.
         mappings: which topic carries which signal, for the layout.
         now: s since the epoch.
+        competition: of the team; None = it has runs of only one.
         practice: its practice runs instead.
         target: the zip; in the folder `exports` of the results folder if not given.
         parts: what is packed of the recordings.
         team: its name in the list of teams; empty = the name that its latest run carries.
         thresholds: the testbed's, for the layout; None = the protocol's.
+        report: renders the report of a run where one was made before.
         tell: is told how many runs are packed, and of how many.
         tell_size: is told before anything is packed how many bytes are to be, and how many of these
             are evidence.
 
     Raises:
-        MadrobError: the team has no such runs, or the zip cannot be written.
+        MadrobError: the team has no such runs or is of several competitions, or the zip cannot be
+            written.
     """
-    runs, going_on = _runs_of(found, subject, practice=practice)
+    runs, left_out = _runs_of(found, subject, competition, practice=practice)
     known = {run: KnownRun.of(run) for run in runs}
     called = TeamName.of(team, (known[run].team for run in runs))
     name = file_name(subject, called.name, now, practice=practice)
@@ -108,13 +120,11 @@ def export_team(  # noqa: PLR0913  what is packed, and how
     sizes = [size_of(run, bag) for run, (_, bag) in bags.items()]
     tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with folder_for(path), whole_file(path) as file, Archive(file) as archive:
-        archive.problems += [
-            f"{run.name}: this run goes on: export again after it" for run in going_on
-        ]
+        archive.problems += left_out
         packed: list[PackedRun] = []
         for run in runs:
             tell(len(packed), len(runs))
-            added = _add_run(archive, run, bags)
+            added = _add_run(archive, run, bags, report)
             packed.append(PackedRun(names_in[run], terminal_safe(known[run].words), added))
         archive.add(SCHEMA_FILE, schema_text(), now)
         zeros = [known[run].zero for run in runs if known[run].zero is not None]
@@ -127,7 +137,13 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         renamed = [terminal_safe(words) for words in archive.renamed]
         kind = "PRACTICE runs" if practice else "runs"
         title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
-        names = [terminal_safe(name) for name in called.others]
+        named = {
+            one: [names_in[run] for run in runs if known[run].team == one] for one in called.others
+        }
+        names = [terminal_safe(f"{one}: {first_of(where)}") for one, where in named.items()]
+        title += time.strftime(
+            "\nAs of %Y-%m-%d %H:%M:%S UTC: all decisions until then", time.gmtime(now)
+        )
         text = readme(
             title,
             packed,
@@ -140,7 +156,8 @@ def export_team(  # noqa: PLR0913  what is packed, and how
         archive.add(README_FILE, text.encode(), now)
         archive.finish(now)
         size = file.tell()
-    said = tuple(archive.problems), tuple(archive.renamed)
+    damaged = (f"{run.name}: {known[run].words}" for run in runs if known[run].damaged)
+    said = (*damaged, *archive.problems), tuple(archive.renamed), tuple(names)
     return Export(path, len(runs), archive.count, size, *said)
 
 
@@ -169,12 +186,14 @@ class KnownRun:
         words: how it ended and what it is worth, for people.
         practice: whether it counts for nothing.
         zero: its handle zero; None = none was set.
+        damaged: whether its result cannot be used; `words` says why.
     """
 
     team: str
     words: str
     practice: bool = False
     zero: HandleZero | None = None
+    damaged: bool = False
 
     @classmethod
     def of(cls, run: Path) -> KnownRun:
@@ -189,7 +208,7 @@ class KnownRun:
                 return cls("", words, practice)
             return cls(setup.team, words, practice or setup.practice)
         except UnusableResultError as problem:
-            return cls("", str(problem), practice)
+            return cls("", str(problem), practice, damaged=True)
         return cls(result.team, _outcome(result), practice or result.practice, _zero(result))
 
 
@@ -226,37 +245,58 @@ def _names_in_archive(runs: Iterable[Path]) -> dict[Path, str]:
     return names
 
 
-def _runs_of(found: Collection, subject: int, *, practice: bool) -> tuple[list[Path], list[Path]]:
+def _runs_of(
+    found: Collection, subject: int, competition: str | None, *, practice: bool
+) -> tuple[list[Path], list[str]]:
     """The official or the practice runs of a team, oldest first.
 
     Returns:
-        Those to be packed, and the one that goes on.
+        Those to be packed, and what is left out and why, in words.
 
     Raises:
-        MadrobError: there is none to be packed, or the folder cannot be read.
+        MadrobError: there is none to be packed, they are of several competitions, or the folder
+            cannot be read.
     """
     teams: dict[int, list[RunSummary]] = {}
     for run in found.runs:  # a folder keeps its name when its subject is corrected
         if not run.twin:
             teams.setdefault(run.subject, []).append(run)
     own = sorted(teams.get(subject, ()), key=lambda run: (run.folder[-15:], run.folder))
-    wanted = [found.root / run.folder for run in own if run.practice == practice]
-    going_on = [
-        run
-        for run in wanted
-        if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None
-    ]
-    packed = [run for run in wanted if run not in going_on]
+    of_kind = [run for run in own if run.practice == practice]
+    chosen, unsure = _of_one_competition(of_kind, competition)
+    left_out = [f"{run.folder}: does not say of which competition it is" for run in unsure]
+    packed: list[Path] = []
+    for place in (found.root / run.folder for run in chosen):
+        if is_held(place / JOURNAL_FILE) and stamp_of(str(place / RESULT_FILE)) is None:
+            left_out.append(f"{place.name}: this run goes on: export again after it")
+        else:
+            packed.append(place)
     if packed:
-        return packed, going_on
-    if going_on:
+        return packed, left_out
+    if left_out:
         raise MadrobError(f"the only run of subject {subject} goes on: export it after its end")
     if own:
         raise MadrobError(_all_of_the_other_kind(subject, len(own), practice=practice))
     others = ", ".join(map(str, sorted(teams)))
-    known = f"there are runs of subject {others}" if teams else "it holds no runs at all"
+    there = f"there are runs of subject {others}" if teams else "it holds no runs at all"
     where = "here" if found.root == Path() else f"in {found.root}"
-    raise MadrobError(f"subject {subject} has no runs {where}: {known}; name other folders")
+    raise MadrobError(f"subject {subject} has no runs {where}: {there}; name other folders")
+
+
+def _of_one_competition(
+    runs: Sequence[RunSummary], competition: str | None
+) -> tuple[Sequence[RunSummary], Sequence[RunSummary]]:
+    """Those of one competition, and those that may be of another one.
+
+    Raises:
+        MadrobError: there are several and none was chosen, or none is of the one that was.
+    """
+    known = {run.competition for run in runs if run.competition is not None}
+    if competition is not None and known:
+        demand_competition(competition, known)
+    title = the_competition(runs, competition)
+    unsure = [run for run in runs if run.competition is None and len(known) > 1]
+    return [run for run in of_competition(runs, title) if run not in unsure], unsure
 
 
 def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
@@ -266,12 +306,16 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
 
 
 def _add_run(
-    archive: Archive, run: Path, packed: Mapping[Path, tuple[str, PackedBag]]
+    archive: Archive, run: Path, packed: Mapping[Path, tuple[str, PackedBag]], report: Rendering
 ) -> list[str]:
     result = str(run / RESULT_FILE)
     before = stamp_of(result)
     called, bag = packed[run]
-    added = add_run(archive, run, called, bag, packed_report(run, packed))
+    made: Mapping[str, bytes] = {}
+    if stamp_of(f"{run}/{REPORT_FILE}") is not None:
+        made, problems = report(run)
+        archive.problems += [f"{called}/{problem}" for problem in problems]
+    added = add_run(archive, run, called, bag, packed_report(run, packed, made))
     if called != run.name:
         archive.renamed.append(f"{called}: was {run}")
     if stamp_of(result) != before:

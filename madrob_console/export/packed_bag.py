@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Self
 
+from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.export.zip_file import Archive
 from madrob_console.files.bounded import stamp_of
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
@@ -110,7 +111,7 @@ def add_run(
         run: the folder.
         called: its name in the archive.
         bag: what is packed of its bag.
-        instead: what is packed in place of a file of it, by name.
+        instead: what is packed in place of a file of it, by name; its report only so.
 
     Returns:
         The names of the files that are in the archive now.
@@ -119,11 +120,16 @@ def add_run(
         OSError: the archive cannot be written.
     """
     instead = {f"{called}/{name}": data for name, data in instead.items()}
-    added = archive.add_folder(run, called, without=bag.without, instead=instead)
+
+    def without(name: str) -> bool:  # anybody may have written the report in the folder
+        unmade = name == REPORT_FILE and f"{called}/{name}" not in instead
+        return unmade or bag.without(name)
+
+    added = archive.add_folder(run, called, without=without, instead=instead)
     archive.problems += [f"{called}/{problem}" for problem in bag.problems]
     if bag.metadata is not None:
         name, stamp = f"{called}/{METADATA_FILE}", stamp_of(str(run / METADATA_FILE))
-        archive.add(name, bag.metadata.encode(), 0.0 if stamp is None else stamp[0] / 1e9)
+        archive.add(name, bag.metadata.encode(), 0.0 if stamp is None else stamp.modified / 1e9)
         added.append(name)
     return added
 

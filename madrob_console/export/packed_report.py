@@ -6,12 +6,10 @@ import os
 import posixpath
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
-from madrob_console.archive.folders import LARGEST_REPORT, REPORT_FILE
+from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.report_links import led_elsewhere
 from madrob_console.export.packed_bag import PackedBag
-from madrob_console.files.bounded import read_all
 
 _NOT_HERE = " (not in this zip)"
 
@@ -19,19 +17,16 @@ _NOT_HERE = " (not in this zip)"
 def packed_report(
     run: Path,
     packed: Mapping[Path, tuple[str, PackedBag]],
-    made: Mapping[str, bytes] = MappingProxyType({}),
+    made: Mapping[str, bytes],
 ) -> dict[str, bytes]:
-    """The report of a run by its name; nothing where there is none that can be read.
+    """The report of a run by its name, as it is packed; nothing where none was made.
 
     Args:
         run: its folder.
         packed: all runs in the zip: how the folder is called there, and the bag as it is packed.
         made: what is packed of the run that is not in its folder, or not so; by name.
     """
-    try:
-        data = made.get(REPORT_FILE) or read_all(run / REPORT_FILE, LARGEST_REPORT)
-        page = data.decode()
-    except (OSError, UnicodeDecodeError):  # it is packed as it is, or named then
+    if REPORT_FILE not in made:
         return {}
     here, _ = packed[run]
     folders = {Path(os.path.normpath(folder)): folder for folder in packed}
@@ -47,4 +42,4 @@ def packed_report(
             return None
         return posixpath.relpath(f"{called}/{name}", here)
 
-    return {REPORT_FILE: led_elsewhere(page, place, _NOT_HERE).encode()}
+    return {REPORT_FILE: led_elsewhere(made[REPORT_FILE].decode(), place, _NOT_HERE).encode()}

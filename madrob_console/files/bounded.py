@@ -6,11 +6,23 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import NamedTuple
 
 from madrob_console.files.plain import open_plain
 
-Stamp = tuple[int, int]
-"""Time of the last change (ns) and size (bytes) of a file: another stamp, another content."""
+
+class Stamp(NamedTuple):
+    """Of one version of a file: another stamp, another content.
+
+    Attributes:
+        modified: when its content changed, ns; any program can put that back.
+        changed: when it or its name changed, ns; no program can put that back.
+        size: in bytes.
+    """
+
+    modified: int
+    changed: int
+    size: int
 
 
 def stamp_of(path: str) -> Stamp | None:
@@ -19,7 +31,11 @@ def stamp_of(path: str) -> Stamp | None:
         found = os.stat(path, follow_symlinks=False)  # noqa: PTH116  ten thousand Paths take too long
     except OSError:
         return None
-    return (found.st_mtime_ns, found.st_size) if stat.S_ISREG(found.st_mode) else None
+    return _stamp(found) if stat.S_ISREG(found.st_mode) else None
+
+
+def _stamp(found: os.stat_result) -> Stamp:
+    return Stamp(found.st_mtime_ns, found.st_ctime_ns, found.st_size)
 
 
 def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
@@ -32,7 +48,7 @@ def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
     try:
         found = os.fstat(number)
         with os.fdopen(number, "rb", closefd=False) as file:
-            return file.read(limit), (found.st_mtime_ns, found.st_size)
+            return file.read(limit), _stamp(found)
     finally:
         os.close(number)
 

@@ -42,6 +42,17 @@ def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None
         raise _refused(path, error) from None
 
 
+def atomic_write_in(folder: int, name: str, data: bytes) -> None:
+    """Write a file of an open folder as `whole_file` does.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    with _replaced(Path(name), folder) as file:
+        file.write(data)
+    os.fsync(folder)
+
+
 def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
     """Make a folder with these files, as `new_folder` does.
 
@@ -133,17 +144,21 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def _replaced(path: Path) -> Iterator[BinaryIO]:
+def _replaced(path: Path, folder: int | None = None) -> Iterator[BinaryIO]:
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NOFOLLOW, 0o666, dir_fd=folder)
+
     try:
-        with part.open("xb") as file:
+        with open(part, "xb", opener=opened) as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        part.replace(path)
+        os.replace(part, path, src_dir_fd=folder, dst_dir_fd=folder)
     except BaseException:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            os.unlink(part, dir_fd=folder)
         raise
 
 

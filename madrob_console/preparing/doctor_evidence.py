@@ -140,7 +140,7 @@ def _topic(flow: TopicFlow, limit: TopicLimit) -> Finding:
     if flow.lost and flow.byte_rate > _LARGE * flow.rate and not problem:
         problem = (
             "have it published reliably, or give its publisher's Fast DDS profile a larger "
-            "`segment_size` (README, Cameras)"
+            "`segment_size` (`madrob guide testbed`)"
         )
     if problem:
         return Finding(Severity.WARNING, flow.topic, f"{text}: {problem}")

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from madrob_console.preparing.finding import Finding, Severity
-from madrob_console.referee.competition_plan import PlanSource
+from madrob_console.referee.competition_plan import PlanSource, unknown_teams
 from madrob_console.referee.teams import TeamSource
-
-_SHOWN = 10
 
 
 def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
@@ -26,9 +24,5 @@ def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
     text = f"{attempts} attempts, teams: {len(subjects)}, conditions: "
     text += str(len({task.condition for task in tasks}))
     yield Finding(Severity.OK, "plan", text)
-    unknown = [str(subject) for subject in subjects if subject not in listed.names]
-    if listed.names and unknown:
-        more = len(unknown) - _SHOWN
-        words = ", ".join(unknown[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
-        text = f"subject {words}: not in the list of teams, so they have no name"
-        yield Finding(Severity.WARNING, "plan", text)
+    for words in unknown_teams(tasks, listed.names):
+        yield Finding(Severity.WARNING, "plan", words)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, rank
 from madrob_console.publishing.site_content import (
     Alike,
     SiteContent,
     alike_among,
     best_of,
-    reading_order,
 )
 from madrob_console.standings.competition import RulesetStandings
 from madrob_console.standings.tally import Overall
@@ -64,7 +63,7 @@ class BestRuns:
 
 def _order(best: Mapping[int, RunSummary], subject: int) -> tuple[float, ...]:
     """Highest level, then in how many conditions the team reached it, and completed; its number."""
-    levels = [-reading_order(run)[0] for run in best.values()]
+    levels = [-rank(run)[0] for run in best.values()]
     highest = max(levels, default=-1.0)
     completed = sum(run.outcome is Outcome.COMPLETED for run in best.values())
     return -highest, -levels.count(highest), -completed, subject

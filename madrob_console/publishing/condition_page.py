@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, rank
 from madrob_console.publishing.multiples import BOXES_NOTE, boxes
 from madrob_console.publishing.site_content import (
     ORDER,
@@ -12,7 +12,6 @@ from madrob_console.publishing.site_content import (
     alike_among,
     best_of,
     condition_place,
-    reading_order,
 )
 from madrob_console.publishing.site_frame import run_link, runs_table, site_page, team_link
 from madrob_console.report.explanations import task_text
@@ -101,4 +100,4 @@ def _group(
 
 def _order(best: RunSummary | None) -> tuple[float, ...]:
     """Teams without a valid run are last."""
-    return (1.0,) if best is None else reading_order(best)
+    return (1.0,) if best is None else rank(best)

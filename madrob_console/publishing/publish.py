@@ -8,7 +8,14 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
-from madrob_console.archive.folders import INDEX_PAGE, LARGEST_REPORT, REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import (
+    INDEX_PAGE,
+    JOURNAL_FILE,
+    PICTURES_FOLDER,
+    PICTURES_INDEX,
+    REPORT_FILE,
+    RESULT_FILE,
+)
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.listed_result import ListedResult, PagedResult
 from madrob_console.archive.result_reader import (
@@ -23,7 +30,6 @@ from madrob_console.files.plain import refusal
 from madrob_console.publishing.condition_page import condition_page
 from madrob_console.publishing.hall_page import hall_page
 from madrob_console.publishing.overview import overview_page, plan_page
-from madrob_console.publishing.report_copy import report_copy, stamp_to_copy
 from madrob_console.publishing.run_page import run_page
 from madrob_console.publishing.site_content import (
     HALL,
@@ -41,7 +47,7 @@ from madrob_console.publishing.site_tables import RunTables
 from madrob_console.publishing.team_page import team_page
 from madrob_console.report.explanations import date_text
 from madrob_console.report.markup import Markup, link
-from madrob_console.report.old_reports import report_is_old
+from madrob_console.report.surroundings import Surroundings, team_digest
 from madrob_console.standings.data_files import standings_csv, standings_json
 from madrob_console.standings.plan_table import plan_json
 from madrob_console.tidy.run_tables import RUN_TABLES
@@ -55,9 +61,10 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     """
     files: list[SiteFile] = []
     without = []
+    around = Surroundings()
     for run in content.runs:
         if run.folder in content.places:
-            own = list(_of_run(content, run))
+            own = list(_of_run(content, run, around))
             files += own
             if not any(file.name.endswith(REPORT_FILE) for file in own):
                 without.append(run)
@@ -76,20 +83,21 @@ def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
     return files, without
 
 
-def _of_run(content: SiteContent, run: RunSummary) -> Iterator[SiteFile]:
-    """Its report, its result, its page."""
+def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
+    """Its report where one was made of it, its result, its page."""
     place, folder = content.places[run.folder], content.source(run)
     result = result_beside(place)
     named = []
-    stamp = stamp_to_copy(folder / REPORT_FILE)
-    if stamp is not None and not report_is_old(folder):
+    if _has_report(content, run):
         named.append(report_beside(place))
-        around = _around(content, run)
-        places = content.places_of_team(run.subject).values()
-        key = _key(content.software, stamp, around, *places)
+        sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
+        stamps = (stamp_of(f"{folder}/{name}") for name in sources)
+        team = content.of_team[run.subject]
+        others = (team_digest(run, team), *(_report_page(content, run, one) for one in team))
+        key = _key(content.software, _ways(content, run), *others, *stamps)
         yield SiteFile(named[0], key, partial(_report, content, run, around))
     stamp = stamp_of(f"{folder}/{RESULT_FILE}")
-    if stamp is not None:
+    if stamp is not None and run.problem is None:
         named.append(result)
         yield SiteFile(result, _key(stamp), partial(_result, folder / RESULT_FILE))
     key = _key(content.software, stamp, run_page(content, run, named, None))
@@ -110,7 +118,19 @@ def _page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> bytes:
     return run_page(content, run, files, result).encode()
 
 
-def _around(content: SiteContent, run: RunSummary) -> Markup:
+def _has_report(content: SiteContent, run: RunSummary) -> bool:
+    return stamp_of(f"{content.source(run)}/{REPORT_FILE}") is not None
+
+
+def _report_page(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
+    """The report of another run as seen from that of a run; empty = the site has none."""
+    place = content.places.get(other.folder)
+    if place is None or not _has_report(content, other):
+        return ""
+    return beside(content.places[run.folder], report_beside(place))
+
+
+def _ways(content: SiteContent, run: RunSummary) -> Markup:
     """The ways from its report to the pages around it."""
     place = report_beside(content.places[run.folder])
     more = (
@@ -121,23 +141,29 @@ def _around(content: SiteContent, run: RunSummary) -> Markup:
     return ways(content, place, more)
 
 
-def _report(content: SiteContent, run: RunSummary, around: Markup) -> bytes:
-    places = content.places_of_team(run.subject)
-    path = content.source(run) / REPORT_FILE
-    data = _read(path, LARGEST_REPORT, "`madrob report` makes it anew")
-    text = data.decode(errors="replace")
-    return report_copy(text, run.folder, places, around).encode()
+def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> bytes:
+    """Rendered from journal and recording: anybody may have written the report in the folder."""
+    # they load numpy, SciPy and matplotlib, which a site without new reports does without
+    from madrob_console.archive.scored import score_once
+    from madrob_console.cameras.run_pictures import stored_pictures
+    from madrob_console.report.page import report_html
+
+    folder, page = content.source(run), partial(_report_page, content, run)
+    try:
+        scored = score_once(folder)
+        place = around.among(content.root, run.folder, content.runs, scored, page)
+        place = replace(place, ways=_ways(content, run))
+        return report_html(scored, content.software, place, stored_pictures(folder)).encode()
+    except Exception as error:  # whatever it is, it is this run's and no other's
+        raise SourceUnreadError(f"{run.folder}: no report on the site ({error})") from error
 
 
 def _result(path: Path) -> bytes:
-    return _read(path, LARGEST_RESULT, "`madrob publish` takes it once it can be read")
-
-
-def _read(path: Path, limit: int, remedy: str) -> bytes:
     try:
-        return read_all(path, limit)
+        return read_all(path, LARGEST_RESULT)
     except OSError as error:  # it may be gone since the runs were listed
-        raise SourceUnreadError(f"{path}: cannot be read ({refusal(error)}); {remedy}") from None
+        why = f"cannot be read ({refusal(error)}); `madrob publish` takes it once it can be read"
+        raise SourceUnreadError(f"{path}: {why}") from None
 
 
 def _tables(content: SiteContent) -> Iterator[SiteFile]:

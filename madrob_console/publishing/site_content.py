@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import posixpath
 import re
@@ -16,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypeAlias
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
-from madrob_console.archive.history import RunSummary
+from madrob_console.archive.history import RunSummary, rank
 from madrob_console.referee.competition_plan import PlanProgress
 from madrob_console.standings.competition import CompetitionStandings
 from scoring.indicator_table import IndicatorName
@@ -101,11 +100,6 @@ class SiteContent:
             if run.condition == condition and run.ruleset == ruleset
         ]
 
-    def places_of_team(self, subject: int) -> Mapping[str, str]:
-        """Those of a team."""
-        folders = (run.folder for run in self.of_team[subject])
-        return {folder: self.places[folder] for folder in folders if folder in self.places}
-
     def team_name(self, subject: int) -> str:
         """Of a team, as the standings have it; empty where it has none."""
         if found := self._standing_names.get(subject):
@@ -163,23 +157,9 @@ def _called(run: RunSummary) -> str:
     return f"{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
 
 
-def reading_order(run: RunSummary) -> tuple[float, bool, float, float]:
-    """By which runs and teams stand beside each other; smaller is further up.
-
-    As `rank`, but for the time of failed runs, which is none of the robot's.
-    """
-    completed = run.outcome is Outcome.COMPLETED
-    return (
-        -run.values.get(IndicatorName.CAPABILITY_LEVEL, -1),
-        not completed,
-        run.values.get(IndicatorName.EXECUTION_TIME, math.inf) if completed else math.inf,
-        run.started,
-    )
-
-
 def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
     """The run that stands for a team; None without a valid one."""
-    return min((run for run in runs if run.valid), key=reading_order, default=None)
+    return min((run for run in runs if run.valid), key=rank, default=None)
 
 
 Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
@@ -189,12 +169,13 @@ NONE_ALIKE: Alike = {}
 
 
 def alike_among(runs: Sequence[RunSummary]) -> Alike:
-    """Of runs that stand beside each other (protocol section 11), in values that order them."""
+    """Of runs that stand beside each other, those that are compared (protocol section 11)."""
     found: dict[str, set[IndicatorName]] = defaultdict(set)
     for name in IndicatorName:
         known = [
             (run.folder, value, run.uncertainties[name])
             for run in runs
+            if run.comparable
             if (value := drawable(run, name)) is not None and name in run.uncertainties
         ]
         for (one, value, spread), (two, other, its) in combinations(known, 2):

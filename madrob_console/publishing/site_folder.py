@@ -6,19 +6,21 @@ runs that are gone are removed, and never a file of somebody else.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import msgspec
 
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import Stamp, read_all, stamp_of
 from madrob_console.files.held import Hold
-from madrob_console.files.whole import atomic_write
+from madrob_console.files.plain import opened_folder
+from madrob_console.files.whole import atomic_write, atomic_write_in
 
 MANIFEST_FILE = ".madrob_site.json"
 """In the folder of a site: what was written there."""
@@ -163,6 +165,7 @@ def _write(
     folder: Path, files: Mapping[str, SiteFile], tell: Callable[[int, int], None]
 ) -> Written:
     before = _known(folder)
+    _refuse_links(folder, {*before, *files})
     for name in files:
         if name not in before and (folder / name).exists():
             raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
@@ -174,14 +177,14 @@ def _write(
         _note(folder, known)
         for number, file in enumerate(changed):
             tell(number, len(changed))
-            path = folder / file.name
-            path.parent.mkdir(parents=True, exist_ok=True)
             try:
-                written += _put(path, file.make())
+                written += _put(folder, file.name, file.make())
             except SourceUnreadError as error:
                 unread.append(str(error))
+                _remove(folder, file.name)  # it is older than what it is made of
                 continue
-            known[file.name] = _Entry(file.key if file.whole() else "", stamp_of(str(path)))
+            stamp = stamp_of(f"{folder}/{file.name}")
+            known[file.name] = _Entry(file.key if file.whole() else "", stamp)
         tell(len(changed), len(changed))
         for name in gone:
             _remove(folder, name)
@@ -196,12 +199,22 @@ def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> boo
     return there and found.key == file.key
 
 
-def _put(path: Path, content: bytes) -> bool:
+def _refuse_links(folder: Path, names: Iterable[str]) -> None:
+    """Nobody leads a page, or its removal, out of the site."""
+    within = {parent for name in names for parent in PurePosixPath(name).parents if parent.name}
+    for link in sorted(folder / parent for parent in within):
+        if link.is_symlink():
+            raise SiteRefusedError(f"{link}: is a link, which leads out of the site; remove it")
+
+
+def _put(folder: Path, name: str, content: bytes) -> bool:
     """Write a file, unless it is already as it shall be; whether it was written."""
     with suppress(OSError):
-        if read_all(path, len(content)) == content:
+        if read_all(folder / name, len(content)) == content:
             return False
-    atomic_write(path, content)
+    *within, called = name.split("/")
+    with opened_folder(folder, *within, make=True) as number:
+        atomic_write_in(number, called, content)
     return True
 
 
@@ -243,9 +256,10 @@ def _note(folder: Path, files: Mapping[str, _Entry]) -> None:
 
 def _remove(folder: Path, name: str) -> None:
     """Remove a file, and the folders that it leaves empty."""
-    path = folder / name
-    path.unlink(missing_ok=True)
-    for parent in path.relative_to(folder).parents:
-        if parent != Path():
-            with suppress(OSError):  # something else is in it
-                (folder / parent).rmdir()
+    *within, called = name.split("/")
+    with suppress(FileNotFoundError), opened_folder(folder, *within) as number:
+        os.unlink(called, dir_fd=number)
+    while within:
+        *within, called = within
+        with suppress(OSError), opened_folder(folder, *within) as number:
+            os.rmdir(called, dir_fd=number)  # unless something else is in it

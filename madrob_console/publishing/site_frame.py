@@ -34,13 +34,6 @@ from scoring.indicator_table import IndicatorName, unit_text
 from scoring.protocol import Outcome
 from scoring.result import uncertainty_text, value_text
 
-NOTHING_ELSE = element(
-    "meta",
-    http_equiv="Content-Security-Policy",
-    content="default-src 'none'; style-src 'unsafe-inline'; img-src data:",
-)
-"""Says to a browser that a page needs nothing from anywhere and runs no script."""
-
 
 def site_page(
     content: SiteContent,
@@ -77,7 +70,7 @@ def site_page(
         ways(content, place),
         element("main", parts, id=SKIP),
         element("footer", f"Made with madrob-console {content.software or 'unknown'}."),
-        head=[NOTHING_ELSE, head],
+        head=head,
         wide=True,
     )
 

@@ -91,11 +91,16 @@ def _by_condition(
         task = (condition_link(content, place, number), f": {task_words_of(number)}")
         yield _table(content, place, found, element("h3", task), several=several)
         why = [
-            element("p", f"Run {run.run_number} does not count: ", said(why_left_out(run)), ".")
+            element("p", f"Run {run.run_number} does not count: ", said(_why(run)), ".")
             for run in found
             if not run.valid
         ]
         yield why or NOTHING
+
+
+def _why(run: RunSummary) -> str:
+    """Why a run does not count; what is wrong with files is the organiser's business."""
+    return why_left_out(run) if run.problem is None else "its result cannot be used"
 
 
 def _table(

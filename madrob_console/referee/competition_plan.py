@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
+from madrob_console.referee.amounts import listed
 from madrob_console.referee.list_file import ListReader, quoted, subject_number, told
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
@@ -25,6 +26,8 @@ MOST_LINES = 2000
 """Lines of a plan; what follows is not taken."""
 MOST_ATTEMPTS = 99
 """Attempts of one line."""
+
+_MOST_NAMED = 10
 
 CORRECT_SETTINGS = "correct file of [plan]"
 """What to do about a plan that cannot be read, where the settings name it."""
@@ -175,8 +178,8 @@ class RunFacts(Protocol):
         ...
 
     @property
-    def competition(self) -> str:
-        """Its name."""
+    def competition(self) -> str | None:
+        """Its name; None = not known."""
         ...
 
     @property
@@ -248,6 +251,19 @@ def plan_progress(plan: Plan, runs: Iterable[RunFacts], competition: str) -> Pla
         for task, of_task in done.items()
     )
     return PlanProgress(tuple(lines), tasks, plan.problems, unread)
+
+
+def unknown_teams(tasks: Iterable[Task], names: Mapping[int, str]) -> Iterator[str]:
+    """Which subjects of a plan are not in the list of teams, in words; none where there is no list.
+
+    Args:
+        tasks: of the plan.
+        names: subject -> team, the list.
+    """
+    unknown = [str(subject) for subject in sorted({task.subject for task in tasks} - {*names})]
+    if names and unknown:
+        words = listed(unknown, _MOST_NAMED)
+        yield f"the plan has subject {words}, not in the list of teams: correct one of them"
 
 
 def is_attempt(run: RunFacts) -> bool:

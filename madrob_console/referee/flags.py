@@ -224,6 +224,12 @@ def flags(
     return tuple(replace(flag, words=_cut(flag.words)) for flag in heaviest_first)
 
 
+def common_reason(found: Mapping[IndicatorName, Indicator]) -> str:
+    """Why a run has no indicator at all, where all have one reason; empty otherwise."""
+    reasons = {indicator.reason for indicator in found.values()}
+    return (reasons.pop() or "") if len(reasons) == 1 else ""
+
+
 def worst(found: Iterable[Flag]) -> FlagWeight | None:
     """The heaviest weight among flags; None without any."""
     return max((flag.weight for flag in found), key=lambda weight: weight.rank, default=None)

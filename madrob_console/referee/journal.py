@@ -124,14 +124,14 @@ class Journal:
     know whether it is there after a power cut.
 
     Args:
-        before: the journal of the same run that this one takes the place of, and whose hold on the
-            run it shares; None = there is none.
+        before: the hold on the run, or the journal of the same run that this one takes the place
+            of, whose hold this one shares; None = there is none.
 
     Attributes:
         refused: why the last lines were not all written; None when they were.
     """
 
-    def __init__(self, before: Journal | None = None) -> None:
+    def __init__(self, before: Journal | Hold | None = None) -> None:
         self.refused: OSError | None = None
         self._file: int | None = None
         self._before = before
@@ -177,7 +177,7 @@ class Journal:
         self._torn = self._synced_torn = torn
 
     def _held(self, path: Path) -> Hold:
-        held = None if self._before is None else self._before._hold
+        held = self._before._hold if isinstance(self._before, Journal) else self._before
         self._before = None
         if held is not None and held.path == path and held.stands:
             return held.share()

@@ -20,6 +20,7 @@ Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 class CheckName(StrEnum):
     """The pre-start checks, in the order in which they are listed."""
 
+    TEAM = "team"
     TOPICS = "topics"
     DOOR = "door closed"
     HANDLE = "handle at rest"

@@ -10,6 +10,8 @@ from madrob_console.referee.amounts import counted, duration_words, listed, size
 from madrob_console.referee.evidence_account import unseen_words
 from madrob_console.referee.on_record import CheckName, Waiver
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 
 
@@ -24,6 +26,9 @@ class CheckState(StrEnum):
     WAIVED = "waived"
 
 
+_ANOTHER_CLOCK = 10.0
+"""Stamps that are off by more are not of this clock, s (protocol section 3)."""
+
 _NO_ZERO = (
     "this engine has none yet, and one of before may be of a sensor that was switched off since"
 )
@@ -37,11 +42,13 @@ class Check:
         name: which.
         state: what it found.
         reason: why it is not `ok`, or what was measured, in words.
+        waivable: whether a referee may let it fail; else nothing would be detected.
     """
 
     name: CheckName
     state: CheckState
     reason: str
+    waivable: bool = True
 
     @property
     def blocks(self) -> bool:
@@ -106,7 +113,10 @@ class Readings:
         drift: how far from this zero the handle was at rest after the last run, where that is too
             far, N; None = it is not.
         occupied: names of the used passage sensors that see something; None = no data.
-        skew: largest abs(stamp - log time) of the last second, s.
+        skew: largest stamp - log time of the last second, s, with its sign.
+        least_skew: the smallest of the last second on the topic where that is largest, s.
+        simulated_time: `/clock` - log time, s; None = nobody publishes it.
+        teams: the list of teams as it is now.
         largest_skew: the limit for it, s.
         disk_free: bytes; None = unknown.
         disk_needed: bytes.
@@ -130,17 +140,21 @@ class Readings:
     recorder_problems: tuple[str, ...] | None
     other_referee: str | None
     evidence: EvidenceReading | None = None
+    least_skew: float | None = None
+    simulated_time: float | None = None
+    teams: TeamList = NO_TEAMS
 
 
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     """All checks in order, with the waivers of `run` applied; after a run those of the next.
 
-    That of the handle zero is among them only where it fails, that of the evidence only where it is
-    wanted: screens are small.
+    Those of team and handle zero are among them only where they fail, that of the evidence only
+    where it is wanted: screens are small.
     """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
     found = (
+        *_team(readings, run.setup),
         _topics(readings),
         _door(readings),
         _handle(readings, run),
@@ -157,12 +171,12 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
 
 
 def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """The checks that stand in the way of a start."""
-    return tuple(check for check in checks if check.blocks)
+    """The checks that stand in the way of a start; first those that cannot be waived."""
+    return tuple(sorted((check for check in checks if check.blocks), key=lambda c: c.waivable))
 
 
 def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
-    if not check.blocks:
+    if not check.blocks or not check.waivable:
         return check
     waiver = next((w for w in waivers if w.check is check.name), None)
     if waiver is None:
@@ -176,6 +190,19 @@ def _verdict(name: CheckName, ok: bool, reason: str) -> Check:
 
 def _no_data(name: CheckName, what: str) -> Check:
     return Check(name, CheckState.NO_DATA, f"no {what} now: check its topic")
+
+
+def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
+    """Why an official run is of nobody who is to run now (protocol section 2)."""
+    if setup is None or setup.practice:
+        return
+    if r.teams.lacks(setup.subject):
+        text = f"{setup.subject} is not in the list"
+    elif setup.out_of_plan:
+        text = "out of plan"
+    else:
+        return
+    yield Check(CheckName.TEAM, CheckState.FAILED, f"{text}: F2 corrects it, w waives")
 
 
 def _topics(r: Readings) -> Check:
@@ -229,11 +256,26 @@ def _doorway(r: Readings) -> Check:
 def _clock(r: Readings) -> Check:
     if r.skew is None:
         return _no_data(CheckName.CLOCK, "time stamp")
+    if (words := _another_clock(r)) is not None:
+        return Check(CheckName.CLOCK, CheckState.FAILED, words, waivable=False)
     return _verdict(
         CheckName.CLOCK,
-        r.skew < r.largest_skew,
-        f"stamps differ by {r.skew * 1000:.0f} ms, limit {r.largest_skew * 1000:.0f} ms",
+        abs(r.skew) < r.largest_skew,
+        f"stamps differ by {abs(r.skew) * 1000:.0f} ms, limit {r.largest_skew * 1000:.0f} ms",
     )
+
+
+def _another_clock(r: Readings) -> str | None:
+    """That the stamps are of another clock, and what to do; None = they are of this one."""
+    off, simulated = r.least_skew or 0.0, r.simulated_time
+    close = min(1.0, abs(off) / 2)  # a simulation that runs fast leaves its last second behind
+    if simulated is not None and abs(off - simulated) < close and abs(off) >= r.largest_skew:
+        return "stamps are of simulated time: end the engine, start with --use-sim-time"
+    if abs(off) <= _ANOTHER_CLOCK:
+        return None
+    if simulated is not None and abs(simulated) < r.largest_skew:
+        return "stamps are not of /clock: stamp by it, or start without --use-sim-time"
+    return "stamps are not of this clock (simulated time?): set it, or use --use-sim-time"
 
 
 def _disk(r: Readings) -> Check:

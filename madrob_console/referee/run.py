@@ -138,6 +138,11 @@ class Run:
         """Whether its indicators count (protocol section 2)."""
         return self.outcome in VALID_OUTCOMES and self.voided is None
 
+    @property
+    def comparable(self) -> bool:
+        """Whether it is compared with other runs (protocol section 11)."""
+        return self.valid and self.outcome is Outcome.COMPLETED
+
     def decided_and(self, kind: DecisionKind) -> tuple[DecisionKind, ...]:
         """What stands after one more decision."""
         return (*self.decided, kind)

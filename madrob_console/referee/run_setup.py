@@ -28,8 +28,9 @@ class RunSetup:
         practice: it counts for nothing and stands apart from official runs (protocol section 2).
         out_of_plan: it was set up beyond the competition's plan.
         run_id: which run of all testbeds it is, a UUID; empty in runs of earlier versions. Set-ups
-            that differ in nothing but this and `testbed` are equal.
+            that differ in nothing but this, `testbed` and `competition` are equal.
         testbed: the name of the testbed; likewise.
+        competition: the name of the competition; likewise.
     """
 
     subject: int
@@ -47,6 +48,7 @@ class RunSetup:
     out_of_plan: bool = False
     run_id: str = field(default="", compare=False)
     testbed: str = field(default="", compare=False)
+    competition: str = field(default="", compare=False)
 
     def problem(self) -> str | None:
         """Why a run cannot be set up like this, naming the field; None when it can."""

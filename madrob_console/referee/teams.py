@@ -41,6 +41,10 @@ class TeamList:
         """Whether a name is another one than the list has; never where there is no list."""
         return bool(self.names) and name != self.names.get(subject, "")
 
+    def lacks(self, subject: int) -> bool:
+        """Whether a subject is not in the list; never where there is no list."""
+        return bool(self.names) and subject not in self.names
+
     def problem(self, setup: RunSetup) -> str | None:
         """Why a run cannot be set up for a team of this name; None when it can."""
         if setup.team_reason.strip() or not self.differs(setup.subject, setup.team):

@@ -18,8 +18,8 @@ MANUAL_START_NOTE = (
 )
 
 UNCERTAINTY_NOTE = (
-    "+-: the expanded uncertainty (k = 2): how far sampling, encoder, stamps and noise may have "
-    "put the value off. Two results whose intervals overlap are not distinguishable."
+    "+-: the value lies within it of what happened 95 times in 100, as far as sampling, encoder, "
+    "stamps and noise go. Two results whose intervals overlap are not distinguishable."
 )
 """What stands below the values of a report, once an uncertainty is known."""
 
@@ -30,10 +30,8 @@ NO_UNCERTAINTY_NOTE = (
 """What stands there in its place."""
 
 BIAS_NOTE = (
-    "Not in the uncertainties, because the direction is known: an edge is seen half a sampling "
-    "interval late on average, so that a time from the start to an edge is too long by that; a "
-    "short peak of force is read 1.8 % too low; the steps of the encoder look like jerk, so that "
-    "the smoothness of a smooth door is too low."
+    "Not in the uncertainties, because the direction is known: the steps of the encoder look like "
+    "jerk, so that the smoothness of a smooth door is too low."
 )
 """What stands among the explanations."""
 

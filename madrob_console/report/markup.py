@@ -26,6 +26,7 @@ Content: TypeAlias = "str | Iterable[Content]"
 NOTHING = Markup()
 
 _MADE_OF = re.compile('<meta name="journal" content="([0-9]{1,9}) ([0-9a-f]{64})">')
+_TEAM_OF = re.compile('<meta name="team" content="([0-9a-f]{64})">')
 _ELEMENT = re.compile("<[^>]*>")
 _VOID = frozenset({"br", "img", "meta"})
 _INLINE = frozenset({"a", "b", "bdi", "del", "small", "span", "strong"})
@@ -37,6 +38,7 @@ def page(
     head: Content = NOTHING,
     wide: bool = False,
     journal: JournalMark | None = None,
+    team: str = "",
 ) -> str:
     """A whole page without scripts, and nothing from elsewhere.
 
@@ -46,11 +48,14 @@ def page(
         head: more that its head says.
         wide: it has many teams or runs.
         journal: of which it was made, for `made_of`; None = nothing is said of it.
+        team: digest of the team's other runs that it tells of, for `team_of`; empty = none.
     """
     mark = None if journal is None else f"{journal.lines} {journal.sha256}"
     sheets = ("report.css", "wide.css") if wide else ("report.css",)
     css = "".join(_sheet(name) for name in sheets)
     top = (
+        CONTENT_SECURITY_POLICY,
+        element("meta", name="team", content=team) if team else NOTHING,
         head,
         NOTHING if mark is None else element("meta", name="journal", content=mark),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
@@ -88,6 +93,16 @@ def made_of(head: str) -> JournalMark | None:
     return None if found is None else JournalMark(int(found[1]), found[2])
 
 
+def team_of(head: str) -> str | None:
+    """The digest of the team's other runs that a page tells of; None where it does not say.
+
+    Args:
+        head: how it begins.
+    """
+    found = _TEAM_OF.search(head)
+    return None if found is None else found[1]
+
+
 def element(tag: str, *content: Content, **attributes: str) -> Markup:
     """An element with its content; text is escaped.
 
@@ -117,6 +132,15 @@ def together(content: Content) -> Markup:
 def escaped(text: str) -> Markup:
     """Text from anywhere, without control characters and without power."""
     return Markup(html.escape(terminal_safe(text)))
+
+
+CONTENT_SECURITY_POLICY = element(
+    "meta",
+    http_equiv="Content-Security-Policy",
+    content="default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'",
+)
+"""Tells browsers to load nothing from anywhere, run no script and send no form."""
 
 
 def said(text: str) -> Markup:

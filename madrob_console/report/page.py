@@ -69,11 +69,13 @@ def report_html(
     contents = [link(f"#{name}", title) for name, title, _ in shown]
     return page(
         _title(scored),
+        place.ways,
         _top(scored),
         element("nav", [(entry, " ") for entry in contents], aria_label="On this page"),
         element("main", [part for _, _, part in shown]),
         _foot(scored, software),
         journal=run.journal,
+        team=place.digest,
     )
 
 

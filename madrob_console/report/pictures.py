@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 from madrob_console.archive.scored import Scored
 from madrob_console.report.markup import NOTHING, Content, Markup, element, escaped, section
@@ -28,6 +29,7 @@ _LANES = (
 _REFERENCE = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 
 
+@lru_cache(maxsize=64)  # drawing takes most of a report's time, and a site draws the same ones
 def figures(scored: Scored) -> Markup:
     """The figures that the run has, and the reasons for those that it has not."""
     result, rows, condition = scored.result, scored.rows, scored.record.setup.condition

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.referee.acts import Reissue
 from madrob_console.referee.acts.rule import RULED
+from madrob_console.referee.flags import common_reason
 from madrob_console.referee.on_record import Reissuing
 from madrob_console.report.explanations import (
     DOUBTS_NOTE,
@@ -59,6 +60,7 @@ def indicator_section(
         return title(name), (value, unit)
 
     rows = (row(name, indicator) for name, indicator in found.items())
+    reason = common_reason(found)
     known = any(uncertainty_text(one.uncertainty) for one in found.values())
     unknown = any(
         one.uncertainty is None and one.value is not None and not name.spec.counts
@@ -66,7 +68,9 @@ def indicator_section(
     )
     return section(
         "Indicators",
-        table(("indicator", "value"), rows, class_="indicators"),
+        element("p", f"None: {reason}.")
+        if reason
+        else table(("indicator", "value"), rows, class_="indicators"),
         _doubts(found),
         element("p", MANUAL_START_NOTE),
         *notes,

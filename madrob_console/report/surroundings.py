@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import posixpath
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
-from madrob_console.archive.folders import (
-    PRACTICE_FOLDER,
-    REPORT_FILE,
-    parse_folder_name,
-)
+from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
 from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.result_reader import earlier_issues, read_steps
 from madrob_console.archive.scored import Scored
 from madrob_console.errors import MadrobError
 from madrob_console.files.bounded import stamp_of
+from madrob_console.report.markup import NOTHING, Markup
+from madrob_console.report.old_reports import team_told
 from scoring.figures.phases import PhaseTimes, phases_of
 
 _MOST_FILES = 60
@@ -38,7 +39,7 @@ class LinkedRun:
 
 @dataclass(frozen=True, slots=True)
 class ComparedRun:
-    """A run that can be compared: valid, same condition, same rules, official or practice as well.
+    """A run that can be compared: completed, same condition, same rules, official or practice too.
 
     Attributes:
         summary: what the list of runs knows of it.
@@ -56,9 +57,12 @@ class PagePlace:
     Attributes:
         files: the names of the files beside it.
         team: the other runs of its team, by condition and number.
-        field: the other runs, of all teams, that can be compared with it.
+        field: the other runs of the competition, of all teams, that can be compared with it; none
+            where it failed.
         itself: the run in the list of runs; None = it is not there.
         earlier: the issues of its result before this one.
+        digest: of what the page tells of the team's other runs.
+        ways: links to the pages around it.
     """
 
     files: tuple[str, ...] = ()
@@ -66,6 +70,8 @@ class PagePlace:
     field: tuple[ComparedRun, ...] = ()
     itself: RunSummary | None = None
     earlier: tuple[ListedResult, ...] = ()
+    digest: str = ""
+    ways: Markup = NOTHING
 
 
 NOWHERE = PagePlace()
@@ -89,37 +95,75 @@ class Surroundings:
         folder = folder.absolute()
         if not folder.is_dir() or parse_folder_name(folder.name) is None:
             return NOWHERE
-        practice = folder.parent.name == PRACTICE_FOLDER
-        root = folder.parent.parent if practice else folder.parent
+        root = results_folder_of(folder)
         name = folder.relative_to(root).as_posix()
-        runs = self._known(root)
+
+        def page(run: RunSummary) -> str:
+            if stamp_of(f"{root}/{run.folder}/{REPORT_FILE}") is None:
+                return ""
+            return posixpath.relpath(f"{run.folder}/{REPORT_FILE}", name)
+
+        place = self.among(root, name, self._known(root), scored, page)
+        return replace(place, files=_files(folder))
+
+    def among(
+        self,
+        root: Path,
+        name: str,
+        runs: Sequence[RunSummary],
+        scored: Scored,
+        page: Callable[[RunSummary], str],
+    ) -> PagePlace:
+        """What a run can be compared with among these, wherever its page will lie.
+
+        Args:
+            root: where the folders of the runs are seen from.
+            name: the folder of the run.
+            runs: all that are known.
+            scored: the run.
+            page: where the report of another run is, seen from the page; empty = it has none.
+        """
         setup = scored.record.setup
         itself = next((run for run in runs if run.folder == name), None)
-        mine = setup.practice if itself is None else itself.practice
-        run_id = scored.run.setup.run_id if scored.run.setup is not None else ""
-        others = [
-            run
-            for run in runs
-            if run.folder != name
-            and run.practice is mine
-            and not (run_id and run.run_id == run_id)  # the same run in another place
-        ]
-        team = [run for run in others if run.subject == setup.subject and not run.never_ran]
-        field = [run for run in others if _comparable(run, scored, practice=mine)]
+        mine = RunSummary(
+            folder=name,
+            subject=setup.subject,
+            condition=setup.condition.number,
+            run_number=setup.run_number,
+            started=scored.result.start,
+            practice=setup.practice if itself is None else itself.practice,
+            competition=scored.record.competition,
+            run_id="" if scored.run.setup is None else scored.run.setup.run_id,
+        )
+        others = _others(mine, runs)
+        team = _team(mine, others)
+        field = [run for run in others if _comparable(run, scored, practice=mine.practice)]
         return PagePlace(
-            files=_files(folder),
-            team=tuple(
-                LinkedRun(run, _page(root, run, name))
-                for run in sorted(team, key=lambda run: (run.condition, run.run_number))
-            ),
+            team=tuple(LinkedRun(run, page(run)) for run in team),
             field=tuple(
                 ComparedRun(run, phases)
                 for run in field
                 if (phases := self._phases_of(root / run.folder)) is not None
             ),
             itself=itself,
-            earlier=earlier_issues(folder, scored.run.reissues),
+            earlier=earlier_issues(root / name, scored.run.reissues),
+            digest=_digest(team),
         )
+
+    def old_reports(self, root: Path) -> Iterator[Path]:
+        """The runs whose reports tell of other runs of their team than there are now.
+
+        Args:
+            root: the results folder.
+        """
+        teams: dict[tuple[int, bool], list[RunSummary]] = defaultdict(list)
+        for run in self._known(root):
+            teams[run.subject, run.practice].append(run)
+        for runs in teams.values():
+            for run in runs:
+                told = None if run.outcome is None else team_told(root / run.folder)
+                if told is not None and told != team_digest(run, runs):
+                    yield root / run.folder
 
     def _known(self, root: Path) -> tuple[RunSummary, ...]:
         if root not in self._runs:
@@ -139,9 +183,44 @@ class Surroundings:
         return self._phases[folder]
 
 
+def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
+    """Those of the same competition and kind, without the same run in another place."""
+    return [
+        run
+        for run in runs
+        if run.folder != mine.folder
+        and run.practice is mine.practice
+        and run.competition == mine.competition
+        and not (mine.run_id and run.run_id == mine.run_id)
+    ]
+
+
+def _team(mine: RunSummary, others: Iterable[RunSummary]) -> list[RunSummary]:
+    """Those of its team, by condition and number."""
+    found = (run for run in others if run.subject == mine.subject and not run.never_ran)
+    return sorted(found, key=lambda run: (run.condition, run.run_number))
+
+
+def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
+    """Of all that the report of a run tells of its team's other runs among these."""
+    return _digest(_team(mine, _others(mine, runs)))
+
+
+def _digest(team: Iterable[RunSummary]) -> str:
+    told = [
+        (
+            *(run.folder, run.run_number, run.condition, run.outcome_word, run.valid),
+            *(run.ruleset, sorted(run.values.items()), sorted(run.uncertainties.items())),
+        )
+        for run in team
+    ]
+    return sha256(repr(told).encode()).hexdigest()
+
+
 def _comparable(run: RunSummary, scored: Scored, *, practice: bool) -> bool:
     return (
-        run.valid
+        run.comparable
+        and scored.run.comparable
         and run.condition == scored.record.setup.condition.number
         and run.ruleset == scored.result.ruleset
         and (practice or run.official)
@@ -162,9 +241,3 @@ def _files(folder: Path) -> tuple[str, ...]:
     except OSError:
         return ()
     return tuple(names[:_MOST_FILES])
-
-
-def _page(root: Path, run: RunSummary, seen_from: str) -> str:
-    if stamp_of(f"{root}/{run.folder}/{REPORT_FILE}") is None:
-        return ""
-    return posixpath.relpath(f"{run.folder}/{REPORT_FILE}", seen_from)

@@ -103,15 +103,18 @@ def _rows(columns: list[_Column], shown: list[TimedPhase]) -> Iterator[tuple[Con
 def _words(
     scored: Scored, place: PagePlace, best: ComparedRun | None, columns: list[_Column]
 ) -> Iterator[Content]:
-    setup = scored.record.setup
+    least = _ALIKE / scored.rows.thresholds.rate
+    if (rest := columns[0].phases.get(TimedPhase.REST, 0.0)) > least:
+        yield f"For the last {rest:.2f} s no further step was done."
     if not place.field:
         yield (
-            "There is nothing to compare with: when this page was made, no other valid run of "
-            f"condition {setup.condition.number} by the same rules was known."
+            "There is nothing to compare with. A completed run is compared with the other "
+            f"completed ones of condition {scored.record.setup.condition.number} by the same rules "
+            "that were known when this page was made."
         )
         return
     teams = len({run.summary.subject for run in place.field})
-    runs = _counted(len(place.field), "other valid run")
+    runs = _counted(len(place.field), "other completed run")
     latest = date_text(max(run.summary.started for run in place.field))
     yield element(
         "small",
@@ -119,15 +122,13 @@ def _words(
         "of those that brought it to its end. Its sum is no run's. Compared with what was known "
         f"when this page was made; the latest started {latest}.",
     )
-    yield from _lost(columns[0], columns[1], _ALIKE / scored.rows.thresholds.rate)
+    yield from _lost(columns[0], columns[1], least)
     if best is not None:
         yield _beside_best(scored, place, best)
 
 
 def _lost(own: _Column, median: _Column, least: float) -> Iterator[Content]:
     """Where most time was lost, and where most was won, if it is more than sampling leaves."""
-    if (rest := own.phases.get(TimedPhase.REST, 0.0)) > least:
-        yield f"For the last {rest:.2f} s no further step was done."
     both = [
         (own.phases[phase] - time, phase)
         for phase, time in median.phases.items()
@@ -148,7 +149,7 @@ def _lost(own: _Column, median: _Column, least: float) -> Iterator[Content]:
 def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> Content:
     name = IndicatorName.EXECUTION_TIME
     there, own = best.summary, scored.result.indicators[name]
-    which = f"run {there.run_number} ({there.outcome_word})"
+    which = f"run {there.run_number}"
     words = f"The best of the team's other runs in this condition is {which}."
     if _leads(place, best):
         words = f"This is the team's best run in this condition so far; the next is {which}."

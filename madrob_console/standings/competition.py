@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from madrob_console.archive.history import RunSummary, time_words
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.archive.collection import the_competition
+from madrob_console.archive.history import RunSummary, of_competition, time_words
+from madrob_console.referee.amounts import listed as first_of
 from madrob_console.referee.flags import undecided, weighty
 from madrob_console.referee.protests import deadline_words
 from madrob_console.standings.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
@@ -47,11 +47,11 @@ class RulesetStandings:
 
 @dataclass(frozen=True, slots=True)
 class CompetitionStandings:
-    """The standings of one competition, or of all runs of a results folder.
+    """The standings of one competition.
 
     Attributes:
         made: when, s since the epoch.
-        competitions: the names that the runs carry; empty text = none was set.
+        title: the competition's name; empty = none was set.
         official: official runs; else practice runs, which count for nothing.
         best: how many runs of each team in each condition enter; 0 = all.
         groups: one a ruleset, by its name; their numbers do not compare.
@@ -62,10 +62,11 @@ class CompetitionStandings:
         open_protests: runs, also such as do not count, with a protest that is not decided, what is
             due first first.
         apart: in what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
+        renamed: teams whose runs carry several names, a sentence each.
     """
 
     made: float
-    competitions: tuple[str, ...]
+    title: str
     official: bool
     best: int
     groups: tuple[RulesetStandings, ...]
@@ -75,20 +76,12 @@ class CompetitionStandings:
     protested: int
     open_protests: tuple[RunSummary, ...] = ()
     apart: str = ""
-
-    @property
-    def title(self) -> str:
-        """The competition's name; empty for none or several."""
-        return self.competitions[0] if len(self.competitions) == 1 else ""
+    renamed: tuple[str, ...] = ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What has to be known of the whole: competitions together, rulesets apart."""
+        """What has to be known of the whole: rulesets apart, teams under several names."""
         remarks = []
-        if len(self.competitions) > 1:
-            names = ", ".join(name or "(none was set)" for name in self.competitions)
-            count = len(self.competitions)
-            remarks.append(f"Runs of {count} competitions count together: {names}.")
         if len(self.groups) > 1:
             names = ", ".join(group.ruleset for group in self.groups)
             remarks.append(
@@ -96,7 +89,7 @@ class CompetitionStandings:
             )
         if self.apart:
             remarks.append(self.apart)
-        remarks += self._other_names()
+        remarks += self.renamed
         if self.provisional:
             remarks.append(f"Not final: {self.provisional} of the valid runs.")
         if count := sum(bool(undecided(run.flags)) for run in self.flagged):
@@ -111,14 +104,6 @@ class CompetitionStandings:
             remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")
         return tuple(remarks)
 
-    def _other_names(self) -> Iterator[str]:
-        """Teams whose runs carry several names."""
-        teams = {team.subject: team for group in self.groups for team in group.overall}
-        for team in (teams[subject] for subject in sorted(teams)):
-            if team.other_names:
-                names = ", ".join(f"'{name}'" for name in team.other_names)
-                yield f"Runs of {team.who} under other names count as well: {names}."
-
     @property
     def basis(self) -> str:
         """Which runs the numbers are of."""
@@ -127,7 +112,7 @@ class CompetitionStandings:
             return f"Over all valid {kind} runs."
         return (
             f"Over the best {self.best} valid {kind} runs of each team in each condition: highest "
-            "capability level, completed before timed out, least execution time."
+            "capability level, completed before timed out, least execution time of completed ones."
         )
 
 
@@ -141,7 +126,7 @@ NUMBER_NOTES = (
     "Execution time: completed runs only. std: sample standard deviation (n - 1).",
     f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
     "All conditions together: every run weighs the same.",
-    "+-: of the mean, by measurement alone, rounded up. How much runs vary: std.",
+    "+-: of the mean, rounded up: by measurement, or 2 std / sqrt(runs) where that is larger.",
     f"{SIGNS}.",
 )
 """How to read the numbers."""
@@ -161,27 +146,28 @@ def competition_standings(
 ) -> CompetitionStandings:
     """The standings over all teams.
 
-    A run without a result does not tell its competition: it is always listed, and counted as
-    interrupted where its team has a standing; not among official runs where it is known to be
-    practice. So is a damaged one, only listed.
+    A run without a result is listed, and counted as such where its team has a standing; not among
+    official runs where it is known to be practice. So is a damaged one, only listed. One whose
+    files do not say of which competition it is may be of any.
 
     Args:
         runs: from a history.
         made: now, s since the epoch.
-        competition: only runs of the competition of this name; None = all.
+        competition: only runs of the competition of this name; None = there is only one.
         official: as for `standings`.
         best: as for `standings`.
         listed: as for `standings`.
 
     Raises:
-        MadrobError: no run is of this competition.
+        MadrobError: the runs are of several competitions, and none was chosen.
     """
-    names, entering = entering_runs(runs, competition, official=official)
+    title, entering = entering_runs(runs, competition, official=official)
     groups = _groups(entering, official=official, best=best, listed=listed or {})
-    teams = {team.subject: team.team for group in groups for team in group.overall}
+    teams = {team.subject: team for group in groups for team in group.overall}
 
     def named(run: RunSummary) -> RunSummary:
-        return replace(run, team=teams.get(run.subject, run.team))
+        team = teams.get(run.subject)
+        return run if team is None else replace(run, team=team.team)
 
     left_out = [
         LeftOut(named(run), why_left_out(run))
@@ -190,7 +176,7 @@ def competition_standings(
     ]
     return CompetitionStandings(
         made=made,
-        competitions=tuple(names),
+        title=title,
         official=official,
         best=best,
         groups=groups,
@@ -205,13 +191,25 @@ def competition_standings(
             )
         ),
         apart=how_testbeds_differ(entering),
+        renamed=tuple(words for one in sorted(teams) for words in _renamed(teams[one], entering)),
     )
+
+
+def _renamed(team: Overall, runs: Iterable[RunSummary]) -> Iterator[str]:
+    """Which runs of a team carry another name, a sentence for each name."""
+    for name in team.other_names:
+        which = [
+            f"run {run.run_number} in condition {run.condition}"
+            for run in runs
+            if (run.subject, run.team) == (team.subject, name)
+        ]
+        yield f"Under another name, '{name}', {team.who} also has {first_of(which, 3)}."
 
 
 def entering_runs(
     runs: Sequence[RunSummary], competition: str | None, *, official: bool
-) -> tuple[Sequence[str], Sequence[RunSummary]]:
-    """The names of the competitions, and their runs whether they count or not.
+) -> tuple[str, Sequence[RunSummary]]:
+    """The competition's name, and its runs whether they count or not.
 
     Args:
         runs: as for `competition_standings`.
@@ -219,24 +217,15 @@ def entering_runs(
         official: likewise.
 
     Raises:
-        MadrobError: no run is of this competition.
+        MadrobError: the runs are of several competitions, and none was chosen.
     """
-    told = [run for run in runs if _told(run) and _of_kind(run, official=official)]
-    names = sorted({run.competition for run in told})
-    if competition is not None and competition not in names:
-        known = ", ".join(f"'{terminal_safe(name)}'" for name in names) or "none"
-        raise MadrobError(
-            f"--competition '{terminal_safe(competition)}': no such runs; there are {known}"
-        )
-    if competition is not None:
-        names = [competition]
-    entering = [
+    wanted = [
         run
         for run in runs
-        if (not _told(run) and not (official and run.practice))
-        or (_told(run) and _of_kind(run, official=official) and run.competition in names)
+        if (_of_kind(run, official=official) if _told(run) else not (official and run.practice))
     ]
-    return names, entering
+    title = the_competition([run for run in wanted if _told(run)] or wanted, competition)
+    return title or "", of_competition(wanted, title)
 
 
 def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
@@ -322,7 +311,7 @@ def why_left_out(run: RunSummary) -> str:
     if run.twin:
         return run.why_twin
     if run.outcome is None:
-        return "no result yet: it goes on, or waits for a decision in `madrob console`"
+        return "no result yet: it goes on, or the referee decides on it"
     if run.reason:
         return run.reason
     aborted = run.outcome is Outcome.ABORTED

@@ -25,14 +25,26 @@ ALL = "all"
 
 COLUMNS = (
     *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
-    *("subject", "team", "testbed", "completed", "timeout", "invalid", "interrupted", "void"),
+    *(
+        "subject",
+        "team",
+        "testbed",
+        "competition",
+        "completed",
+        "timeout",
+        "invalid",
+        "interrupted",
+        "void",
+    ),
     *("flagged", "undecided"),
     *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
     *("expanded_uncertainty", "doubts", "not_distinguishable_from", "open_protests"),
+    "without_result",
 )
 """Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
 wait for a decision of the referee: a number of theirs may still change. `open_protests` are runs
-with a protest that is not decided: the row is not final."""
+with a protest that is not decided: the row is not final. `without_result` are runs that go on, or
+that the referee has to decide on."""
 
 _FORMULA = ("=", "+", "-", "@")
 
@@ -42,9 +54,10 @@ def standings_csv(found: CompetitionStandings) -> str:
 
     A row names its unit and a filter of a spreadsheet on condition and indicator shows a table of
     teams; a row for each team would have forty columns of numbers. Numbers have all their digits.
-    Empty = no value, or none that EUROBENCH tells. The expanded uncertainty is that of the mean, of
-    one run its own; a team is not distinguishable from the subjects that are named. A team's name
-    that a spreadsheet would take for a formula gets an apostrophe before it.
+    Empty = no value, or none that EUROBENCH tells. The expanded uncertainty is that of the mean: by
+    measurement, or 2 std / sqrt(runs) where that is larger; of one run its own. A team is not
+    distinguishable from the subjects that are named. A team's name that a spreadsheet would take
+    for a formula gets an apostrophe before it.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
@@ -69,7 +82,7 @@ def standings_json(found: CompetitionStandings, software: str) -> bytes:
         "format": FORMAT,
         "software": f"madrob-console {software}",
         "made": found.made,
-        "competitions": found.competitions,
+        "competition": found.title,
         "source": _source(found),
         "official": found.official,
         "best_runs": found.best or None,
@@ -141,6 +154,7 @@ def _rows(
         "ruleset": _cell(tally.ruleset),
         "team": _cell(tally.team),
         "testbed": _cell("; ".join(tally.testbeds)),
+        "competition": _cell(found.title),
     }
     told = {**_tally(tally), "source": _source(found), **names, **condition}
     for indicator, numbers in told["indicators"].items():
@@ -172,6 +186,7 @@ def _tally(tally: Tally) -> dict[str, Any]:
         "flagged": tally.flagged,
         "undecided": tally.undecided,
         "open_protests": tally.open_protests,
+        "without_result": tally.without_result,
         "indicators": {
             name: {
                 "unit": name.spec.unit,

@@ -37,7 +37,8 @@ class Aggregate:
         deviation: the sample standard deviation (n - 1 in the denominator); None for one value.
         smallest, largest: of the values.
         count: how many values; at least 1.
-        uncertainty: of the mean; None = that of a value is not known.
+        uncertainty: of the mean, by measurement or by the scatter of the values, whichever is
+            larger; None = that of a value is not known.
     """
 
     mean: float
@@ -68,7 +69,7 @@ class Aggregate:
             return None
         if not math.isfinite(median):
             return None
-        known = Uncertainty.of_mean(uncertainties)
+        known = Uncertainty.of_mean(uncertainties, deviation)
         return cls(mean, median, deviation, min(values), max(values), len(values), known)
 
 
@@ -91,7 +92,8 @@ class Tally:
         completed, timeout: valid runs.
         aborted: invalid runs.
         voided: runs that the referee voided, however they ended; the other counts are without them.
-        interrupted: runs cut off by a failure, and runs without a result yet.
+        interrupted: runs cut off by a failure.
+        without_result: runs without a result yet: they go on, or wait for the referee.
         counted: how many runs the aggregates are of.
         flagged: valid runs with a flag that weighs.
         undecided: those of them that wait for a decision of the referee.
@@ -114,6 +116,7 @@ class Tally:
     aborted: int = 0
     voided: int = 0
     interrupted: int = 0
+    without_result: int = 0
     counted: int = 0
     flagged: int = 0
     undecided: int = 0
@@ -187,15 +190,15 @@ def standings(
     """The standings by subject and condition.
 
     A run with a damaged result never counts, nor does a replay. A run without a result is counted
-    as interrupted wherever its team has a standing; one of an older version does not say whether it
-    was practice.
+    as such wherever its team has a standing; one of an older version does not say whether it was
+    practice.
 
     Args:
         runs: from a history.
         official: official runs; else the practice runs. The two are never mixed.
         best: how many valid runs enter the aggregates: those with the highest capability level,
-            completed before timed out, then with the least execution time. 0 = all. The counts
-            are of all runs.
+            completed before timed out, then with the least execution time of completed ones.
+            0 = all. The counts are of all runs.
         listed: subject -> team, the list of teams; a team that is not in it has the name of its
             latest run.
     """
@@ -293,7 +296,7 @@ def _tally(
         valid = sorted((run for run in runs if run.valid), key=rank)
         flagged += [run for run in valid if weighty(run.flags)]
         counted += valid[:best] if best else valid
-    found = {name: _aggregate(counted, name) for name in IndicatorName}
+    found = {name: aggregate_of(counted, name) for name in IndicatorName}
     doubts = {name: sum(run.doubts.get(name, 0) for run in counted) for name in IndicatorName}
     return {
         "subject": key.subject,
@@ -305,7 +308,8 @@ def _tally(
         "timeout": outcomes.count(Outcome.TIMEOUT),
         "aborted": outcomes.count(Outcome.ABORTED),
         "voided": voided,
-        "interrupted": outcomes.count(Outcome.INTERRUPTED) + outcomes.count(None),
+        "interrupted": outcomes.count(Outcome.INTERRUPTED),
+        "without_result": outcomes.count(None),
         "counted": len(counted),
         "flagged": len(flagged),
         "undecided": sum(bool(undecided(run.flags)) for run in flagged),
@@ -315,7 +319,8 @@ def _tally(
     }
 
 
-def _aggregate(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate | None:
+def aggregate_of(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate | None:
+    """An indicator over some runs; the execution time over the completed ones of them."""
     if name is IndicatorName.EXECUTION_TIME:
         runs = (run for run in runs if run.outcome is Outcome.COMPLETED)
     having = [run for run in runs if name in run.values]

@@ -30,8 +30,6 @@ def standings_lines(found: CompetitionStandings) -> Iterator[str]:
         yield PRACTICE_STANDINGS
     yield f"MADROB standings {found.title}".rstrip()
     yield from found.remarks
-    if len(found.competitions) > 1:
-        yield "Take one of them by --competition NAME."
     yield found.basis
     if not found.groups:
         yield "No run counts yet."

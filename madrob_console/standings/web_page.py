@@ -83,7 +83,7 @@ def _top(found: CompetitionStandings) -> Markup:
 def how_to_read() -> Content:
     """What the numbers of `teams_table` mean."""
     bold = (
-        "Bold: the mean. +-: its expanded uncertainty (k = 2). n: how many runs have a value, "
+        "Bold: the mean. +-: its expanded uncertainty (95 in 100). n: how many runs have a value, "
         "where not all have."
     )
     return [element("p", note) for note in (bold, *NUMBER_NOTES, MANUAL_START_NOTE)]
@@ -140,6 +140,7 @@ def counts(tally: Tally) -> Iterator[str]:
         (tally.aborted, "INVALID"),
         (tally.voided, VOID),
         (tally.interrupted, "INTERRUPTED"),
+        (tally.without_result, "without a result yet"),
     ):
         if count:
             yield f"{count} {word}"

@@ -30,11 +30,13 @@ class Announcement:
             a real one, or says nothing.
         problem: why what it says cannot be understood, in words; None = it can.
         messages: what it said once for all, as it came, for recordings.
+        simulated_time: `/clock` less the engine's clock, s; None = nobody publishes `/clock`.
     """
 
     simulated: str | None = None
     problem: str | None = None
     messages: tuple[RawMessage, ...] = ()
+    simulated_time: float | None = None
 
 
 SILENT = Announcement()

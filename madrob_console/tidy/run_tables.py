@@ -87,7 +87,7 @@ INDICATORS = TidyTable(
         TidyColumn("unit", CellKind.TEXT, "", "of value and uncertainties"),
         TidyColumn("reason", CellKind.TEXT, "", "why there is no value; empty: there is one"),
         TidyColumn("uncertainty", CellKind.NUMBER, "", "standard; empty: not known"),
-        TidyColumn("expanded_uncertainty", CellKind.NUMBER, "", "k = 2; empty: not known"),
+        TidyColumn("expanded_uncertainty", CellKind.NUMBER, "", "of 95 in 100; empty: not known"),
         TidyColumn("doubts", CellKind.TEXT, "", "sentences, with ; between; empty: none"),
     ),
 )

@@ -67,6 +67,8 @@ if TYPE_CHECKING:
     from madrob_console.ui.panes.runs_pane import RunsPane
     from madrob_console.ui.panes.setup_pane import SetupPane
 
+_OF_A_RUN = frozenset(LETTER_KEYS) - {KEYS["take"]}
+
 LATEST = 1.0
 """After a set-up that took longer than this nothing starts: nobody expects it any more, s."""
 
@@ -371,7 +373,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def _elsewhere(self, key: Key) -> str | None:
         """Among many runs, a key is not for the one that happens to be open."""
-        if self._console.pane in ("history", "plan", "standings") and key in LETTER_KEYS:
+        if self._console.pane in ("history", "plan", "standings") and key in _OF_A_RUN:
             return "Enter opens the marked run first, F4 shows the one that is open"
         return None
 
@@ -431,7 +433,10 @@ class MadrobApp(App[None], inherit_bindings=False):
                 await self._act(intent, name)
 
     async def _act(self, act: Act, name: str) -> None:
-        durable = not act.at_once
+        durable, now = not act.at_once, self._link.snapshot()
+        held = isinstance(act, Abort) and now is not None and now.right.holder
+        if held and not await self._awaited.done(TakeOver()):
+            return
         if not await self._awaited.done(Perform.of(act), done_text(act), durable=durable):
             self._console.drafts.refused(name)
             if isinstance(act, Start):  # its number may be used now

@@ -5,9 +5,10 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING, TextIO
 
@@ -66,9 +67,20 @@ def run_console(
             app.run(mouse=look.mouse)
     finally:
         app.close_link()
+    if app.return_code == 128 + signal.SIGHUP:
+        _let_go_of_terminal()
     if app.failure is not None:
         raise app.failure
     return app.return_code or 0
+
+
+def _let_go_of_terminal() -> None:
+    """What cannot be written to a terminal that is gone would make Python end with 120."""
+    with suppress(OSError):
+        sys.stdout.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
 
 
 def _rest() -> None:

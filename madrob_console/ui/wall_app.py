@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import BindingType
 
-from madrob_console.archive.history import History
+from madrob_console.archive.history import History, of_competition
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.wall_screen import WallScreen
 
@@ -43,7 +43,12 @@ class WallApp(MadrobApp, inherit_bindings=False):
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(open_client, defaults, look, monotonic)
-        self._wall = WallScreen(self._link, History(defaults.results).refresh, self._monotonic)
+        history = History(defaults.results)
+        self._wall = WallScreen(
+            self._link,
+            lambda: of_competition(history.refresh(), defaults.competition),
+            self._monotonic,
+        )
 
     def get_default_screen(self) -> Screen[None]:
         """The wall display."""

@@ -45,7 +45,8 @@ ABORT = 0.2
 """Seconds in which abort takes effect."""
 MOST = 2
 _TESTBED = ("-m", "madrob_console.cli.main", "testbed", "--scenario", "nominal", "--repeat", "0")
-_SETTINGS = '[recording]\ntopics = ["/camera/**", "/robot/**"]\n'
+# who makes reports would still write into a folder that is being removed
+_SETTINGS = '[results]\nreports = false\n[recording]\ntopics = ["/camera/**", "/robot/**"]\n'
 _MENDABLE = {
     CheckName.POSE,
     CheckName.HANDLE,
@@ -90,7 +91,10 @@ def _run(streams: Sequence[Stream]) -> _Run:
         engine = stack.enter_context(
             EngineProcess(Path(folder), None, environment=env, settings=_SETTINGS)
         )
-        engine.wait_for(lambda s: all(t.rate for t in s.topics if not t.optional))
+        # a run is set up as practice once the testbed has said that it is simulated
+        engine.wait_for(
+            lambda s: s.simulated is not None and all(t.rate for t in s.topics if not t.optional)
+        )
         if streams:
             stack.enter_context(cameras(*streams, env=env))
             wanted = sum(stream.count for stream in streams)

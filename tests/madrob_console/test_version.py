@@ -98,6 +98,7 @@ def test_what_python_and_editors_leave_behind_changes_nothing(tree: Path) -> Non
     assert source_version(tree) == before
 
 
+@pytest.mark.needs("git")
 def test_everything_that_is_committed_counts() -> None:
     listed = subprocess.run(
         ["git", "-C", ROOT, "ls-files"], capture_output=True, text=True, check=False
@@ -175,6 +176,7 @@ def test_an_installation_has_the_version_of_the_tree_that_it_came_from(
     assert told_from(tmp_path, other).partition(".t")[0] != source_version(tree).partition(".t")[0]
 
 
+@pytest.mark.needs("git")
 @pytest.mark.slow
 def test_a_checkout_knows_a_later_commit_without_a_new_installation(
     tree: Path, tmp_path: Path

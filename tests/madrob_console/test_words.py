@@ -1,4 +1,4 @@
-"""One word for one thing in what people read; the README's table of words says which."""
+"""One word for one thing in what people read; the guide's table of words says which."""
 
 from __future__ import annotations
 

@@ -77,6 +77,7 @@ def detector(
     found = EventDetector(condition, START, Thresholds(), ruleset, zero)
     for sample in samples:
         found.feed(sample)
+    found.finish()
     return found
 
 
@@ -106,6 +107,7 @@ def passage_through() -> list[Sample]:
         under(4.0, Side.CCW),
         under(4.4, Side.CW),
         clear(4.6, Side.CCW),
+        door(4.65, 0.5),
         clear(5.0, Side.CW),
         door(6.0, 0.0),
         door(7.0, 0.0),

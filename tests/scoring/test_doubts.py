@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
@@ -14,7 +15,7 @@ from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
-from scoring.samples import PassageSample, Sample
+from scoring.samples import DoorSample, PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,
@@ -123,7 +124,7 @@ def test_a_quivering_door_opens_once_under_the_robust_rules() -> None:
         for rules in (PROTOCOL, ROBUST_2026)
     ]
     assert openings[0] > 20
-    assert openings[1] == 2
+    assert openings[1] == 1
 
 
 def test_a_touch_that_did_not_hold_is_doubted_while_the_run_goes_on() -> None:
@@ -198,7 +199,7 @@ def test_a_spike_just_before_the_start_is_doubted_and_many_are_one_sentence() ->
     assert UNSAFETY in doubted(scored(spike(-0.06, 1.0)(clean())))
     many = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))
     doubts = scored(many(clean())).indicators[UNSAFETY].doubts
-    assert len([words for words in doubts if "steps by" in words]) == 1
+    assert len([words for words in doubts if "fits no motion" in words]) == 1
 
 
 def test_a_coarse_or_silent_load_cell_is_not_stuck() -> None:
@@ -239,8 +240,8 @@ def test_doubts_change_no_value() -> None:
     limits = Thresholds().doubt
     never = type(limits)(
         least_readings=0, least_hold=0, gap_intervals=1e9, missing=2, jitter=1e9,
-        spike_velocity=1e9, clipped=10**6, stuck_time=1e9, drift=1e9, chatter=10**6,
-        delay_intervals=1e9, rate=1e9,
+        one_sample=1e9, range_end=1e9, encoder=1e9, clipped=10**6,
+        stuck_time=1e9, drift=1e9, chatter=10**6, delay_intervals=1e9, rate=1e9,
     )  # fmt: skip
     for fault, _ in DISTURBANCES.values():
         samples = fault(clean())
@@ -250,7 +251,7 @@ def test_doubts_change_no_value() -> None:
             assert with_doubts.indicators[name].value == without.indicators[name].value
 
 
-@pytest.mark.parametrize("value", [1e6, -197.0, math.inf, math.nan])
+@pytest.mark.parametrize("value", [1e6, -600.0, math.inf, math.nan])
 def test_an_impossible_force_is_no_reading_but_for_eurobench(value: float) -> None:
     samples = clean()
     spoilt = force_spike(1.0, value)(samples)
@@ -279,9 +280,9 @@ def test_an_impossible_angle_leaves_a_hole_in_the_motion_that_is_doubted() -> No
 
 
 def test_the_limits_are_settings() -> None:
-    spoilt = force_spike(1.0, 300.0)(clean())
+    spoilt = force_spike(1.0, 900.0)(clean())
     result = scored(spoilt, thresholds=Thresholds(largest_force=500.0))
-    assert result.indicators[ROUGHNESS].value == 300.0
+    assert result.indicators[ROUGHNESS].value == 900.0
 
 
 def test_every_ruleset_has_its_name() -> None:
@@ -308,3 +309,40 @@ def test_roughness_is_measured_from_the_rest_force_under_the_robust_rules() -> N
     about_rest = float(result.indicators[ROUGHNESS].value or 0)
     assert raw == pytest.approx(45.9, abs=0.3)
     assert 39 < about_rest < raw
+
+
+@pytest.mark.parametrize("counts", [720, 1800])
+def test_a_coarser_encoder_than_the_settings_say_is_doubted(counts: int) -> None:
+    step = math.tau / counts
+    coarse = door_fault(lambda _, angle: round(angle / step) * step)(clean())
+    doubts = scored(coarse).indicators[SMOOTHNESS].doubts
+    assert any("another encoder: the door steps by" in words for words in doubts)
+    assert not doubted(scored(coarse, thresholds=Thresholds(encoder_counts=counts)))
+
+
+def test_a_noisy_encoder_is_doubted_unless_the_settings_know_its_noise() -> None:
+    random = np.random.RandomState(5)
+    noise, step = 0.001, 0.001  # rad
+    noisy = door_fault(
+        lambda _, angle: round((angle + noise * random.standard_normal()) / step) * step
+    )(clean())
+    told = scored(noisy).indicators[SMOOTHNESS]
+    assert any("another encoder: the door at rest varies by" in words for words in told.doubts)
+    known = Thresholds(encoder_counts=round(math.tau / step), encoder_noise=noise)
+    same = scored(noisy, thresholds=known).indicators[SMOOTHNESS]
+    assert same.doubts == ()
+    assert same.uncertainty is not None
+    assert same.uncertainty.expanded > 0.1
+
+
+def test_a_freeze_in_motion_is_doubted_and_repaired_by_the_robust_rules() -> None:
+    samples = clean(Motion(swing_time=2.0))
+    door = [s for s in samples if isinstance(s, DoorSample) and s.time >= START + 3.5]
+    first = door[0]
+    frozen = door_fault(
+        lambda t, angle: first.angle if 3.5 <= t < first.time - START + 0.1 else angle
+    )(samples)
+    assert {SMOOTHNESS, UNSAFETY} <= doubted(scored(frozen))
+    plain, repaired = (scored(s, ROBUST_2026).indicators for s in (samples, frozen))
+    for name in Name:
+        assert agree(plain[name], repaired[name]), name

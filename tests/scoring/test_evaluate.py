@@ -8,7 +8,7 @@ import pytest
 
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
-from scoring.protocol import EventName, Outcome, Step, Thresholds
+from scoring.protocol import EventName, LockDetection, Outcome, Step, Thresholds
 from scoring.result import Ending, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 from scoring.samples import DoorSample, Sample
@@ -139,3 +139,11 @@ def test_stamps_that_differ_from_reception_are_remarked_from_the_testbeds_limit_
     found = assessment(samples, thresholds=Thresholds(largest_skew=limit)).quality()
     told = "door angle: stamps differ from reception by up to 0.150 s"
     assert (told in found.remarks) is remarked
+
+
+def test_a_denied_step_is_the_reason_why_there_is_no_passage_time() -> None:
+    ruling = Ruling(Step.CROSS, False, START + 6, "one foot stayed", "Ada")
+    run = assessment(passage_through(), lock=LockDetection.SETTLE)
+    result, _ = run.result(Ending(Outcome.COMPLETED, "all six steps done", START + 6), [ruling])
+    passage = result.indicators[IndicatorName.PASSAGE_TIME]
+    assert passage.reason == "step 4 not done: denied by the referee"

@@ -64,3 +64,11 @@ def test_a_mean_is_known_better_than_its_values() -> None:
     assert Uncertainty.of_mean([Uncertainty(0.3, 0.6)]) == Uncertainty(0.3, 0.6)
     assert Uncertainty.of_mean([Uncertainty(0.3, 0.6), None]) is None
     assert Uncertainty.of_mean([]) is None
+
+
+def test_a_mean_of_values_that_scatter_is_known_no_better_than_they_repeat() -> None:
+    parts = [Uncertainty(0.01, 0.02)] * 4
+    assert Uncertainty.of_mean(parts, 3.0) == Uncertainty(1.5, 3.0)
+    measured = Uncertainty.of_mean(parts)
+    assert measured == Uncertainty.of_mean(parts, 0.0) == Uncertainty.of_mean(parts, 0.0099)
+    assert Uncertainty.of_mean([*parts, None], 3.0) is None

@@ -6,7 +6,11 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -171,3 +175,29 @@ def test_a_coarser_encoder_and_a_slower_rate_are_less_certain() -> None:
 
     assert expanded(Name.EXECUTION_TIME, 25.0) > 1.5 * expanded(Name.EXECUTION_TIME, 50.0)
     assert expanded(Name.TIME_TO_HANDLE, 50.0) > 1.5 * expanded(Name.TIME_TO_HANDLE, 100.0)
+
+
+PRINT = """
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026
+from tests.scoring.clean_run import clean, scored
+for rules in (PROTOCOL, EUROBENCH_2020, ROBUST_2026):
+    print([one.uncertainty for one in scored(clean(), rules).indicators.values()])
+"""
+
+
+@pytest.mark.machine
+def test_uncertainties_are_the_same_on_a_processor_that_lacks_instructions() -> None:
+    lacking = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 AVX512F"}
+    printed = [
+        subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", PRINT],
+            capture_output=True,
+            check=True,
+            cwd=Path(__file__).parents[2],
+            env=os.environ | more,
+            text=True,
+        ).stdout
+        for more in ({}, lacking)
+    ]
+    assert printed[0].count("expanded") == 3 * len(Name)
+    assert printed[0] == printed[1]

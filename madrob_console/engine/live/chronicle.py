@@ -57,6 +57,11 @@ class Chronicle:
         return self._lines.mark
 
     @property
+    def full(self) -> bool:
+        """Whether the journal takes only what ends the run and its result."""
+        return self._lines.full
+
+    @property
     def problem(self) -> str | None:
         """Why the disk refuses lines of the journal, in words; None when it does not."""
         return self._lines.problem

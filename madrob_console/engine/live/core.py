@@ -225,6 +225,7 @@ class Engine:
         """
         self.source.open()
         if self._replay is not None:
+            self._repeat_decisions(self._replay)  # before the first message
             self.step(0.0)
             return
         self._at_hand.chronicle.announce_state(self.run)
@@ -394,12 +395,15 @@ class Engine:
             simulated=self.source.announcement.simulated,
             indicators=self._result.indicators,
             refused=self.refused,
-            look=lambda: self._pre_start.checks(self.run, self.source, now, self._at_hand.drift),
+            look=lambda: self._pre_start.checks(
+                self.run, self.source, now, self._at_hand.drift, self._teams
+            ),
             measure=lambda: self._sensors.handle_rest(now),
             rest_force=self.config.thresholds.touch_force / 2,
             teams=self._teams,
             steps=self._observation.steps,
             testbed=self.config.testbed,
+            competition=self.config.competition,
             new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
             time=self.now(),
             protest_times=self.config.protest_times,

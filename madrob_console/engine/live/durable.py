@@ -12,7 +12,7 @@ from madrob_console.engine.live.equipment import Equipment
 from madrob_console.engine.live.journal_keeper import Promise
 from madrob_console.engine.live.keeper import why_not
 from madrob_console.engine.live.run_recorder import OpenRecording, RunRecorder
-from madrob_console.referee.acts import Act, Consequence, Situation
+from madrob_console.referee.acts import Act, Consequence, Finalise, Situation
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 
@@ -102,6 +102,9 @@ class DurableActs:
             act: the act.
             active: whether a run goes on, in which what is done at once is done.
         """
+        ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
+        if self._chronicle.full and not ends:
+            return "the journal of this run is full: finalise it, then set up the next run"
         silent = self._keepers.own.silent
         if self.waiting is not None and not (act.at_once and active):
             return f"the disk has not taken the {self.waiting.name} yet: wait for it"

@@ -11,7 +11,15 @@ from pathlib import Path
 
 from madrob_console.engine.live.keeper import Keeper, why_not
 from madrob_console.errors import MadrobError
-from madrob_console.referee.journal import Entry, Journal, read_journal, refusal_words, up_to_date
+from madrob_console.referee.journal import (
+    LARGEST_JOURNAL,
+    MOST_LINES,
+    Entry,
+    Journal,
+    read_journal,
+    refusal_words,
+    up_to_date,
+)
 from madrob_console.referee.journal_mark import GrowingMark
 from madrob_console.referee.on_record import JournalMark
 
@@ -210,6 +218,7 @@ class JournalKeeper:
         self._problem: str | None = None
         self._entries: list[Entry] = []
         self._mark = GrowingMark()
+        self._size = 0  # bytes of these lines
         self._waiting: tuple[_Line, ...] = ()
 
     @property
@@ -221,6 +230,11 @@ class JournalKeeper:
     def mark(self) -> JournalMark:
         """Of all these lines."""
         return self._mark.mark
+
+    @property
+    def full(self) -> bool:
+        """Whether half is used of what readers of a journal take; the rest is for the run's end."""
+        return 2 * len(self._entries) > MOST_LINES or 2 * self._size > LARGEST_JOURNAL
 
     @property
     def problem(self) -> str | None:
@@ -241,7 +255,7 @@ class JournalKeeper:
         """Another run: its lines wait for its file."""
         self.close()
         self._entries, self._waiting, self._problem = [], (), None
-        self._mark = GrowingMark()
+        self._mark, self._size = GrowingMark(), 0
 
     def adopt(self, file: OpenJournal, entries: Iterable[Entry]) -> None:
         """Go on in a file.
@@ -254,7 +268,7 @@ class JournalKeeper:
         self._waiting = tuple(
             one for one in self._waiting if not any(one.entry is entry for entry in known)
         )
-        self._entries, self._mark = [], GrowingMark()
+        self._entries, self._mark, self._size = [], GrowingMark(), 0
         for entry in (*known, *(one.entry for one in self._waiting)):
             self._stands(entry)
         self._file, self._busy = file, False
@@ -289,6 +303,7 @@ class JournalKeeper:
 
     def _stands(self, entry: Entry) -> None:
         self._entries.append(entry)
+        self._size += len(entry.to_json()) + 1
         self._mark.add(entry)
 
     def _write(self, *, again: bool = False) -> None:

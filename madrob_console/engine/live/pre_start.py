@@ -13,6 +13,7 @@ from madrob_console.engine.live.sensors import Sensors
 from madrob_console.files.whole import free_space
 from madrob_console.referee.preflight import NO_ROS, Check, EvidenceReading, Readings, preflight
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import Source
 
 _DISK_PERIOD = 2.0
@@ -38,7 +39,12 @@ class PreStart:
         self._starts_next = self._practice = False
 
     def checks(
-        self, run: Run, source: Source, now: float, drift: float | None = None
+        self,
+        run: Run,
+        source: Source,
+        now: float,
+        drift: float | None = None,
+        teams: TeamList = NO_TEAMS,
     ) -> tuple[Check, ...]:
         """The pre-start checks.
 
@@ -47,6 +53,7 @@ class PreStart:
             source: the testbed.
             now: s since the epoch.
             drift: see `Readings`, N.
+            teams: the list of teams.
         """
         sensors, config = self._sensors, self._config
         self._starts_next = run.phase is Phase.READY
@@ -62,12 +69,15 @@ class PreStart:
             drift=drift,
             occupied=sensors.occupied(now),
             skew=sensors.skew(now),
+            least_skew=sensors.skew(now, min),
+            simulated_time=source.announcement.simulated_time,
             largest_skew=config.thresholds.largest_skew,
             disk_free=disk.free,
             disk_needed=config.disk_needed,
             recorder_problems=disk.problems,
             other_referee=source.other_referee,
             evidence=self._evidence(disk.free, now),
+            teams=teams,
         )
         return preflight(readings, run)
 

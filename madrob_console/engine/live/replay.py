@@ -93,8 +93,14 @@ class Replay:
         entries, start = self.recorded.entries, self.recorded.run.start
         assert start is not None
         self.source.expect(self.recorded.record.mappings)
-        # In the journal's order, even where a line says that it is older than the one before.
-        self._times = tuple(accumulate((_instant(entry.time) for entry in entries), max))
+        # In the journal's order, even where a line says that it is older than the one before. All
+        # up to the countdown was done when the bag begins: until then the clock may have been set
+        # back, and the first messages may have waited for the countdown.
+        times, begin = [_instant(entry.time) for entry in entries], self.source.begin_ns
+        said = [entry.what for entry in entries]
+        opened = said.index(Change.COUNTDOWN_BEGINS) + 1 if Change.COUNTDOWN_BEGINS in said else 0
+        times[:opened] = [min(each, begin) for each in times[:opened]]
+        self._times = tuple(accumulate(times, max))
         self.source.clock.stop_at(self._times)
         self._begin = seconds(self.source.begin_ns) - start
         self._stored = stored_result(path)

@@ -46,7 +46,7 @@ class Unwritten:
         Raises:
             MadrobError: the disk refuses; what is written already may be written again.
         """
-        details = {"issue": self.scored.run.issue}
+        details = self.scored.written_details
         written = Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
         path = self.folder / JOURNAL_FILE
         try:

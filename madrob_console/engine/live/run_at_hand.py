@@ -339,7 +339,7 @@ class RunAtHand:
         self.result.ask(ToScore(self.run, self.folder, self._missing, files=write))
 
     def _written(self, _folder: Path, scored: RenderedResult) -> None:
-        details = {"issue": scored.run.issue}
+        details = scored.written_details
         self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
 
     def _shown(self, scored: RenderedResult) -> None:

@@ -14,7 +14,9 @@ from typing import Protocol
 
 import msgspec
 
+from madrob_console.archive.agreement import Details, written_details
 from madrob_console.archive.evidence import evidence_told
+from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.result_writer import ResultFiles, result_files
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored, assess_recording, open_run
@@ -84,6 +86,11 @@ class RenderedResult:
     files: ResultFiles
     curves: bytes | memoryview
     report: bytes | memoryview
+
+    @property
+    def written_details(self) -> Details:
+        """What the journal's line says once the result is on disk."""
+        return written_details(self.files[RESULT_FILE], self.run.issue)
 
     @property
     def flags(self) -> tuple[Flag, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from madrob_console.engine.live.limits import SensorLimits
 from madrob_console.engine.live.topic_watch import TopicWatch, Trouble
@@ -76,7 +76,8 @@ class Sensors:
             return
         self._states.feed(sample)
         self._newest[watch.signal] = sample
-        if isinstance(sample, HandleSample) and abs(sample.force) <= self._thresholds.largest_force:
+        largest = self._thresholds.impossible_force
+        if isinstance(sample, HandleSample) and abs(sample.force) <= largest:
             self._keep_force(now, sample.force)
 
     def _keep_force(self, now: float, force: float) -> None:
@@ -130,10 +131,10 @@ class Sensors:
             return None
         return rest_of(*zip(*recent, strict=True))
 
-    def skew(self, now: float) -> float | None:
-        """Largest abs(stamp - log time) of the last second, s; None without samples."""
-        skews = (watch.skew(now) for watch in self._watches.values())
-        return max((abs(skew) for skew in skews if skew is not None), default=None)
+    def skew(self, now: float, of_topic: Callable[..., float] = max) -> float | None:
+        """The largest of the topics' `TopicWatch.skew`, s, with its sign; None without samples."""
+        skews = (watch.skew(now, of_topic) for watch in self._watches.values())
+        return max((skew for skew in skews if skew is not None), key=abs, default=None)
 
     def occupied(self, now: float) -> tuple[str, ...] | None:
         """Names of the used sensors that see something; None if one of them says nothing."""

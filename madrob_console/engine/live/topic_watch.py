@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from enum import StrEnum
 from textwrap import shorten
 from typing import TYPE_CHECKING
@@ -107,8 +108,9 @@ class TopicWatch:
         previous, self._stamp = self._stamp, sample.time
         if sample.time == 0 or (previous is not None and sample.time <= previous):
             self._disordered.seen(now)
-        self._skews.append((now, sample.time - sample.log_time))
-        while self._skews[0][0] < now - self._limits.averaging:
+        if sample.time != 0:  # else it was never set
+            self._skews.append((now, sample.time - sample.log_time))
+        while self._skews and self._skews[0][0] < now - self._limits.averaging:
             self._skews.popleft()
 
     def _missing_in(self, now: float, sample: Sample, angle: float) -> str | None:
@@ -119,7 +121,7 @@ class TopicWatch:
             case DoorSample():
                 return _no_reading("angle", sample.angle, self._thresholds.largest_angle, "rad")
             case HandleSample():
-                return _no_reading("force", sample.force, self._thresholds.largest_force, "N")
+                return _no_reading("force", sample.force, self._thresholds.impossible_force, "N")
             case _:
                 return None
 
@@ -138,10 +140,13 @@ class TopicWatch:
 
     # ------------------------------------------------------------------ what is wrong
 
-    def skew(self, now: float) -> float | None:
-        """The largest stamp - log time of the last second, s, with its sign; None without one."""
+    def skew(self, now: float, extreme: Callable[..., float] = max) -> float | None:
+        """The largest stamp - log time of the last second, s, with its sign; None without one.
+
+        With `min` it is the smallest: what no stray stamp decides.
+        """
         recent = [skew for time, skew in self._skews if time >= now - self._limits.averaging]
-        return max(recent, key=abs, default=None)
+        return extreme(recent, key=abs) if recent else None
 
     def troubles(self, status: TopicStatus | None, now: float) -> dict[Trouble, str]:
         """What is wrong at `now`, in words; empty for a healthy topic."""
@@ -191,7 +196,7 @@ class TopicWatch:
             what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
             found[Trouble.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
         skew = self.skew(now)
-        if skew is not None and abs(skew) >= self._thresholds.largest_skew and self._stamp != 0:
+        if skew is not None and abs(skew) >= self._thresholds.largest_skew:
             where = "ahead of" if skew > 0 else "behind"
             found[Trouble.SKEW] = f"stamps {abs(skew):.3f} s {where} their reception"
 

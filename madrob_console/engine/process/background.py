@@ -99,6 +99,7 @@ class Background:
         """
         with self._changed:
             self._resting.pop(name, None)
+            self._waiting.pop(name, None)  # it comes after all that was asked for before
             self._waiting[name] = _Chore(name, tuple(arguments), done, given, self._pause)
             self._changed.notify_all()
 

@@ -24,8 +24,11 @@ LARGEST_FRAME = 256_000_000
 
 _T = TypeVar("_T")
 
-LOOK_PERIOD = 1.0
+LOOK_PERIOD = 0.5
 """Whether it moves is looked at this often, s."""
+
+STOPPED_TIME = 2.0
+"""A process that somebody stopped (SIGSTOP) is given up after so long, s."""
 
 END_TIME = 2.0
 """One that is not needed any more is waited for so long, s."""
@@ -102,6 +105,7 @@ class Child(Generic[_T]):
         self._received = bytearray()
         self._looked = self._moved = time.monotonic()
         self._used = ""
+        self._stopped: float | None = None
 
     @property
     def pid(self) -> int:
@@ -154,7 +158,11 @@ class Child(Generic[_T]):
         return ""
 
     def moved(self, now: float) -> float:
-        """When it last used the processor, wanted to or waited for a disk, s."""
+        """When it last used the processor, wanted to or waited for a disk, s.
+
+        Raises:
+            MadrobError: somebody has stopped it.
+        """
         if now - self._looked < LOOK_PERIOD:
             return self._moved
         self._looked = now
@@ -163,6 +171,12 @@ class Child(Generic[_T]):
             state, used = told[0], " ".join(told[11:13])
             if state in _BUSY or used != self._used:
                 self._moved, self._used = now, used
+            if state != _STOPPED:
+                self._stopped = None
+            elif self._stopped is None:
+                self._stopped = now
+            elif now - self._stopped >= STOPPED_TIME:
+                raise MadrobError(f"it was stopped for {STOPPED_TIME:g} s")
         return self._moved
 
     def _state(self) -> list[str]:

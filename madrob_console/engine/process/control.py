@@ -22,7 +22,7 @@ from typing import Self
 import msgspec
 from msgspec.structs import replace
 
-from madrob_console.engine.process.owned import Peer, peer_of
+from madrob_console.engine.process.owned import Peer, address_of, holder_of, peer_of
 from madrob_console.errors import MadrobError
 from madrob_console.referee.run import Run
 
@@ -200,19 +200,19 @@ class Heard:
     """What came of a question.
 
     Attributes:
-        peer: who listens there; None where it takes no more connections (it has hung for long).
+        peer: who listens there.
         line: the answer; empty = it is silent.
     """
 
-    peer: Peer | None
+    peer: Peer
     line: bytes
 
 
-def ask(address: str, question: Inquiry, patience: float = PATIENCE) -> Heard | None:
-    """Ask who listens at an address.
+def ask(name: str, question: Inquiry, patience: float = PATIENCE) -> Heard | None:
+    """Ask the process that has a name of this user.
 
     Args:
-        address: of a name (`address_of`).
+        name: what an engine owns.
         question: what.
         patience: how long to wait for the answer, s.
 
@@ -225,17 +225,12 @@ def ask(address: str, question: Inquiry, patience: float = PATIENCE) -> Heard | 
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(patience)
         try:
-            connection.connect(address)
-        except (BlockingIOError, TimeoutError):
-            return Heard(None, b"")
+            connection.connect(address_of(name))
+        except (BlockingIOError, TimeoutError):  # its backlog is full: it has hung for long
+            return Heard(_no_stranger(holder_of(name), name), b"")
         except OSError:
             return None
-        peer = peer_of(connection)
-        if peer.user != os.getuid():
-            raise MadrobError(
-                f"{address.lstrip(chr(0))}: the process {peer.pid} of another user ({peer.user}) "
-                "has the name of an engine of yours: have it ended"
-            )
+        peer = _no_stranger(peer_of(connection), name)
         try:
             _say(connection, question)
             line = _line(connection, patience)
@@ -244,6 +239,16 @@ def ask(address: str, question: Inquiry, patience: float = PATIENCE) -> Heard | 
         except OSError:
             return None  # it has just ended
         return Heard(peer, line) if line else None
+
+
+def _no_stranger(peer: Peer, name: str) -> Peer:
+    if peer.user == os.getuid():
+        return peer
+    if peer.pid:
+        who = f"process {peer.pid} of another user ({peer.user})"
+    else:
+        who = "a process that cannot be seen from here"
+    raise MadrobError(f"{who} has the name {name} of an engine of yours: have it ended")
 
 
 def who_answer_in(line: bytes) -> WhoAnswer | None:

@@ -7,12 +7,11 @@ import select
 import signal
 import socket
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from madrob_console.engine.process.engines import FoundEngine
-from madrob_console.engine.process.owned import address_of, peer_of
+from madrob_console.engine.process.owned import Peer, address_of, holder_of, peer_of
 from madrob_console.errors import MadrobError
 
 
@@ -67,19 +66,21 @@ class EngineHandle:
 
 
 def _is_still(found: FoundEngine) -> bool:
-    """Whether the engine still listens, and the number is its own."""
-    addresses: list[str | Path] = [address_of(name) for name in found.names]
+    """Whether the engine still listens, and the process is its own and this user's."""
+    ours = Peer(found.pid, os.getuid())
+    places = [(address_of(name), name) for name in found.names]
     if found.path is not None:
-        addresses.append(found.path)
-    for address in addresses:
+        places.append((str(found.path), ""))
+    for address, name in places:
         with socket.socket(socket.AF_UNIX) as knock:
             knock.settimeout(1.0)
             try:
-                knock.connect(str(address))
-            except BlockingIOError:
-                return True  # nobody else has the name
+                knock.connect(address)
+                peer = peer_of(knock)
+            except BlockingIOError:  # its backlog is full; only this user can make the path
+                peer = holder_of(name) if name else ours
             except OSError:
                 continue
-            if peer_of(knock).pid == found.pid:
+            if peer == ours:
                 return True
     return False

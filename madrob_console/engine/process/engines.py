@@ -21,7 +21,6 @@ from pathlib import Path
 from madrob_console.engine.process.control import PATIENCE, Inquiry, WhoAnswer, ask, who_answer_in
 from madrob_console.engine.process.owned import (
     LOCK_FILE,
-    address_of,
     names_in_use,
     peer_of,
 )
@@ -174,10 +173,10 @@ def found_at(name: str, patience: float = PATIENCE) -> FoundEngine | None:
     Raises:
         MadrobError: another user's process has it.
     """
-    heard = ask(address_of(name), Inquiry("who"), patience)
+    heard = ask(name, Inquiry("who"), patience)
     if heard is None:
         return None
-    pid = _pid_by_table(name) if heard.peer is None else heard.peer.pid
+    pid = heard.peer.pid
     presence = who_answer_in(heard.line) if heard.line else None
     return FoundEngine(pid, (name,), None, presence, not heard.line, began(pid))
 
@@ -266,18 +265,6 @@ def began(pid: int) -> float | None:
     except (OSError, ValueError, IndexError):
         return None
     return time.time() - up + ticks / os.sysconf("SC_CLK_TCK")
-
-
-def _pid_by_table(name: str) -> int:
-    """The process that listens on a name and takes no more connections; 0 if it is not seen."""
-    with suppress(OSError, KeyError):
-        target = f"socket:[{names_in_use()[name]}]"
-        for process in _PROCESSES.iterdir():
-            if process.name.isdecimal():
-                with suppress(OSError):
-                    if any(file.readlink().name == target for file in (process / "fd").iterdir()):
-                        return int(process.name)
-    return 0
 
 
 def _clock_time(moment: float) -> str:

@@ -2,7 +2,7 @@
 
 The names of `owned.py` keep the engines of this user and this machine apart, without a file. A lock
 file in the results folder does so for other machines that share it over a network, and for other
-users.
+users. Another user may have taken the names: then the lock files alone keep engines apart.
 """
 
 from __future__ import annotations
@@ -23,7 +23,14 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.engine.process.engines import FoundEngine, found_at
-from madrob_console.engine.process.owned import LOCK_FILE, Owned, address_of, results_name
+from madrob_console.engine.process.owned import (
+    LOCK_FILE,
+    HeldError,
+    Owned,
+    address_of,
+    results_name,
+)
+from madrob_console.engine.process.place import place_of
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
@@ -32,18 +39,6 @@ _PATIENCE = 1.0
 _LOCKS = Path("/proc/locks")
 
 _T = TypeVar("_T")
-
-
-class HeldError(MadrobError):
-    """Another engine has what this one needs.
-
-    Attributes:
-        same: it is the engine of the same testbed.
-    """
-
-    def __init__(self, words: str, *, same: bool) -> None:
-        super().__init__(words)
-        self.same = same
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +63,14 @@ class Holding:
 
 
 @contextmanager
-def held(owned: Owned) -> Iterator[Holding]:
+def held(owned: Owned, *, lock_testbed: bool = False) -> Iterator[Holding]:
     """Hold everything that an engine owns while inside; waits for nobody.
 
     The results folder is made if there is none.
+
+    Args:
+        owned: by it.
+        lock_testbed: hold the testbed's lock file in the runtime folder, too.
 
     Raises:
         HeldError: another engine has some of it; the message names that and what to do.
@@ -88,14 +87,18 @@ def held(owned: Owned) -> Iterator[Holding]:
                 names |= {} if name is None else {name: str(owned.results)}
         listening = []
         for each, words in names.items():
-            bound = _bound(each, words, same=each == owned.testbed)
-            if bound is None:
+            try:
+                bound = _bound(each, words, same=each == owned.testbed)
+            except HeldError:
+                raise
+            except MadrobError as stranger:
                 remarks.append(
-                    f"a process that is no engine of yours has the name {each}: other engines "
-                    f"are not kept out of {words}"
+                    f"{stranger}; until then a lock file alone keeps other engines off {words}"
                 )
             else:
                 listening.append(stack.enter_context(bound))
+        if lock_testbed:
+            stack.enter_context(place_of(owned).taken())
         if owned.results is not None and len(names) > 1:
             lock, problem = stack.enter_context(_locked(owned.results))
             remarks += [] if problem is None else [problem]
@@ -112,22 +115,19 @@ def _results_name(folder: Path) -> str | None:
     return results_name(folder)
 
 
-def _bound(name: str, words: str, *, same: bool) -> socket.socket | None:
-    """A socket that listens on a name; None where a process has it that is no engine of this user.
+def _bound(name: str, words: str, *, same: bool) -> socket.socket:
+    """A socket that listens on a name.
 
     Raises:
         HeldError: another engine has it.
+        MadrobError: a process has it that is no engine of this user.
     """
     end = time.monotonic() + _PATIENCE
     while (listening := _free(name)) is None:
-        try:
-            found = found_at(name)
-        except MadrobError:
-            return None
-        if found is not None:
+        if (found := found_at(name)) is not None:
             raise HeldError(_taken(words, found), same=same)
         if time.monotonic() > end:  # it has neither ended, nor does it begin to listen
-            return None
+            raise MadrobError(f"a process that does not listen has the name {name}: have it ended")
         time.sleep(0.01)
     return listening
 

@@ -282,8 +282,8 @@ class LocalEngine:
         if self._reporting is None:
             return "nobody packs runs here: use `madrob export`"
         match request:
-            case ExportTeam(subject, practice):
-                self._reporting.export(subject, practice=practice)
+            case ExportTeam(subject, practice, competition):
+                self._reporting.export(subject, competition, practice=practice)
             case ExportDossier(folder):
                 if parse_folder_name(folder) is None:
                     return f"{folder!r} is no run folder"

@@ -10,17 +10,32 @@ import hashlib
 import os
 import socket
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 
 LOCK_FILE = ".madrob_engine.lock"
 """In a results folder: locked while an engine records to it; says which one."""
 
 _CREDENTIALS = struct.Struct("3i")
+_PROCESSES = Path("/proc")
 _TABLE = Path("/proc/net/unix")
 _LISTENS = "00010000"
+
+
+class HeldError(MadrobError):
+    """Another engine has what this one needs.
+
+    Attributes:
+        same: it is the engine of the same testbed.
+    """
+
+    def __init__(self, words: str, *, same: bool) -> None:
+        super().__init__(words)
+        self.same = same
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +127,7 @@ class Peer:
 
     Attributes:
         pid: 0 where it cannot be seen from here (another container).
-        user: its user.
+        user: its user; -1 where that cannot be seen either.
     """
 
     pid: int
@@ -124,3 +139,19 @@ def peer_of(connection: socket.socket) -> Peer:
     raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     pid, user, _ = _CREDENTIALS.unpack(raw)
     return Peer(pid, user)
+
+
+def holder_of(name: str) -> Peer:
+    """The process that listens on a name, for when it accepts no connection.
+
+    The kernel says who made a socket. A socket that is not seen belongs to another user.
+    """
+    with suppress(OSError, KeyError):
+        target = f"socket:[{names_in_use()[name]}]"
+        for process in _PROCESSES.iterdir():
+            if process.name.isdecimal():
+                with suppress(OSError):
+                    for file in (process / "fd").iterdir():
+                        if file.readlink().name == target:
+                            return Peer(int(process.name), file.stat().st_uid)
+    return Peer(0, -1)

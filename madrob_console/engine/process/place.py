@@ -14,7 +14,7 @@ from pathlib import Path
 
 from platformdirs import user_runtime_path
 
-from madrob_console.engine.process.owned import Owned
+from madrob_console.engine.process.owned import HeldError, Owned
 from madrob_console.errors import MadrobError
 
 
@@ -42,10 +42,10 @@ class Place:
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Keep engines of older versions off the testbed while inside: they know no other lock.
+        """Hold the testbed's lock file: a stranger may have its name, older versions know no names.
 
         Raises:
-            MadrobError: one of them is there.
+            HeldError: another engine holds it.
         """
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         lock = os.open(self.folder / f"{self.name}.lock", flags, 0o600)
@@ -53,8 +53,8 @@ class Place:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise MadrobError(
-                    f"an engine of another version has {self.name}: `madrob engine stop` ends it"
+                raise HeldError(
+                    f"another engine has {self.name}: `madrob engine stop` ends it", same=True
                 ) from None
             yield
         finally:

@@ -8,7 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE, REPORT_FILE
+from madrob_console.archive.folders import (
+    FRAMES_FOLDER,
+    INDEX_PAGE,
+    REPORT_FILE,
+    results_folder_of,
+)
 from madrob_console.engine.process.background import PAUSE, Background, Finished
 from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.names import terminal_safe
@@ -21,6 +26,13 @@ PICTURES = "pictures"
 
 REPAIR = "repair"
 """The chore that makes results again that are not what their journals say: a folder follows."""
+
+RENEW = "renew"
+"""The chore that makes reports again that tell of other runs than there are: a folder follows, and
+maybe a command that comes first: one process draws the figures of report and site once."""
+
+OLDER = "not all is up to date"
+"""The last line of such a chore that could not make everything."""
 
 PUBLISH = "publish"
 """The command that writes the competition's pages: their folder and where the runs are follow."""
@@ -71,7 +83,7 @@ class Reporting:
     def report(self, folder: Path, scored: bytes | memoryview) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
-        Then the competition's pages are written again.
+        Then the reports of runs that are compared with it, and the competition's pages.
 
         Args:
             folder: of the run.
@@ -88,7 +100,7 @@ class Reporting:
 
         if self._reports:
             self._background.ask(str(folder), [PAGE, str(folder / REPORT_FILE)], done, scored)
-        self.publish()
+        self._all_of(results_folder_of(folder), RENEW, *self._publishing)
 
     def publish(self) -> None:
         """Write the competition's pages again where they have changed, if they are wanted."""
@@ -98,34 +110,56 @@ class Reporting:
 
         def done(finished: Finished) -> None:
             unmade = {place: one for place, one in self._unmade.items() if place != site}
-            if finished.code != 0 and finished.said != str(site / INDEX_PAGE):
+            if finished.code != 0 and not self._wrote_pages(finished):
                 words = f"the pages in {site} are not up to date: {_why(finished)}"
                 unmade[site] = _Unmade(words, finished.again)
             self._unmade = unmade
 
-        self._background.ask(PUBLISH, [PUBLISH, *self._publish], done)
+        self._background.ask(PUBLISH, self._publishing, done)
+
+    def _wrote_pages(self, finished: Finished) -> bool:
+        """Whether the last that was done was to write the pages, maybe without a damaged run."""
+        return finished.said == str(Path(self._publish[0]) / INDEX_PAGE)
 
     def repair(self, results: Path) -> None:
         """Make the results and reports again that a power cut left out of date; never in a run.
 
         Then the competition's pages.
         """
-
-        def done(finished: Finished) -> None:
-            unmade = {place: one for place, one in self._unmade.items() if place != results}
-            if finished.code != 0:
-                unmade[results] = _Unmade(_why(finished), finished.again)
-            self._unmade = unmade
-
-        self._background.ask(REPAIR, [REPAIR, str(results)], done)
+        self._all_of(results, REPAIR)
         self.publish()
 
-    def export(self, subject: int, *, practice: bool = False) -> None:
+    @property
+    def _publishing(self) -> Sequence[str]:
+        """The command that writes the competition's pages; nothing where nobody wants them."""
+        return (PUBLISH, *self._publish) if self._publish else ()
+
+    def _all_of(self, results: Path, chore: str, *command: str) -> None:
+        """Have a chore done with all runs of a results folder."""
+        called = results / chore
+        made_too = {called, *map(Path, self._publish[:1])} if command else {called}
+
+        def done(finished: Finished) -> None:
+            unmade = {place: one for place, one in self._unmade.items() if place not in made_too}
+            if finished.code != 0 and not (command and self._wrote_pages(finished)):
+                why = _why(finished)
+                if chore == RENEW:
+                    why = f"reports or pages of {results} are older than its results: {why}"
+                unmade = {called: _Unmade(why, finished.again), **unmade}
+            self._unmade = unmade
+
+        self._background.ask(chore, [chore, str(results), *command], done)
+
+    def export(
+        self, subject: int, competition: str | None = None, *, practice: bool = False
+    ) -> None:
         """Pack the official, or the practice runs of a team into a zip.
 
         `exported` says what became of it.
         """
         options = [f"--subject={subject}", "--without-evidence", *["--practice"] * practice]
+        if competition is not None:
+            options.append(f"--competition={competition}")
         self._pack(ExportView(subject), f"team {subject}", options)
 
     def export_dossier(self, run: Path, called: str) -> None:

@@ -48,6 +48,11 @@ FEED_PERIOD = 0.1
 PATIENCE = 20.0
 """A process that is asked something and does not move for so long hangs, s."""
 
+SOON = 3.0
+"""A result that is not there after so long is said to be computed, and why it takes longer, s."""
+
+_SAFE = "the run is safe on disk"
+
 
 class _Forwarded(LiveAssessment):
     """Follows a run here, and hands everything on to where it will be scored."""
@@ -215,7 +220,7 @@ class ScoringProcess:
     def _work(self) -> None:
         """Keep a process going; nothing that happens here ends the thread before `close`."""
         while not self._closed:
-            why = self._one_process()
+            why = f"the scoring process is started again: {self._one_process()}"
             if self._closed:
                 break
             self._questions.all_failed(why, self._starts_failed)
@@ -281,14 +286,18 @@ class ScoringProcess:
 
     def _rest(self, process: Child[ToEngine], now: float) -> float:
         """How long there is nothing to do, s."""
-        ends = [now + (FEED_PERIOD if self._questions.following else PATIENCE)]
+        ends = [now + (FEED_PERIOD if self._questions.following else LOOK_PERIOD)]
+        moved = process.moved(now)
         for asked in self._questions.left():
             if asked.due > now:
                 ends.append(asked.due)
                 continue
-            if now - max(process.moved(now), asked.due) > PATIENCE:
+            still = now - max(moved, asked.due)
+            if still > PATIENCE:
                 raise MadrobError(f"it did not move for {PATIENCE:g} s")
-            ends.append(now + LOOK_PERIOD)
+            if not asked.failures and now - asked.due > SOON and isinstance(asked.question, Score):
+                why = "works on it" if still < SOON else "does not move"
+                self.problem = f"the result is being computed: the scoring process {why}; {_SAFE}"
         return max(0.0, min(ends) - now)
 
     def _take(self, process: Child[ToEngine], answer: ToEngine) -> None:
@@ -323,14 +332,14 @@ class ScoringProcess:
         if asked is not None and (failures or why):
             folder = Path(asked.question.folder).name
             why = why or asked.why
-            self.problem = f"the result is scored again: {why}"
+            self.problem = f"the result is being computed: {why}; {_SAFE}"
             if self.hopeless:
                 self.problem = (
-                    f"no result after {failures} tries: {why}. It is tried again; the run is safe "
-                    f"on disk. Set up the next one, then `madrob score {folder}` computes it, too"
+                    f"no result after {failures} tries: {why}. It is tried again; {_SAFE}. "
+                    f"Set up the next one, then `madrob score {folder}` computes it, too"
                 )
         elif why:
-            self.problem = f"the process that computes results is started again: {why}"
+            self.problem = why
 
     def _pause(self, duration: float) -> None:
         assert self._bell is not None

@@ -292,7 +292,9 @@ class EngineServer:
     def _show(self, screen: _Screen) -> None:
         """Send a screen what is new to it."""
         alone = self._referee in (None, screen)
-        right = RightToAct(screen.role, "" if alone else self._referee_name())
+        right = RightToAct(
+            screen.role, "" if alone else self._referee_name(), free=self._referee is None
+        )
         if right != screen.right:
             screen.right = right
             screen.send(wire.State({OWN: wire.raw(right)}))

@@ -118,12 +118,14 @@ class OpenRun(Command, frozen=True):
 class ExportTeam(Command, frozen=True):
     """Pack the official, or the practice runs of a team into a zip, in the background.
 
+    A team is competition and subject; without one it is of the only competition that there is.
     `Snapshot.export` tells the rest.
     """
 
     name: ClassVar[str] = "export the team's runs"
     subject: int
     practice: bool = False
+    competition: str | None = None
 
 
 class ExportDossier(Command, frozen=True):

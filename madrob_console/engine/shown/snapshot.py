@@ -10,6 +10,7 @@ from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.shown.playback import PlaybackView
 from madrob_console.engine.shown.requests import Role, TakeOver
 from madrob_console.kinds import SourceKind
+from madrob_console.referee.acts import Abort
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
@@ -219,10 +220,12 @@ class RightToAct:
         role: what the screen is there for.
         holder: the screen that has the right to act instead; empty = this one has it, or would
             get it with its next command.
+        free: no screen has it: the one that had it has gone.
     """
 
     role: Role = Role.REFEREE
     holder: str = ""
+    free: bool = False
 
     @property
     def only_watches(self) -> bool:
@@ -233,8 +236,8 @@ class RightToAct:
     def refusal(self) -> str | None:
         """Why this screen may not act, in words; None when it may."""
         if self.only_watches:
-            return "this screen only watches: `madrob console` can act"
-        return f"{self.holder} has the right to act: t takes it over" if self.holder else None
+            return "`madrob console` can act, this screen only watches"
+        return f"{self.holder} has the right to act: Esc, t takes it over" if self.holder else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,6 +394,8 @@ class Snapshot:
     def refusal(self, name: str) -> str | None:
         """Why an act or command of that name is not possible now on this screen, in words."""
         refused = self.pulse.gone or self.right.refusal
+        if name == Abort.name and not self.right.only_watches:  # what it asks takes the right over
+            refused = self.pulse.gone
         if name != TakeOver.name or self.pulse.gone:
             return refused or self.refusals.get(name)
         if self.right.role is Role.WATCH:

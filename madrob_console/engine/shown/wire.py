@@ -20,7 +20,7 @@ from madrob_console.engine.shown.requests import Request, Role
 from madrob_console.errors import MadrobError
 from madrob_console.names import terminal_safe
 
-VERSION = 10
+VERSION = 11
 """Of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from madrob_console.referee.acts.act import Act, Situation
+from madrob_console.referee.acts.act import LONGEST_TEXT, Act, Situation
 from madrob_console.referee.acts.void import Void
 from madrob_console.referee.questions import Sure, meanwhile
 from madrob_console.referee.run import Phase, Run
@@ -25,6 +25,10 @@ class Abort(Act):
     )
     urgent = True
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        """A reason that is too long is cut: nothing refuses an abort."""
+        object.__setattr__(self, "reason", self.reason[:LONGEST_TEXT])
 
     @classmethod
     def impossible(cls, situation: Situation) -> str | None:

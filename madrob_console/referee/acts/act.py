@@ -11,6 +11,8 @@ from enum import auto
 from functools import cached_property
 from typing import ClassVar, Protocol, TypeAlias
 
+import msgspec
+
 from madrob_console.referee.flags import Flag, flags
 from madrob_console.referee.preflight import Check
 from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestTimes
@@ -40,6 +42,7 @@ class Situation:
         simulated: what the simulated testbed plays, in words; None = a real one.
         indicators: of the result that is written; empty without one.
         testbed: its name; empty where it has none.
+        competition: its name; empty where none was set.
         new_id: makes the identity of a run; empty where none is set up.
         time: now, s since the epoch.
         protest_times: the competition's deadlines for protests.
@@ -57,6 +60,7 @@ class Situation:
     simulated: str | None = None
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
     testbed: str = ""
+    competition: str = ""
     new_id: Callable[[], str] = str
     time: float = 0.0
     protest_times: ProtestTimes = USUAL_PROTEST_TIMES
@@ -141,6 +145,9 @@ class Consequence(FlagEnum):
     """The handle zero is kept for the runs to come."""
 
 
+LONGEST_TEXT = 2000
+"""Of an act, characters: names, reasons, notes, the words of a team."""
+
 Asked: TypeAlias = "Act | Ask[Asked] | str"
 """What a key or an answer brings about: an act, a question, or in words why neither."""
 
@@ -202,8 +209,15 @@ class Act(ABC):
 
     def refusal(self, situation: Situation) -> str | None:
         """Why the act is not possible now, in words; None when it is."""
-        refused = self.impossible(situation) or self.problem(situation)
+        refused = self.impossible(situation) or self._too_long or self.problem(situation)
         return refused or (None if self.reason_given.strip() else self.missing or None)
+
+    @property
+    def _too_long(self) -> str | None:
+        """Why its texts do not go into a journal, in words; None when they do."""
+        if _longest(msgspec.to_builtins(self)) <= LONGEST_TEXT:
+            return None
+        return f"a text has at most {LONGEST_TEXT} characters: write the rest beside it"
 
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Asked:
@@ -266,3 +280,15 @@ _WHY_NOT = {
     Phase.STOPPED: "the run has stopped",
     Phase.FINAL: "the result is final",
 }
+
+
+def _longest(found: object) -> int:
+    """How long the longest text in some JSON values is, characters."""
+    match found:
+        case str():
+            return len(found)
+        case dict():
+            return max(map(_longest, found.values()), default=0)
+        case list():
+            return max(map(_longest, found), default=0)
+    return 0

@@ -20,9 +20,6 @@ MOST_PROTESTS = 20
 _MARGIN = 60.0
 """What is in question happened no longer than this before or after the recording, s."""
 
-_LONGEST = 2000
-"""Of what a team says, characters."""
-
 _WHOLE = "the whole run"
 _FILE, _DECIDE, _WITHDRAW = "file", "decide", "withdraw"
 _TEXT = Write("What does the team say?", missing="a protest needs the team's words")
@@ -67,8 +64,6 @@ class FileProtest(Act):
         run = situation.run
         if not self.text.strip():
             return _TEXT.missing
-        if max(len(self.text), len(self.team), len(self.about), len(self.late)) > _LONGEST:
-            return f"a protest has at most {_LONGEST} characters: write the rest beside it"
         if not self.team.strip():
             return "a protest needs the name of the team"
         if self.after_start is not None and (outside := _outside(self.after_start, run)):

@@ -35,8 +35,15 @@ class SetUp(Act):
     def settled(self, situation: Situation) -> Act:
         """With its identity; on a simulated testbed every run is practice (protocol section 2)."""
         practice = self.setup.practice or situation.simulated is not None
-        run_id, testbed = situation.new_id(), situation.testbed
-        return SetUp(replace(self.setup, practice=practice, run_id=run_id, testbed=testbed))
+        return SetUp(
+            replace(
+                self.setup,
+                practice=practice,
+                run_id=situation.new_id(),
+                testbed=situation.testbed,
+                competition=situation.competition,
+            )
+        )
 
     def unless_final(self, view: RunView) -> Act | Ask[Act]:
         """At once; asked first if the last result waits for a signature.

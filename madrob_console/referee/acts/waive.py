@@ -11,7 +11,9 @@ from madrob_console.referee.questions import Ask, Option, Pick, reasons
 from madrob_console.referee.run import Phase, Run
 
 _NONE_FAILS = "no check fails"
-_WHY = Pick("Why may it pass?", reasons("checked by hand", "known testbed fault"))
+_WHY = Pick(
+    "Why may it pass?", reasons("checked by hand", "known testbed fault", "the organiser agrees")
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,8 @@ class Waive(Act):
     @classmethod
     def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
         """Which failing check, and why."""
-        failing = [check.name for check in blocking(view.checks)]
+        blocks = blocking(view.checks)
+        failing = [check.name for check in blocks if check.waivable or len(blocks) == 1]
         if len(failing) < 2:
             return cls.ask_why(view, failing[0]) if failing else _NONE_FAILS
         which = tuple(Option(str(i), str(name), str(name)) for i, name in enumerate(failing, 1))
@@ -74,5 +77,7 @@ class Waive(Act):
 
 
 def _passes(check: CheckName, where: Situation | RunView) -> str | None:
-    failing = [found.name for found in blocking(where.checks)]
-    return None if check in failing else f"the check '{check}' does not fail"
+    found = next((found for found in blocking(where.checks) if found.name is check), None)
+    if found is None:
+        return f"the check '{check}' does not fail"
+    return None if found.waivable else f"the check '{check}' cannot be waived: {found.reason}"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 
 import msgspec
 
@@ -14,6 +15,9 @@ from recorder.bag import Durability, Qos, Reliability
 
 QUEUE_DEPTH = 2000
 """Messages that DDS keeps for us; 10 loses silently under load, 2000 costs little."""
+
+_APART = 1000
+"""Times that are closer may be the same as seconds in a float, ns."""
 
 
 class Received(msgspec.Struct, frozen=True, gc=False):
@@ -176,3 +180,24 @@ def arrival(received_ns: int, now: int, wall: int) -> int:
     if not 0 <= age <= NS:
         age = 0  # the system's clock was stepped
     return now - age
+
+
+def arrivals(received: Sequence[int], since: int, until: int, now: int, wall: int) -> list[int]:
+    """When the messages of one topic arrived, in steady time, ns: each later than the one before.
+
+    DDS knows the time of reception by the system's clock alone. Where that was stepped between
+    reception and now, the messages are spread evenly over the time in which they came.
+
+    Args:
+        received: as the system's clock had it, in the order in which they came.
+        since: when the one before them arrived, in steady time.
+        until: they were taken then or later.
+        now: steady time.
+        wall: the same, as the system's clock has it.
+    """
+    found = [now - (wall - each) for each in received]
+    limits = pairwise((since, *found, now + _APART))
+    if all(later - earlier >= _APART for earlier, later in limits):
+        return found
+    since = min(since, until)  # else steady time was stepped, too: no bag is open
+    return [since + (until - since) * n // len(found) for n in range(1, len(found) + 1)]

@@ -26,7 +26,7 @@ from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.ros.connection import Connection, in_namespace
 from madrob_console.testbeds.ros.definitions import prefixes
-from madrob_console.testbeds.ros.inbox import Received, arrival, can_take, qos_profile
+from madrob_console.testbeds.ros.inbox import arrivals, can_take, qos_profile
 from madrob_console.testbeds.ros.info_watch import InfoWatch
 from madrob_console.testbeds.ros.intake import Intake
 from madrob_console.testbeds.ros.loading import RosObject, load_message_class
@@ -62,7 +62,7 @@ class RosSource:
     Args:
         mappings: the configured topics; several mappings may share one.
         types: the types known; the configured ones are made known when the source is opened.
-        clock: labels the messages.
+        clock: labels the messages; that of a simulation is set by `/clock`.
         domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
         direct: take messages without an executor, where rclpy can.
         speaks: whether it is the referee's: else it only listens, and no other referee hears of it.
@@ -104,6 +104,7 @@ class RosSource:
         self._info: InfoWatch | None = None
         self._intakes: tuple[Intake, ...] = ()
         self._late: list[RawMessage] = []
+        self._newest = dict.fromkeys(self._configured, clock.now_ns())
         self._failing: str | None = None
         self._failure: str | None = None
         self._stop = threading.Event()
@@ -159,7 +160,7 @@ class RosSource:
         }
         self._door = DoorParameters(connection.node("parameters", beside=console))
         self._referees = RefereeWatch(console, speaks=self._speaks)
-        self._info = InfoWatch(listener, self._types, direct=self._direct)
+        self._info = InfoWatch(listener, self._types, self._clock, direct=self._direct)
         places = prefixes(self._environment)
         self._intakes = tuple(
             Intake(
@@ -259,7 +260,7 @@ class RosSource:
     ) -> None:
         discover_at = 0.0
         while not self._stop.is_set():
-            self._failing = None
+            self._failing = info.clock_problem
             if time.monotonic() >= discover_at:
                 discover_at = time.monotonic() + _DISCOVERY
                 for intake in self._intakes:
@@ -267,6 +268,7 @@ class RosSource:
                 self._try(door.poll)
                 self._try(referees.look)
                 self._try(info.look)
+            self._try(info.hear_clock)
             self._mailbox.put(self._try(self._take) or [])
             self._failure = self._failing
             if self._direct and not door.pending:
@@ -292,9 +294,20 @@ class RosSource:
         was emptied early may hold something older.
         """
         begin = self._clock.now_ns()
-        taken = [(i, received) for i in self._intakes for received in self._try(i.take) or ()]
+        taken = [
+            (intake, received) for intake in self._intakes if (received := self._try(intake.take))
+        ]
         now, wall = self._clock.now_ns(), time.time_ns()
-        messages = self._late + [_message(intake, r, now, wall) for intake, r in taken]
+        messages = [*self._late]
+        for intake, received in taken:
+            times = arrivals(
+                [r.received_ns for r in received], self._newest[intake.name], begin, now, wall
+            )
+            self._newest[intake.name] = times[-1]
+            messages += [
+                RawMessage(intake.name, intake.type, r.data, r.source_ns, at)
+                for r, at in zip(received, times, strict=True)
+            ]
         messages.sort(key=_receive_ns)
         ready = bisect_right(messages, begin, key=_receive_ns)
         self._late = messages[ready:]
@@ -310,9 +323,3 @@ def _topic_types(mappings: Sequence[TopicMapping]) -> dict[str, str]:
                 "a topic has one type"
             )
     return types
-
-
-def _message(intake: Intake, received: Received, now: int, wall: int) -> RawMessage:
-    """A message with its arrival, in the system's time, carried over to steady time."""
-    at = arrival(received.received_ns, now, wall)
-    return RawMessage(intake.name, intake.type, received.data, received.source_ns, at)

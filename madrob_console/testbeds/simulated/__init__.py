@@ -9,11 +9,12 @@ from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.plan import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
-from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
+from madrob_console.testbeds.simulated.testbed import Network, SimulatedTestbed
 
 __all__ = [
     "DoorGeometry",
     "MotionPlan",
+    "Network",
     "RobotBody",
     "RobotSettings",
     "Scenario",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 from random import Random
@@ -82,6 +83,7 @@ class SimulatedSource:
             *referee_topics(types),
         )
         self._types = types
+        self._in_flight: list[RawMessage] = []
         self._problem: str | None = None
         self._announcement = Announcement(str(self.testbed.scenario))
         self._opened = False
@@ -114,9 +116,11 @@ class SimulatedSource:
         now = self._clock.now_ns()
         if not self._in_step(now):
             self._switch_on()
-        messages = [message for stream in self._streams for message in stream.until(now)]
-        messages.sort(key=_receive_ns)
-        return messages
+        sent = [message for stream in self._streams for message in stream.until(now)]
+        messages = sorted((*self._in_flight, *sent), key=_receive_ns)
+        arrived = bisect_right(messages, now, key=_receive_ns)
+        self._in_flight = messages[arrived:]
+        return messages[:arrived]
 
     def topics(self) -> Sequence[Topic]:
         """The testbed's topics and the console's own."""
@@ -181,12 +185,13 @@ class SimulatedSource:
 
     def _switch_on(self) -> None:
         now = self._clock.now_ns()
+        self._in_flight = []
         for stream in self._streams:
             stream.begin(now)
 
     def _in_step(self, now: int) -> bool:
         """Whether the clock has not been stepped away from what comes next."""
-        due = min((stream.receive_ns for stream in self._streams), default=now)
+        due = min((stream.due_ns for stream in self._streams), default=now)
         return now - nanoseconds(_LONGEST_BACKLOG) < due < now + nanoseconds(1.0)
 
 
@@ -202,44 +207,50 @@ class _Stream:
         self._encoder = Encoder(mapping, types, frame_name(mapping.signal), scan)
         self._testbed = testbed
         self._rng = Random(f"{testbed.seed}/timing/{mapping.signal.name}")
+        # One of its own, so that a slow network changes no reading and no stamp.
+        self._network_rng = Random(f"{testbed.seed}/network/{mapping.signal.name}")
         self._period = nanoseconds(1 / rate)
         self._phase = self._rng.randrange(self._period)
         self._nominal = 0
         self._stamp_ns = 0
-        self.receive_ns = 0
+        self._receive_ns = 0
+        self.due_ns = 0
 
     def begin(self, now: int) -> None:
         """Start, or start anew, at `now`."""
-        self._nominal, self.receive_ns = now + self._phase, now
+        self._nominal, self.due_ns, self._receive_ns = now + self._phase, now, now
         self._draw()
 
     def until(self, now: int) -> list[RawMessage]:
-        """What has been received by `now` since the last call."""
+        """What has been sent by `now` since the last call; a slow network delivers it later."""
         messages = []
-        while self.receive_ns <= now:
+        while self.due_ns <= now:
             messages.append(self._message())
             self._nominal += self._period
             self._draw()
         return messages
 
     def _message(self) -> RawMessage:
-        reading = self._testbed.read(self._mapping.signal, self._stamp_ns)
+        signal = self._mapping.signal
+        reading = self._testbed.read(signal, self._stamp_ns)
+        delay = nanoseconds(self._testbed.network.delay(signal, self._network_rng))
+        self._receive_ns = max(self.due_ns + delay, self._receive_ns + 1)
         return RawMessage(
             self._mapping.topic,
             self._mapping.type,
             self._encoder.encode(self._stamp_ns, reading),
             self._stamp_ns + _PUBLISHING_NS,
-            self.receive_ns,
+            self._receive_ns,
         )
 
     def _draw(self) -> None:
-        """Draw when the next reading is taken and received."""
+        """Draw when the next reading is taken, and received where the network is not slow."""
         largest = round(_LARGEST_JITTER * self._period)
         jitter = nanoseconds(self._rng.gauss(0.0, self._testbed.sensors.jitter))
         extra = min(_LARGEST_EXTRA_LATENCY, self._rng.expovariate(1 / _MEAN_EXTRA_LATENCY))
         self._stamp_ns = self._nominal + max(-largest, min(largest, jitter))
         received = self._stamp_ns + nanoseconds(_LEAST_LATENCY + extra)
-        self.receive_ns = max(received, self.receive_ns + 1)
+        self.due_ns = max(received, self.due_ns + 1)
 
 
 def _receive_ns(message: RawMessage) -> int:

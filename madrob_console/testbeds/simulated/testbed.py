@@ -6,7 +6,8 @@ both drive it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from random import Random
 
 from madrob_console.clock import NS
@@ -28,6 +29,24 @@ _SLOWEST_PANEL = 0.5
 """rad/s at which the panel must be able to turn without showing itself to an unmasked sensor."""
 
 
+@dataclass(frozen=True, slots=True)
+class Network:
+    """How late the messages of each signal arrive. Their stamps stay those of the readings.
+
+    Attributes:
+        latency: the constant part of the delay, s; 0 where a signal is missing.
+        jitter: the random part is the absolute value of a normal distribution with this standard
+            deviation, s; 0 where a signal is missing. `SensorSettings.jitter` moves the readings.
+    """
+
+    latency: Mapping[Signal, float] = field(default_factory=dict)
+    jitter: Mapping[Signal, float] = field(default_factory=dict)
+
+    def delay(self, signal: Signal, rng: Random) -> float:
+        """The delay of the next message, s."""
+        return self.latency.get(signal, 0.0) + abs(rng.gauss(0.0, self.jitter.get(signal, 0.0)))
+
+
 class SimulatedTestbed:
     """A testbed in which a robot plays one scenario over and over.
 
@@ -37,6 +56,7 @@ class SimulatedTestbed:
         geometry: the doorway.
         sensors: how the sensors behave.
         robot: what is fixed of the robot.
+        network: how late the messages arrive; at once by default.
 
     Raises:
         MadrobError: the panel would pass under sensors that the protocol does not mask.
@@ -49,12 +69,14 @@ class SimulatedTestbed:
         geometry: DoorGeometry | None = None,
         sensors: SensorSettings | None = None,
         robot: RobotSettings | None = None,
+        network: Network | None = None,
     ) -> None:
         self.scenario = scenario
         self.seed = seed
         self.geometry = geometry or DoorGeometry()
         self.sensors = sensors or SensorSettings()
         self.robot = robot or RobotSettings()
+        self.network = network or Network()
         if self.geometry.fastest_panel < _SLOWEST_PANEL:
             raise MadrobError(
                 "the simulated panel passes under sensors outside of their masks: "

@@ -26,6 +26,7 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawProtest,
 )
+from madrob_console.referee.competition_plan import Task, unknown_teams
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.drafts import Drafts
 from madrob_console.ui.cells.label import Label
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
 
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
-    from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.questions import Ask
     from madrob_console.referee.run_setup import RunSetup
     from madrob_console.standings.tally import Standing
@@ -186,19 +186,22 @@ class ConsoleScreen(Screen[None]):
     def export(self) -> ExportTeam | str:
         """The runs of the marked team, or of that whose run is shown; else why there are none."""
         panes, now = self.panes, self._latest
-        shown: RunSummary | Standing | RunSetup | Task | None = None
-        shown = None if now is None else now.run.setup
+        run: RunSummary | RunSetup | None = None if now is None else now.run.setup
         practice = now is not None and now.practice
         if self.pane == "history":
-            shown = marked = panes.history.selected
+            run = marked = panes.history.selected
             practice = marked is not None and marked.practice
-        elif self.pane == "standings":
+        shown: RunSummary | RunSetup | Standing | Task | None = run
+        competition: str | None = self._defaults.competition
+        if self.pane == "standings":
             shown, practice = panes.standings.selected, not panes.standings.official
         elif self.pane == "plan":
             shown, practice = panes.plan.selected, False
+        elif run is not None:
+            competition = run.competition
         if shown is None:
             return "no team is marked or set up: h shows all runs"
-        return ExportTeam(shown.subject, practice)
+        return ExportTeam(shown.subject, practice, competition)
 
     def run_meant(self) -> RunMeant | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
@@ -375,6 +378,8 @@ class ConsoleScreen(Screen[None]):
             problems += now.plan.problems
             attempts = sum(line.attempts for line in now.plan.lines)
             news.append(f"The plan was read again: {attempts} attempts.")
+        if news:
+            problems += unknown_teams((line.task for line in now.plan.lines), now.teams.names)
         if problems:
             self.say("; ".join(problems), Tone.WARN)
         elif news and before is not None:

@@ -18,7 +18,7 @@ from madrob_console.engine.shown.requests import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.names import clean_name
-from madrob_console.referee.acts import Act
+from madrob_console.referee.acts import Abort, Act
 from madrob_console.referee.protests import open_protests
 from madrob_console.referee.questions import Ask, Option, Pick, Sure, Write, reasons
 from madrob_console.referee.run import Run
@@ -203,6 +203,22 @@ def ask_copy(
 def _offer(copy: Copy) -> str:
     lines = copy.text.splitlines()
     return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
+
+
+def ask_abort(snapshot: Snapshot) -> Intent:
+    """Why; a console without the right to act is asked one question, and takes it over as well."""
+    if not snapshot.right.holder and not snapshot.right.free:
+        return Abort.ask(snapshot, "")
+    return Ask(
+        "ABORT the run: it becomes invalid",
+        (
+            Sure(
+                f"{snapshot.right.holder or 'No console'} has the right to act. Take it over and"
+                " ABORT?"
+            ),
+        ),
+        lambda: Abort("aborted from another console"),
+    )
 
 
 def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:

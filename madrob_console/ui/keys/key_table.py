@@ -115,7 +115,7 @@ FUNCTION_KEYS = (
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
-        acts.Abort.name, acts.Abort.ask, over=True, answered=True,
+        acts.Abort.name, lambda s, _k: asks.ask_abort(s), over=True, answered=True,
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",

@@ -51,7 +51,7 @@ class Panes:
         self.figures = FiguresPane(lambda: link.ask(GiveCurves()))
         self.history = HistoryPane(history.refresh, defaults.competition)
         self.plan = PlanPane(plan)
-        self.standings = StandingsPane(history.refresh, defaults.best_runs)
+        self.standings = StandingsPane(history.refresh, defaults.best_runs, defaults.competition)
         self.help = HelpPane()
 
     def __getitem__(self, name: str) -> Pane:

@@ -15,7 +15,7 @@ from textual.containers import Vertical
 from textual.message import Message
 
 from madrob_console.archive.history import condition_words
-from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task
+from madrob_console.referee.competition_plan import Attempts, PlanProgress, Task, unknown_teams
 from madrob_console.standings.plan_table import attempt_words, summary_words, task_words
 from madrob_console.ui.cells.grid import Grid, GridRow
 from madrob_console.ui.cells.label import Label
@@ -166,7 +166,8 @@ class PlanPane(Vertical):
             )
 
     def _say_head(self, found: PlanProgress) -> None:
-        problems = list(found.problems[:_PROBLEMS])
+        problems = [*unknown_teams((line.task for line in found.lines), self._teams)]
+        problems += found.problems[:_PROBLEMS]
         if len(found.problems) > _PROBLEMS:
             problems.append(f"and {len(found.problems) - _PROBLEMS} more: `madrob plan` names them")
         if self._reader.problem:

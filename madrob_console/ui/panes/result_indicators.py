@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
+from madrob_console.referee.flags import common_reason
+from madrob_console.standings.tally import aggregate_of
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, line, paragraph
 from madrob_console.ui.look.words import fitted
 from scoring.indicator_table import IndicatorName
 from scoring.result import (
     DOUBTED,
-    Uncertainty,
     difference_text,
     distinguishable,
     uncertainty_text,
@@ -21,6 +21,7 @@ from scoring.result import (
 if TYPE_CHECKING:
     from madrob_console.archive.history import RunSummary
     from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.standings.tally import Aggregate
     from scoring.result import Indicator, Result
 
 _NAME = 28
@@ -37,20 +38,6 @@ _IN_POWERS = 1e3
 
 ALIKE = "="
 """A difference within the uncertainty."""
-
-
-class Mean(NamedTuple):
-    """Of the earlier runs that have a value.
-
-    Attributes:
-        value: the mean.
-        runs: of how many it is.
-        uncertainty: of the mean; None where it is not known.
-    """
-
-    value: float
-    runs: int
-    uncertainty: Uncertainty | None = None
 
 
 class _Room(NamedTuple):
@@ -72,7 +59,7 @@ class IndicatorTable(View):
     """One row each; a long reason takes more.
 
     Attributes:
-        earlier: runs of the same team in the same condition, to compare with.
+        earlier: completed runs of the same team in the same condition, to compare with.
     """
 
     earlier: Sequence[RunSummary] = ()
@@ -82,16 +69,26 @@ class IndicatorTable(View):
         if snapshot.result is None:
             return ()
         found = snapshot.result.indicators
+        if reason := common_reason(found):
+            begin = line(Span("indicators  ", Tone.STRONG))
+            return [
+                *paragraph(f"none: {reason}", width, Tone.WARN, begin),
+                *_drift(snapshot.result, snapshot.handle.touch_force),
+            ]
         roomy = width >= _ROOMY
-        count = len(self.earlier)
+        comparable = snapshot.run.comparable
+        earlier = self.earlier if comparable else ()
+        count = len(earlier)
         against = f"against mean of {count} earlier" if count else "no earlier run to compare"
+        if not comparable:
+            against = "compared with no other run"
         delay = "* with the manual start's delay"
         head = fitted(f"indicators  {delay}", _NAME + 18) if roomy else fitted("indicators", _NAME)
         lines = [line(Span(head[:12], Tone.STRONG), Span(f"{head[12:]}{against}", Tone.DIM))]
         room = _room(found.values(), width)
         signs = set()
         for name, indicator in found.items():
-            rows, alike = _rows(name, indicator, self._mean(name), count, room)
+            rows, alike = _rows(name, indicator, aggregate_of(earlier, name), count, room)
             lines += rows
             if name is IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION:
                 lines += _drift(snapshot.result, snapshot.handle.touch_force)
@@ -99,14 +96,6 @@ class IndicatorTable(View):
             signs |= {DOUBTED} if indicator.doubts else set()
         told = ([] if roomy else [delay]) + [text for sign, text in _LEGEND if sign in signs]
         return [*lines, *(row for text in told for row in paragraph(text, width, Tone.DIM))]
-
-    def _mean(self, name: IndicatorName) -> Mean | None:
-        """Of the earlier runs that have a value."""
-        having = [run for run in self.earlier if name in run.values]
-        if not having:
-            return None
-        known = Uncertainty.of_mean([run.uncertainties.get(name) for run in having])
-        return Mean(fmean(run.values[name] for run in having), len(having), known)
 
 
 _LEGEND = (
@@ -124,7 +113,7 @@ def _room(found: Iterable[Indicator], width: int) -> _Room:
 
 
 def _rows(
-    name: IndicatorName, indicator: Indicator, mean: Mean | None, count: int, room: _Room
+    name: IndicatorName, indicator: Indicator, earlier: Aggregate | None, count: int, room: _Room
 ) -> tuple[list[Line], bool]:
     """The rows of an indicator, and whether it differs from the mean by no more than is known."""
     words = name.words if room.name == _NAME else name.words.partition(" of ")[0]
@@ -134,7 +123,7 @@ def _rows(
         return paragraph(indicator.text, room.row, Tone.WARN, line(*head, " ")), False
     value = value_text(indicator.value, indicator.uncertainty)
     spread = uncertainty_text(indicator.uncertainty)
-    behind = compared(name, indicator, mean, count, room.compared)
+    behind = compared(name, indicator, earlier, count, room.compared)
     row = line(
         *head,
         Span(f"{value:>{room.value}}", Tone.STRONG),
@@ -155,24 +144,24 @@ def _drift(result: Result, touch_force: float) -> list[Line]:
 
 
 def compared(
-    name: IndicatorName, indicator: Indicator, mean: Mean | None, count: int, width: int
+    name: IndicatorName, indicator: Indicator, earlier: Aggregate | None, count: int, width: int
 ) -> Line:
     """The difference to the mean, and whether it is better; with room, the mean.
 
     Beside that stands of how many runs it is, where not all of the `count` have a value. A
     difference within the uncertainties is neither better nor worse (protocol section 11).
     """
-    if mean is None or indicator.value is None:
+    if earlier is None or indicator.value is None:
         return ()
     value, known = indicator.value, indicator.uncertainty
-    difference = value - mean.value
+    difference = value - earlier.mean
     better = (difference > 0) is name.spec.higher_is_better
     word, tone = ("better", Tone.GOOD) if better else ("worse", Tone.WARN)
-    if not distinguishable(value, mean.value, known, mean.uncertainty):
+    if not distinguishable(value, earlier.mean, known, earlier.uncertainty):
         word, tone = ALIKE, Tone.PLAIN
     elif difference == 0:
         word, tone = "equal", Tone.PLAIN
-    spreads = () if known is None else (known, mean.uncertainty)
+    spreads = () if known is None else (known, earlier.uncertainty)
     text = difference_text(difference, spreads, 4)
     if abs(difference) >= _IN_POWERS:
         text = f"{difference:+.2e}"
@@ -182,6 +171,6 @@ def compared(
     elif word == ALIKE:
         parts.append(Span(f" {word}", tone))
     if width >= _ROOMY:
-        of = "" if mean.runs == count else f" ({mean.runs})"
-        parts.append(Span(f" {value_text(mean.value, mean.uncertainty)}{of}", Tone.DIM))
+        of = "" if earlier.count == count else f" ({earlier.count})"
+        parts.append(Span(f" {value_text(earlier.mean, earlier.uncertainty)}{of}", Tone.DIM))
     return tuple(parts)

@@ -122,6 +122,7 @@ class ResultsPane(VerticalScroll):
                     setup.subject,
                     setup.condition.number,
                     result.start,
+                    competition=setup.competition,
                     practice=practice,
                     ruleset=result.ruleset,
                 )

@@ -97,7 +97,8 @@ def _time_left(snapshot: Snapshot) -> Line:
         age = max(pulse.server, pulse.core)
         return line(Span(f"  as it was {age} s ago" if age else "  as it was", Tone.WARN))
     if run.outcome is not None:
-        return line(f"  {run.outcome_reason}")
+        ended = run.outcome_reason if snapshot.result is None else snapshot.result.ended
+        return line(f"  {ended}")
     if snapshot.remaining is None:
         return ()
     if run.phase is Phase.COUNTDOWN:

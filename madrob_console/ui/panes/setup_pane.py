@@ -359,8 +359,8 @@ class SetupPane(Vertical):
         task, run = task_of(setup), None if self._snapshot is None else self._snapshot.run
         out = not setup.practice and self._plan.progress.out_of_plan(task)
         if run is not None and run.phase is Phase.READY and run.setup is not None:
-            # what is set up stays as it is when the plan changes
-            out = run.setup.out_of_plan if task_of(run.setup) == task else out
+            # when the plan changes what is set up stays within it, or comes into it
+            out &= run.setup.out_of_plan or task_of(run.setup) != task
         return replace(setup, out_of_plan=out)
 
     def _load(self, snapshot: Snapshot) -> None:

@@ -63,18 +63,19 @@ class SetupWords:
             return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
         if problem or isinstance(setup, str):
             return f"x {problem or setup}", Tone.BAD
-        team = self._team(setup, snapshot.teams)
-        what = f"un {setup.run_number} of subject {setup.subject}{self._planned(setup)}"
+        checked = setup == run.setup and run.phase in OPEN  # the check `team` says the rest
+        team = self._team(setup, snapshot.teams, checked=checked)
+        planned = self._planned(setup, checked=checked)
+        what = f"un {setup.run_number} of subject {setup.subject}{planned}"
         if run.phase not in OPEN:
             return f"Draft of r{what}: {self._next_key}.{team}", Tone.PLAIN
-        if setup != run.setup:
-            told = f"Not set up yet{self._planned(setup)}: Enter, here or in a field."
+        if not checked:
+            told = f"Not set up yet{planned}: Enter, here or in a field."
             return told + team, Tone.WARN
         then = "F5 starts." if snapshot.refusal(Start.name) is None else "See the checks."
         if not run.pose_confirmed:
             then = "F6 confirms its pose."
-        tone = Tone.WARN if setup.out_of_plan else Tone.GOOD
-        return f"R{what} is set up. {then}{team}", tone
+        return f"R{what} is set up. {then}{team}", Tone.GOOD
 
     @property
     def next(self) -> str:
@@ -95,20 +96,20 @@ class SetupWords:
             return "Escape, then x sets it up"
         return "x or Enter sets it up" if self.focus is Focus.BUTTON else "x sets it up"
 
-    def _team(self, setup: RunSetup, teams: TeamList) -> str:
+    def _team(self, setup: RunSetup, teams: TeamList, *, checked: bool) -> str:
         """What is odd about the team's name, and how to change it."""
         here = self.focus is Focus.TEAM
         if setup.team_reason:
             clears = " Del takes the list's." if here else ""
             return f" Other name than the list's: {setup.team_reason}.{clears}"
-        if teams.names and setup.subject not in teams.names:
+        if teams.lacks(setup.subject) and (setup.practice or not checked):
             return f" Subject {setup.subject} is not in the list of teams!"
         return " Type to look for a team." if here else ""
 
-    def _planned(self, setup: RunSetup) -> str:
+    def _planned(self, setup: RunSetup, *, checked: bool) -> str:
         """Which attempt of the plan it is, in words; empty where it is none."""
         if setup.out_of_plan:
-            return ", OUT OF PLAN"
+            return "" if checked else ", OUT OF PLAN"
         of = next((one for one in self.plan.tasks if one.task == task_of(setup)), None)
         if setup.practice or of is None or not of.planned:
             return ""

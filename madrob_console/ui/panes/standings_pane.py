@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
-from madrob_console.archive.history import VOID, RunSummary, condition_words
+from madrob_console.archive.history import VOID, RunSummary, condition_words, of_competition
 from madrob_console.standings.competition import SIGNS
 from madrob_console.standings.tally import ALIKE, Standing, standings, subjects_text
 from madrob_console.standings.testbeds_apart import how_testbeds_differ
@@ -52,12 +52,14 @@ class Tables:
         any_official: whether there are official runs at all.
         damaged: runs left out because their result is damaged.
         apart: in what the testbeds differ, of official runs and of practice; empty = in nothing.
+        others: runs of other competitions, which are left out.
     """
 
     of: Mapping[tuple[bool, bool], Sequence[Standing]]
     any_official: bool
     damaged: int
     apart: Mapping[bool, str] = field(default_factory=dict)
+    others: int = 0
 
 
 class StandingsPane(RunsPane[Tables, Standing]):
@@ -66,6 +68,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
     Args:
         load: reads all runs.
         best: how many runs of a team in a condition enter when only the best do; 0 = no such view.
+        competition: only its runs: others have other teams of the same numbers.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -74,9 +77,10 @@ class StandingsPane(RunsPane[Tables, Standing]):
         Binding("b", "best", show=False),
     ]
 
-    def __init__(self, load: Load, best: int) -> None:
+    def __init__(self, load: Load, best: int, competition: str) -> None:
         super().__init__(load, Table(self._columns(), _key, fixed=3), id="standings")
         self._best = best
+        self._competition = competition
         self._only_best = best > 0
         self._listed: Mapping[int, str] = {}
         self._official: bool | None = None
@@ -104,6 +108,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
 
     def prepare(self, runs: Sequence[RunSummary]) -> Tables:
         """All standings that the keys can ask for."""
+        every, runs = len(runs), of_competition(runs, self._competition)
         made = {
             (official, only_best): standings(
                 runs,
@@ -121,7 +126,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             )
             for official in (True, False)
         }
-        return Tables(made, any(run.official for run in runs), damaged, apart)
+        return Tables(made, any(run.official for run in runs), damaged, apart, every - len(runs))
 
     def take(self, content: Tables) -> None:
         """Other runs."""
@@ -169,6 +174,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
         text = f"{self._statistic} over {which} valid runs (exec s: completed ones)"
         if self._tables.damaged:
             text += f"; {self._tables.damaged} DAMAGED left out"
+        if self._tables.others:
+            text += f"; {self._tables.others} not of this competition"
         if protests := sum(row.open_protests for row in rows):
             text += f"; {protests} PROTEST{'S' if protests > 1 else ''} open: NOT FINAL"
         if apart := self._tables.apart.get(official):
@@ -196,7 +203,8 @@ class StandingsPane(RunsPane[Tables, Standing]):
             ),
             *(self._indicator(name) for name in IndicatorName),
             text_column("door", "benchmark type", lambda s: condition_words(s.condition).door, 14),
-            number_column("inter", "interrupted or unfinished runs", lambda s: s.interrupted, 6),
+            number_column("inter", "interrupted runs", lambda s: s.interrupted, 6),
+            number_column("open", "runs without a result yet", lambda s: s.without_result, 6),
             text_column("ruleset", "ruleset", lambda s: s.ruleset, 14),
             text_column("testbeds", "testbeds", lambda s: ", ".join(s.testbeds), 12),
         ]
@@ -240,7 +248,8 @@ def about(standing: Standing) -> str:
         (standing.timeout, "timeout"),
         (standing.aborted, "INVALID"),
         (standing.voided, VOID),
-        (standing.interrupted, "INTERRUPTED or unfinished"),
+        (standing.interrupted, "INTERRUPTED"),
+        (standing.without_result, "without a result yet"),
         (standing.undecided, "UNDECIDED"),
         (standing.flagged, "with flags"),
     )

@@ -130,23 +130,56 @@ def test_a_difference_is_told_with_both_values(
     ]
 
 
-def other_trust(document: Document) -> None:
+def other_uncertainties(document: Document) -> None:
     document["indicators"]["time_to_handle"]["uncertainty"] = {"u": 1.0, "expanded": 2.0}
+    document["indicators"]["execution_time"]["uncertainty"]["u"] = 0.5
     document["indicators"]["passage_time"]["uncertainty"] = None
+
+
+def other_doubts(document: Document) -> None:
     document["indicators"]["execution_time"]["doubts"] = ["something else"]
 
 
-def test_where_only_uncertainties_and_doubts_differ_the_values_are_said_to_hold(
+def test_uncertainties_have_a_line_of_their_own_and_never_differ(
     run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    change(run, other_trust)
+    trust = {
+        name: indicator["uncertainty"]
+        for name, indicator in json.loads((run / "result.json").read_text())["indicators"].items()
+    }
+    change(run, other_uncertainties)
+    assert check(run) == 0
+    passage = json.dumps(trust["passage_time"], separators=(",", ":"))
+    assert capsys.readouterr().out == (
+        f"{run}: same digits\n  uncertainties differ in 3: "
+        f"execution_time {trust['execution_time']['u']} was 0.5, "
+        f"time_to_handle {trust['time_to_handle']['expanded']} was 2.0, "
+        f"passage_time {passage} was null\n"
+    )
+    change(run, rounded_otherwise)
+    assert check(run, flags=("--json",)) == 0
+    (document,) = json.loads(capsys.readouterr().out)["runs"]
+    assert (document["grade"], document["differences"]) == ("equal to 1e-9", [])
+    assert len(document["last_digits"]) == 1
+    assert {each["what"]: each["stored"] for each in document["uncertainties"]} == {
+        "indicators.execution_time.uncertainty.u": 0.5,
+        "indicators.time_to_handle.uncertainty.u": 1.0,
+        "indicators.time_to_handle.uncertainty.expanded": 2.0,
+        "indicators.passage_time.uncertainty": None,
+    }
+
+
+def test_where_only_doubts_differ_the_values_are_said_to_hold(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(run, other_doubts)
     assert check(run) == 1  # section 11 knows three grades
-    words = f"{run}: differs in 4, only uncertainties and doubts; the values: same digits\n"
+    words = f"{run}: differs in 1, only doubts; the values: same digits\n"
     assert capsys.readouterr().out.startswith(words)
     change(run, rounded_otherwise)
     assert check(run, flags=("--json",)) == 1
     (document,) = json.loads(capsys.readouterr().out)["runs"]
-    key = "grade_but_for_uncertainties_and_doubts"
+    key = "grade_but_for_doubts"
     assert (document["grade"], document[key]) == ("differs", "equal to 1e-9")
     change(run, lambda document: document.update(outcome="timeout"))
     assert not check_run(RunPath(run)).values_hold
@@ -157,12 +190,14 @@ def test_of_many_runs_it_is_counted_where_the_values_hold(
 ) -> None:
     for number in (1, 2, 3):
         copy_run(tmp_path, number)
-    change(next(tmp_path.glob("*_run_002_*")), other_trust)
+    change(next(tmp_path.glob("*_run_001_*")), other_uncertainties)
+    change(next(tmp_path.glob("*_run_002_*")), other_doubts)
     change(next(tmp_path.glob("*_run_003_*")), lambda document: document.update(outcome="aborted"))
     assert check(tmp_path) == 1
     assert capsys.readouterr().out.splitlines()[-1] == (
         "1 same digits, 0 equal to 1e-9, "
-        "2 differ (1 only in uncertainties and doubts: the values hold), 0 could not be checked"
+        "2 differ (1 only in doubts: the values hold), 0 could not be checked; "
+        "of 1 the uncertainties differ"
     )
 
 
@@ -409,7 +444,7 @@ def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config)
         )
         drive.whole_run(setup)
         drive.engine.close()
-    assert check(tmp_path) == 0
+    assert check(tmp_path, flags=("--jobs", "1")) == 0
 
 
 def test_a_result_that_hides_damage_where_lists_do_not_look_is_named(

@@ -97,7 +97,7 @@ def test_one_testbed_can_be_asked_for(halls: Path, capsys: pytest.CaptureFixture
         collected([halls], "Hall C")
     assert main(["standings", "a", "merged", "--testbed-name", "Hall B", "--csv", "-"]) == 0
     rows = capsys.readouterr().out.splitlines()
-    assert rows[1].split(",")[8:10] == ["Hall B", "2"]
+    assert rows[1].split(",")[8:11] == ["Hall B", "Autumn Cup", "2"]
 
 
 def test_what_is_in_no_list_is_named_with_what_to_do_and_the_rest_is_there(

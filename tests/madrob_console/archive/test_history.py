@@ -8,6 +8,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from madrob_console.archive.history import (
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_filter import matches
 from madrob_console.errors import MadrobError
+from madrob_console.files.plain import open_plain
 from madrob_console.referee.acts import Abort, Finalise
 from madrob_console.referee.on_record import TeamWord
 from scoring.indicator_table import IndicatorName
@@ -254,23 +256,48 @@ def test_a_wrong_value_in_a_result_is_an_unknown_or_a_problem_in_words(
 # ---------------------------------------------------------------- the index
 
 
-def rewrite_unseen(path: Path, text: str) -> None:
-    """Other content of the same size, with the time of the old."""
-    before = path.stat()
-    assert len(text.encode()) == before.st_size
-    path.write_text(text)
-    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+def refreshed(
+    history: History, monkeypatch: pytest.MonkeyPatch
+) -> tuple[tuple[RunSummary, ...], int]:
+    """The runs, and how many files of runs were opened for them."""
+    opened: list[str] = []
+
+    def counted(path: str | Path) -> int:
+        opened.append(str(path))
+        return open_plain(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("madrob_console.files.bounded.open_plain", counted)
+        runs = history.refresh()
+    return runs, sum(not path.endswith(INDEX_FILE) for path in opened)
 
 
-def test_a_result_that_did_not_change_is_not_read_again(tmp_path: Path) -> None:
+def test_a_result_that_did_not_change_is_not_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = summary(team="Delft")
-    path = write(tmp_path, run)
+    write(tmp_path, run)
     history = History(tmp_path)
-    assert history.refresh() == (run,)
-    rewrite_unseen(path, path.read_text().replace("Delft", "Ghent"))
-    assert history.refresh() == (run,)
-    assert History(tmp_path).refresh() == (run,)
+    (first, opened) = refreshed(history, monkeypatch)
+    assert first == (run,)
+    assert opened > 0
+    for again in (history, History(tmp_path)):
+        assert refreshed(again, monkeypatch) == ((run,), 0)
     (tmp_path / INDEX_FILE).unlink()
+    assert refreshed(History(tmp_path), monkeypatch) == ((run,), opened)
+
+
+def test_a_result_that_was_changed_with_its_old_size_and_time_is_read_again(tmp_path: Path) -> None:
+    path = write(tmp_path, summary(team="Delft"))
+    history = History(tmp_path)
+    history.refresh()
+    before = path.stat()
+    while path.stat().st_ctime_ns == before.st_ctime_ns:  # a clock of 4 ms
+        path.write_text(path.read_text().replace("Delft", "Ghent"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert path.stat().st_size == before.st_size
+    assert path.stat().st_mtime_ns == before.st_mtime_ns
+    assert history.refresh()[0].team == "Ghent"
     assert History(tmp_path).refresh()[0].team == "Ghent"
 
 
@@ -393,34 +420,60 @@ def test_10000_runs_come_from_the_index_ten_times_as_fast_as_from_their_results(
 # ---------------------------------------------------------------- which runs
 
 
-def test_a_run_compares_with_earlier_valid_ones_of_the_same_robot_in_the_same_condition() -> None:
-    good = [
-        summary(hour=1),
-        summary(hour=2, outcome=Outcome.TIMEOUT),
-    ]
+def test_a_run_compares_with_earlier_completed_ones_of_the_same_robot_and_condition() -> None:
+    good = [summary(hour=1), summary(hour=2)]
     others = [
         summary(hour=3),  # the run itself and later ones
         summary(hour=4),
         summary(subject=4, hour=1),
         summary(condition=8, hour=1),
+        summary(hour=1, outcome=Outcome.TIMEOUT),
         summary(hour=1, outcome=Outcome.ABORTED),
         summary(hour=1, outcome=Outcome.INTERRUPTED),
         summary(hour=1, outcome=None),
+        summary(hour=1, voided=True),
         summary(hour=1, problem="damaged"),
         summary(hour=1, source="simulated"),
         summary(hour=1, source="replay"),
     ]
     itself = others[0]
-    found = earlier_runs([*others, *good], 3, 7, itself.started, practice=False)
+    found = earlier_runs(
+        [*others, *good], 3, 7, itself.started, competition="Autumn Cup", practice=False
+    )
     assert found == tuple(good)
-    (practice,) = earlier_runs([*others, *good], 3, 7, itself.started, practice=True)
+    (practice,) = earlier_runs(
+        [*others, *good], 3, 7, itself.started, competition="Autumn Cup", practice=True
+    )
     assert practice.source == "simulated"
+
+
+def test_a_team_of_this_number_in_another_competition_is_another_team() -> None:
+    runs = [summary(hour=1), summary(hour=2, competition="Spring Cup")]
+    for cup, run in zip(("Autumn Cup", "Spring Cup"), runs, strict=True):
+        assert earlier_runs(runs, 3, 7, EPOCH + 1e9, competition=cup, practice=False) == (run,)
+
+
+def test_a_run_says_of_which_competition_it_is_with_a_result_and_without(tmp_path: Path) -> None:
+    drive = Drive(tmp_path, competition="Autumn Cup")
+    history = History(tmp_path)
+    drive.start(make_setup())
+    assert [run.competition for run in history.refresh()] == ["Autumn Cup"]  # it goes on
+    drive.finish()
+    drive.engine.close()
+    assert [run.competition for run in history.refresh()] == ["Autumn Cup"]
+    (drive.folder / "result.json").write_text("{")
+    (damaged,) = history.refresh()
+    assert (damaged.outcome_word, damaged.competition) == ("DAMAGED", "Autumn Cup")
+    (drive.folder / "journal.jsonl").unlink()
+    (unknown,) = history.refresh()
+    assert unknown.competition is None
 
 
 def test_runs_under_other_rules_do_not_compare_where_the_rules_are_given() -> None:
     runs = [summary(hour=1, ruleset="protocol"), summary(hour=2, ruleset="eurobench-2020")]
-    assert len(earlier_runs(runs, 3, 7, EPOCH + 1e9, practice=False)) == 2
-    (same,) = earlier_runs(runs, 3, 7, EPOCH + 1e9, practice=False, ruleset="eurobench-2020")
+    of = partial(earlier_runs, runs, 3, 7, EPOCH + 1e9, competition="Autumn Cup", practice=False)
+    assert len(of()) == 2
+    (same,) = of(ruleset="eurobench-2020")
     assert same.ruleset == "eurobench-2020"
 
 

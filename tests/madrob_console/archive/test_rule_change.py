@@ -14,7 +14,7 @@ from madrob_console.archive.scored import open_run, score_opened
 from madrob_console.errors import MadrobError
 from scoring.quality import BY_THE_RULES
 from scoring.rulesets import RulesetName
-from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.recorded_runs import completed, without_digests
 
 
 @pytest.fixture
@@ -54,6 +54,7 @@ def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_on
     path = run / "result.json"
     document = msgspec.json.decode(path.read_bytes())
     path.write_bytes(msgspec.json.encode(document | {"subject": 41}))
+    without_digests(run)
     change = RuleChange("rules of May", None, "Ada", 1_800_000_100.0)
     with pytest.raises(MadrobError, match=r"of another run .*subject: stored 41, now 3"):
         next_issue(RunPath(run), change)

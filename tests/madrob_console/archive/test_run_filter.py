@@ -11,7 +11,7 @@ from madrob_console.archive.run_filter import filter_problem, matches
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import summary
 
-FIELDS = "subject, sub, cond, run, team, outcome, closed, ruleset, testbed"
+FIELDS = "subject, sub, cond, run, team, outcome, closed, ruleset, testbed, competition"
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 RUNS = st.builds(
     summary,

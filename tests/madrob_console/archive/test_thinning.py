@@ -34,7 +34,7 @@ from recorder.bag import evidence_file_name
 from recorder.listing import put_listing
 from recorder.mcap_file import McapFile
 from recorder.recovery import recover
-from tests.madrob_console.recorded_runs import appealed, completed, final
+from tests.madrob_console.recorded_runs import appealed, completed, final, without_digests
 from tests.recorder.samples import add_evidence, strings, talk
 from tests.recorder.test_recovery_safety import Killed, killed_after
 
@@ -65,6 +65,7 @@ def change(folder: Path, **values: Any) -> None:  # noqa: ANN401  JSON
     path = folder / RESULT_FILE
     document = json.loads(path.read_text())
     path.write_text(json.dumps(document | values))
+    without_digests(folder)
 
 
 def put_evidence(folder: Path, *numbers: int) -> Path:
@@ -299,6 +300,12 @@ def test_links_and_pipes_are_left_alone(root: Path, run: Path, tmp_path: Path) -
     assert len(list(run.glob("*_evidence_*"))) == 2
 
 
+def of_another_process(run: Path) -> None:
+    """What was left half written has the number of whoever wrote it."""
+    for part in run.glob("metadata.yaml.*.part"):
+        part.rename(run / "metadata.yaml.1.part")
+
+
 def test_a_kill_at_any_step_leaves_a_bag_that_others_open_and_the_score(root: Path) -> None:
     scored = open_by_others(final())
     for steps in range(100):
@@ -318,9 +325,10 @@ def test_a_kill_at_any_step_leaves_a_bag_that_others_open_and_the_score(root: Pa
             assert {n: c for n, c in same.items() if n not in kept} == {
                 n: c for n, c in before.items() if "_evidence_" not in n and n not in kept
             }
+            of_another_process(run)
             if list(run.glob("*_evidence_*")):
                 remove_evidence(the_one(root), NOW + 1)
-            assert not list(run.glob("*_evidence_*"))
+            assert not [*run.glob("*_evidence_*"), *run.glob("*.part")]
             assert len(read_run_journal(run).run.removed_evidence) == 1
             assert open_by_others(run) == scored
         else:
@@ -344,9 +352,32 @@ def test_a_disk_that_refuses_from_any_step_on_is_named_and_the_run_is_whole(root
             break
         assert open_by_others(run) > 0
         assert look(root).get(run.name, "") == ""
+        of_another_process(run)
+        if list(run.glob("*_evidence_*")):
+            remove_evidence(the_one(root), NOW + 1)
+        assert not list(run.glob("*.part"))
     assert 8 < steps < 99
     assert sum("No space left on device" in words for words in said) >= steps - 2
     assert not any("\n" in words or str(root) in words for words in said)
+
+
+@pytest.mark.parametrize("call", ["fsync", "rename"])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_a_metadata_file_that_the_disk_refuses_leaves_nothing_half_written(
+    root: Path, run: Path, call: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(*_what: object, **_more: object) -> None:
+        if list(run.glob("metadata.yaml.*.part")):
+            raise OSError(number, os.strerror(number))
+
+    before = (run / "metadata.yaml").read_bytes()
+    with monkeypatch.context() as patched:
+        patched.setattr(os, call, refuses)
+        with pytest.raises(MadrobError, match=os.strerror(number)):
+            remove_evidence(the_one(root), NOW)
+    assert not list(run.glob("*.part"))
+    assert (run / "metadata.yaml").read_bytes() == before
+    assert len(evidence_left(run)) == 2
 
 
 def test_a_run_that_was_opened_meanwhile_keeps_its_evidence(root: Path, run: Path) -> None:

@@ -31,12 +31,11 @@ from madrob_console.cameras.run_pictures import (
     run_pictures,
     stored_pictures,
 )
+from madrob_console.cli.main import main
 from madrob_console.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.publishing.report_copy import report_copy
 from madrob_console.referee.protests import Protest
 from madrob_console.report.camera_pictures import MOST_EMBEDDED, pictures
-from madrob_console.report.markup import NOTHING
 from madrob_console.report.page import report_html
 from madrob_console.report.surroundings import Surroundings
 from recorder.bag import is_evidence
@@ -156,10 +155,14 @@ def test_a_page_stays_small_however_many_cameras_there_are(run: Path) -> None:
     assert len(page_of(run, scored)) < without + 1.2 * MOST_EMBEDDED
 
 
-def test_a_copy_on_a_site_has_the_pictures_and_no_word_of_what_is_not_there(run: Path) -> None:
+def test_a_report_on_a_site_has_the_pictures_and_no_word_of_what_is_not_there(
+    run: Path, tmp_path: Path
+) -> None:
     film(run, FRONT)
     page = page_of(run, score_opened(run))
-    copy = report_copy(page, run.name, {run.name: "runs/1.html"}, NOTHING)
+    (run / "report.html").write_text(page)
+    assert main(["publish", str(tmp_path / "site"), str(run), "--practice"]) == 0
+    copy = next((tmp_path / "site").glob("runs/*/report.html")).read_text()
     assert re.findall("<img [^>]*>", copy) == re.findall("<img [^>]*>", page)
     assert "in the folder pictures" in page
     assert "in the folder pictures" not in copy

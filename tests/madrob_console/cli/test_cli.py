@@ -7,11 +7,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 from madrob_console.cli.main import COMMANDS, main
+from recorder.message import RawMessage
+from recorder.reader import read_bag
 from tests.slowly import slow_but_for
 
 PRACTICE = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report"]
@@ -71,6 +74,28 @@ def test_a_run_without_a_number_takes_the_next_free_one(
         assert madrob(*RUN, *flags) == 3
         names.append(folder_in(capsys.readouterr().out).name[:28])
     assert names == ["subject_003_cond_001_run_001", "subject_003_cond_001_run_002"]
+
+
+def test_a_run_over_a_slow_network_is_recorded_as_its_messages_arrive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert madrob(*RUN, "--latency", "door=50ms", "--results", str(tmp_path)) == 0
+    late = {
+        topic: [m.receive_ns - m.publish_ns for m in messages]
+        for topic, messages in by_topic(folder_in(capsys.readouterr().out)).items()
+        if topic.startswith(("/madrob/door", "/madrob/handle", "/madrob/passage"))
+    }
+    door = late.pop("/madrob/door/angle")
+    assert 50_000_000 < min(door) < max(door) < 55_000_000
+    assert len(late) == 5
+    assert all(0 < min(of) < max(of) < 5_000_000 for of in late.values())
+
+
+def by_topic(folder: Path) -> dict[str, list[RawMessage]]:
+    found = defaultdict(list)
+    for message in read_bag(folder).messages():
+        found[message.topic].append(message)
+    return found
 
 
 def test_score_prints_the_digits_of_the_run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +20,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from madrob_console.archive.run_paths import all_runs_at
+from madrob_console.cli import cluster as cluster_module
 from madrob_console.cli.cluster import on_cluster
 from madrob_console.cli.main import main
 from madrob_console.cli.sharing import lost_words, shared
 from madrob_console.errors import MadrobError
 from madrob_console.testbeds.simulated import Scenario
+from madrob_console.version import software_version
 from tests.madrob_console.recorded_runs import copy_run
 
 if TYPE_CHECKING:
@@ -97,19 +101,30 @@ def cluster() -> Iterator[LocalCluster]:
 
 def _keep_a_worker(address: str, ended: threading.Event) -> None:
     """One worker after the other, until it is the end."""
-    options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
-    command = (sys.executable, "-m", "distributed.cli.dask_worker", address, *options)
-    with tempfile.TemporaryDirectory() as folder:
-        while not ended.is_set():
-            with subprocess.Popen(
-                (*command, "--local-directory", folder),
-                env={**os.environ, "PYTHONPATH": str(ROOT)},
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            ) as worker:
-                while worker.poll() is None and not ended.wait(0.05):
-                    pass
-                worker.kill()
+    while not ended.is_set():
+        with one_worker(address) as worker:
+            while worker.poll() is None and not ended.wait(0.05):
+                pass
+
+
+@contextmanager
+def one_worker(address: str, *options: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker in a process of its own, which is ended at last."""
+    usual = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60")
+    command = (sys.executable, "-m", "distributed.cli.dask_worker", address, *usual, *options)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        subprocess.Popen(
+            (*command, "--local-directory", folder),
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as worker,
+    ):
+        try:
+            yield worker
+        finally:
+            worker.kill()
 
 
 @pytest.mark.machine
@@ -166,6 +181,88 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     monkeypatch.setattr("madrob_console.version.software_version", lambda: "0.0.1")
     with pytest.raises(MadrobError, match=r"has other versions \(.* there, 0\.0\.1 here\)"):
         spread(abs, [-1, -2])
+
+
+OTHER = "0.0.1"
+
+
+def versioned(mark: tuple[int, str]) -> tuple[int, str]:
+    """Say which version works on it; all but the first wait for the other version's worker."""
+    number, folder = mark
+    version, go = software_version(), Path(folder, "go")
+    if version == OTHER:
+        go.touch()
+    while number and not go.exists():
+        time.sleep(0.02)
+    return number, version
+
+
+@contextmanager
+def cluster_of(preload: Path | None = None) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler's address and its one worker."""
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
+    options = () if preload is None else ("--preload", str(preload))
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as running,
+        one_worker(running.scheduler_address, *options) as worker,
+    ):
+        running.wait_for_workers(1)
+        yield running.scheduler_address, worker
+
+
+@pytest.mark.machine
+@pytest.mark.timeout(300)
+@pytest.mark.filterwarnings("default")  # of distributed's own threads and processes
+@pytest.mark.parametrize("others", [True, False])
+def test_what_a_late_worker_of_another_version_gets_is_done_by_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool
+) -> None:
+    own, told = software_version(), list[str]()
+    words = rf"^worker \S+ has other versions \({OTHER} there, {re.escape(own)} here\), which "
+    faked = tmp_path / "faked.py"
+    faked.write_text(
+        f"from madrob_console import version\nversion.software_version = lambda: {OTHER!r}\n"
+    )
+    with cluster_of() as (address, fitting):
+
+        def hear(problem: str) -> None:
+            told.append(problem)
+            if others:
+                Path(tmp_path, "go").touch()
+            else:
+                fitting.kill()
+
+        monkeypatch.setattr(cluster_module, "complain", hear)
+        marks = [(number, str(tmp_path)) for number in range(20)]
+        results = on_cluster(versioned, marks, address, [], lambda item, why: (item[0], why))
+        assert next(results) == (0, own)
+        with one_worker(address, "--preload", str(faked)):
+            if others:
+                assert list(results) == [(number, own) for number in range(1, 20)]
+            else:
+                with pytest.raises(MadrobError, match=f"^no worker is left that fits: {words[1:]}"):
+                    list(results)
+    (problem,) = told
+    assert re.search(words, problem)
+
+
+@pytest.mark.machine
+@pytest.mark.timeout(300)
+@pytest.mark.filterwarnings("default")  # of distributed's own threads and processes
+def test_a_worker_that_says_something_else_than_its_versions_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other.py").write_text(
+        "from madrob_console.cli import cluster\ncluster.worker_facts = lambda paths: 7\n"
+    )
+    copy_run(tmp_path / "results", 1, Scenario.TOUCH_ONLY)
+    with cluster_of(tmp_path / "other.py") as (address, _):
+        assert main(["score", "--scheduler", address, str(tmp_path / "results")]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("madrob: worker tcp://")
+    assert told.err.endswith(" does not say its versions: install the same madrob-console there\n")
+    assert told.err.count("\n") == 1
 
 
 def _most_out(address: str, root: Path, patch: pytest.MonkeyPatch) -> int:

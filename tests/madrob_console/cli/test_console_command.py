@@ -27,6 +27,8 @@ pytestmark = pytest.mark.machine
         ("console --testbed replay /nowhere/at_all", "/nowhere/at_all"),
         ("console --testbed replay EMPTY", "the folder holds no recording"),
         ("watch --testbed ros --speed 5", "--speed: a live testbed has its own"),
+        ("watch --testbed ros --latency 50ms", "--latency and --jitter delay simulated messages"),
+        ("console --testbed replay RUN --jitter 1s", "delay simulated messages: use them with"),
         ("console --testbed simulated --teams /nowhere.csv", "correct --teams"),
         ("console --testbed simulated --plan /nowhere.csv", "correct --plan"),
         ("console --testbed replay RUN --from 900", "--from 900: the recording goes from -"),

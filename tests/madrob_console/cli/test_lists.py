@@ -52,6 +52,19 @@ def test_the_engine_that_a_console_starts_has_the_names_of_the_launch_file() -> 
     assert (serve.ros_args, serve.testbed, serve.domain) == (ros, ["ros"], 7)
 
 
+def test_the_engine_that_a_console_starts_has_the_network_that_was_named() -> None:
+    words = ("--latency", "20ms,door=50ms", "--jitter=handle=60ms")
+    served = engine_options(typed("console", "--testbed=simulated", *words))
+    network = typed("engine", "serve", *served)
+    assert (network.latency, network.jitter) == ("20ms,door=50ms", "handle=60ms")
+
+
+def test_the_engine_that_a_console_starts_follows_simulated_time_where_that_was_asked_for() -> None:
+    asked = engine_options(typed("console", "--testbed=ros", "--use-sim-time"))
+    assert typed("engine", "serve", *asked).use_sim_time
+    assert not typed("engine", "serve", *engine_options(typed("console"))).use_sim_time
+
+
 @pytest.mark.parametrize(
     ("option", "there"), [("teams", "no teams file"), ("plan", "no plan's file")]
 )

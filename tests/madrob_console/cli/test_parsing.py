@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.cli.main import COMMANDS, build_parser, main
+from madrob_console.cli.options import delays
+from scoring.protocol import Signal
 
 ALL = (*COMMANDS, "calibrate masks", "calibrate handle", "table samples")
 
@@ -97,6 +99,12 @@ def test_a_help_says_the_real_defaults_and_the_choices(
         ("score --jobs 0 x", "--jobs: 0: use 1 or more"),
         ("run --team Delft", "--team: 'Delft' is no whole number"),
         ("recover", "the following arguments are required: PATH"),
+        ("run --latency dor=50ms", "--latency: there is no 'dor', did you mean door?"),
+        ("run --latency door", "--latency: 'door' is no delay, as 50ms or 0.2s are"),
+        ("console --latency 50", "--latency: '50' is no delay, as 50ms or 0.2s are"),
+        ("testbed --jitter handle=1s,", "--jitter: '' is no delay, as 50ms or 0.2s are"),
+        ("testbed --jitter 1m", "--jitter: '1m' is no delay, as 50ms or 0.2s are"),
+        ("testbed --jitter door=11s", "--jitter: '11s' is too long: use 0s to 10s"),
     ],
 )
 def test_a_wrong_word_is_named_with_what_was_meant(
@@ -107,6 +115,29 @@ def test_a_wrong_word_is_named_with_what_was_meant(
     assert words in error
     assert error.count("\n") == 1
     assert error.endswith("--help`\n")
+
+
+STRIPS = (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.CCW_LEFT, Signal.CCW_RIGHT)
+
+
+@pytest.mark.parametrize("option", ["latency", "jitter"])
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("", {}),
+        ("--{0} 50ms", dict.fromkeys(Signal, 0.05)),
+        ("--{0} all=0.2s,door=0ms", {**dict.fromkeys(Signal, 0.2), Signal.DOOR: 0.0}),
+        ("--{0} passage=50ms", dict.fromkeys(STRIPS, 0.05)),
+        ("--{0} cw_left=1s --{0} latch=2ms", {Signal.CW_LEFT: 1.0, Signal.LATCH: 0.002}),
+        ("--{0} handle=1s --{0} handle=10ms,door=3ms", {Signal.HANDLE: 0.01, Signal.DOOR: 0.003}),
+    ],
+)
+def test_a_delay_is_of_the_signals_that_it_names_and_the_last_word_counts(
+    option: str, words: str, meant: dict[Signal, float]
+) -> None:
+    for command in ("run", "console", "testbed", "engine serve"):
+        line = shlex.split(f"{command} {words.format(option)}")
+        assert delays(getattr(build_parser().read(line), option)) == meant
 
 
 NEGATIVE = {"--from", "--seed", "--start-pose"}
@@ -139,7 +170,7 @@ def numbers() -> Iterator[tuple[str, argparse.Action, str]]:
         for action in parser._actions:
             if not callable(action.type) or action.type is Path:
                 continue
-            for text in ("3", "30", "3d", "3GB", "3,0,0", "3/4"):
+            for text in ("3", "30", "3d", "3GB", "3ms", "3,0,0", "3/4"):
                 if taken(action, text):
                     yield parser.prog, action, text
                     break
@@ -155,6 +186,8 @@ def test_no_option_takes_a_number_that_makes_no_sense() -> None:
         "--keep-runs",
         "--older-than",
         "--width",
+        "--latency",
+        "--jitter",
     } <= {name for _, action, _ in found for name in action.option_strings}
     for command, action, text in found:
         (name,) = action.option_strings[:1]

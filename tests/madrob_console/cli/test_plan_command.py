@@ -19,7 +19,7 @@ CUP = "Autumn Cup"
 def folder(tmp_path: Path) -> Path:
     """A competition after five runs."""
     (tmp_path / "plan.csv").write_text("subject,condition,attempts\n3,1,2\n4,20\n3,1\n7,5,2\n")
-    (tmp_path / "teams.csv").write_text("3,Delft Walkers of the North Sea\n4,門の騎士\n")
+    (tmp_path / "teams.csv").write_text("3,Delft Walkers of the North Sea\n4,門の騎士\n7,Ghent\n")
     (tmp_path / "madrob.toml").write_text(
         f'[competition]\nname = "{CUP}"\nteams_file = "{tmp_path}/teams.csv"\n'
         f'[plan]\nfile = "{tmp_path}/plan.csv"\n[results]\nfolder = "{tmp_path}/runs"\n'
@@ -54,7 +54,7 @@ def test_it_prints_the_plan_in_its_order_with_what_is_done(
         "3 Delft Walkers 1 pull, from CCW to CW No Force 2/2 1 4",
         "> 4 門の騎士 20 pull, from CW to CCW Wind Ramp 0/1 0 -",
         "3 Delft Walkers 1 pull, from CCW to CW No Force 0/1 0 -",
-        "7 5 pull, from CCW to CW Wind Ramp 0/2 0 -",
+        "7 Ghent 5 pull, from CCW to CW Wind Ramp 0/2 0 -",
     ]
     out = lines.index("Out of plan:")
     assert " ".join(lines[out + 1].split()) == "9 2 pull, from CCW to CW Constant Force 1 1 6"
@@ -100,6 +100,29 @@ def test_a_line_that_cannot_be_used_is_named_and_the_exit_code_says_so(
     said = capsys.readouterr()
     assert "2 of 2 attempts done, 0 left." in said.out
     assert said.err == ("madrob: plan.csv line 2: condition 'No Force' is no number from 1 to 20\n")
+
+
+def test_a_team_that_is_not_in_the_list_is_named_and_the_exit_code_says_so(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "plan.csv").write_text("3,1\n99,2\n12,1\n99,1\n")
+    assert plan(folder) == BAD_INPUT
+    said = capsys.readouterr()
+    assert "1 of 4 attempts done, 3 left." in said.out
+    told = "the plan has subject 12, 99, not in the list of teams: correct one of them"
+    assert said.err == f"madrob: {told}\n"
+    assert plan(folder, "--json") == BAD_INPUT
+    assert json.loads(capsys.readouterr().out)["problems"] == [told]
+    (folder / "teams.csv").write_text("")
+    assert plan(folder) == 0  # no list: names are free
+
+
+def test_another_competition_can_be_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(folder / "runs", summary(3, 1, 3, hour=9, competition="Spring Cup"))
+    assert plan(folder, "--competition", "Spring Cup") == 0
+    assert capsys.readouterr().out.startswith("MADROB plan Spring Cup\n1 of 6 attempts done")
 
 
 def test_without_a_plan_it_says_how_to_make_one(

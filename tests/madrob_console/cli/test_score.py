@@ -20,7 +20,7 @@ from madrob_console.cli.main import main
 from madrob_console.cli.problems import MOST_ALIKE
 from madrob_console.cli.score_command import describe_run
 from madrob_console.cli.score_table import comparison_lines, result_lines
-from madrob_console.referee.acts import Rule
+from madrob_console.referee.acts import Abort, Rule
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
@@ -115,6 +115,25 @@ def test_what_a_decision_hangs_on_comes_before_the_numbers(
         ("denied step", "caution", False),
         ("practice", "remark", False),
     ]
+
+
+@pytest.mark.parametrize("ruleset", ["protocol", "all"])
+def test_an_aborted_run_has_one_reason_a_ruleset(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ruleset: str
+) -> None:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    drive.wait(3.0)
+    drive.act(Abort("robot unsafe"))
+    drive.finish()
+    assert score(drive.engine.folder, "--ruleset", ruleset) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "run aborted" in line]
+    if ruleset == "protocol":
+        assert told == ["  indicators: none: run aborted: invalid"]
+    else:
+        assert sorted(told) == sorted(
+            f"  indicators, {name}: run aborted: invalid" for name in RulesetName
+        )
 
 
 def test_a_bad_run_is_named_and_the_rest_is_scored(

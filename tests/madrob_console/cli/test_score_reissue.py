@@ -27,7 +27,13 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import appealed, completed, copy_run, recorded
+from tests.madrob_console.recorded_runs import (
+    appealed,
+    completed,
+    copy_run,
+    recorded,
+    without_digests,
+)
 
 ROBUST = ("--ruleset", "robust-2026")
 
@@ -68,7 +74,7 @@ def test_a_result_that_is_another_one_gets_its_next_issue_and_a_line_in_the_jour
     assert reissue(folder, *ROBUST, "--settings", settings) == 0
     first, *summary = capsys.readouterr().out.splitlines()
     assert first.startswith(f"{folder}: issue 2: ")
-    assert "roughness of door actuation 18.0222 -> 12.1333" in first
+    assert "roughness of door actuation 18.0222 -> 12.0993" in first
     assert summary[0] == "1 re-issued, 0 unchanged, 0 left alone (see above)"
     after = result(folder)
     assert (after["issue"], after["ruleset"]) == (2, "robust-2026")
@@ -137,6 +143,19 @@ def test_a_run_whose_level_changes_is_counted(
     copy(completed(), tmp_path)
     assert reissue(tmp_path, "--ruleset", "eurobench-2020", "--dry-run") == 0
     assert "runs that change level: 6 -> 4: 1" in capsys.readouterr().out
+
+
+def test_other_uncertainties_alone_make_no_next_issue(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy(completed(), tmp_path)
+    document = result(folder)
+    document["indicators"]["execution_time"]["uncertainty"] = {"u": 1.0, "expanded": 2.0}
+    (folder / "result.json").write_text(json.dumps(document))
+    without_digests(folder)
+    assert reissue(folder) == 0
+    assert "0 re-issued, 1 unchanged" in capsys.readouterr().out
+    assert result(folder) == document
 
 
 def test_unchanged_runs_are_left_alone_and_counted(

@@ -145,7 +145,7 @@ def test_best_takes_so_many_of_each_condition() -> None:
 
 
 def test_runs_that_do_not_count_are_listed_with_their_reason() -> None:
-    unfinished = summary(run_number=9, outcome=None, source=None, competition="")
+    unfinished = summary(run_number=9, outcome=None, source=None, competition=None)
     damaged = summary(run_number=8, problem="result.json is damaged")
     of = found(*RUNS, unfinished, damaged)
     assert [(left.run.run_number, left.why) for left in of.left_out[:2]] == [
@@ -190,14 +190,14 @@ def test_rulesets_stand_apart_and_are_named() -> None:
 
 def test_a_competition_is_chosen_by_its_name_and_several_are_named() -> None:
     runs = (*RUNS, timed(50.0, subject=9, competition="Spring Cup"))
-    both = found(*runs)
-    assert "2 competitions count together: Autumn Cup, Spring Cup" in words(both)
+    with pytest.raises(MadrobError, match="of 2 competitions are here: 'Autumn Cup', 'Spring Cup'"):
+        found(*runs)
     spring = found(*runs, competition="Spring Cup")
     assert {row["subject"] for row in rows(spring)} == {"9"}
     assert spring.title == "Spring Cup"
+    assert {row["competition"] for row in rows(spring)} == {"Spring Cup"}
+    assert document(spring)["competition"] == "Spring Cup"
     assert spring.left_out == ()
-    with pytest.raises(MadrobError, match="'Nope': no such runs; there are 'Autumn Cup', 'Spring"):
-        found(*runs, competition="Nope")
 
 
 def test_not_final_and_protested_results_are_told() -> None:
@@ -225,9 +225,11 @@ def test_a_team_is_one_row_with_the_name_of_the_list_and_its_other_names_are_a_r
     ]
     of = found(*runs, listed={3: "Delft Walkers"})
     assert {row["team"] for row in rows(of)} == {"Delft Walkers"}
-    remark = "Runs of 3 Delft Walkers under other names count as well: 'Team 3', 'team 3', 'Tm 3'."
-    assert remark in of.remarks
-    assert remark in html.unescape(words(of))
+    for name, number in (("Team 3", 1), ("team 3", 2), ("Tm 3", 3)):
+        which = f"run {number} in condition 7"
+        remark = f"Under another name, '{name}', 3 Delft Walkers also has {which}."
+        assert remark in of.remarks
+        assert remark in html.unescape(words(of))
     told = document(of)
     assert [run["team"] for run in told["left_out"]] == ["Delft Walkers"]
     (team,) = told["rulesets"][0]["overall"]

@@ -18,7 +18,7 @@ from madrob_console.cli.main import main
 from madrob_console.files.held import Hold
 from madrob_console.referee.journal import HOLD_FILE
 from recorder.listing import put_listing
-from tests.madrob_console.recorded_runs import appealed, final
+from tests.madrob_console.recorded_runs import appealed, final, without_digests
 from tests.recorder.samples import add_evidence, strings
 from tests.terminal import Terminal
 
@@ -33,6 +33,7 @@ def place(root: Path, source: Path, number: int) -> Path:
     document = json.loads(path.read_text())
     start = document["start"] + number
     path.write_text(json.dumps(document | {"run_number": number, "start": start, "run_id": ""}))
+    without_digests(folder)
     add_evidence(folder, FRAMES)
     fd = os.open(folder, os.O_DIRECTORY)
     assert put_listing(fd) is not None

@@ -15,12 +15,14 @@ from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.scorer import Scorer
 from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.on_record import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
+from madrob_console.testbeds.announcement import SILENT
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -53,6 +55,7 @@ class Drive:
         scorer: Scorer | None = None,
         testbed: str = "Hall A",
         disk_needed: int = 0,
+        competition: str = "",
     ) -> None:
         self.clock = VirtualClock(EPOCH_NS)
         types = MessageTypes()
@@ -64,6 +67,7 @@ class Drive:
             lossless=True,
             disk_needed=disk_needed,
             testbed=testbed,
+            competition=competition,
             random=Random(next(_SEEDS)).randbytes,
         )
         self.engine = Engine(self.source, self.clock, config, types, keepers=keepers, scorer=scorer)
@@ -137,6 +141,19 @@ class Drive:
     def whole_run(self, setup: RunSetup) -> None:
         self.start(setup)
         self.finish()
+
+
+class OfficialSource(SimulatedSource):
+    """As good as a real testbed."""
+
+    kind = SourceKind.ROS
+    announcement = SILENT
+
+
+class OfficialDrive(Drive):
+    """Its runs count."""
+
+    SOURCE = OfficialSource
 
 
 def make_setup(

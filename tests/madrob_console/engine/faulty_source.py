@@ -40,12 +40,14 @@ class FaultySource:
         handed: every message handed to the engine, in order.
         published: every message that the engine published, in order.
         second_referee: who else publishes the state of the run, in words.
+        simulated_time: see `Announcement`.
     """
 
     def __init__(self, source: SimulatedSource, clock: Clock) -> None:
         self.handed: list[RawMessage] = []
         self.published: list[RawMessage] = []
         self.second_referee: str | None = None
+        self.simulated_time: float | None = None
         self._source = source
         self._clock = clock
         self._spoils: dict[str, Spoil] = {}
@@ -114,7 +116,7 @@ class FaultySource:
 
     @property
     def announcement(self) -> Announcement:
-        return self._source.announcement
+        return replace(self._source.announcement, simulated_time=self.simulated_time)
 
     def attend(self, outside: Outside) -> None:
         self._source.attend(outside)

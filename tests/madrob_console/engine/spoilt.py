@@ -163,13 +163,13 @@ def edited(message: RawMessage, edit: Edit) -> RawMessage:
 
 def restamped(message: RawMessage, shift_ns: int, *, late: bool = False) -> RawMessage:
     """The message with its stamp shifted; `late` shifts its arrival as well."""
-
-    def shift(content: Message) -> None:
-        stamp = content.header.stamp
-        stamp.sec, stamp.nanosec = divmod(stamp.sec * NS + stamp.nanosec + shift_ns, NS)
-
-    moved = edited(message, shift)
+    moved = edited(message, lambda content: shift_stamp(content, shift_ns))
     return replace(moved, receive_ns=moved.receive_ns + shift_ns) if late else moved
+
+
+def shift_stamp(content: Message, shift_ns: int) -> None:
+    stamp = content.header.stamp
+    stamp.sec, stamp.nanosec = divmod(stamp.sec * NS + stamp.nanosec + shift_ns, NS)
 
 
 def another(message: RawMessage, topic: str) -> RawMessage:

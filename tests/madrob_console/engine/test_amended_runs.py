@@ -121,7 +121,7 @@ def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> Non
     assert (run.valid, run.voided, run.outcome_word, run.reason) == (
         *(False, True, "VOID", "robot unsafe"),
     )
-    assert earlier_runs([run], 3, 1, run.started + 9, practice=run.practice) == ()
+    assert earlier_runs([run], 3, 1, run.started + 9, competition="", practice=run.practice) == ()
     found = competition_standings([run], made=0.0, official=False)
     assert [left.why for left in found.left_out] == ["robot unsafe"]
     (group,) = found.groups

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shlex
 import signal
 import socket
-import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -30,12 +29,21 @@ from madrob_console.engine.process.control import (
     stop_answer_in,
     who_answer_in,
 )
-from madrob_console.engine.process.engines import all_engines, found_at
-from madrob_console.engine.process.holding import HeldError, held
-from madrob_console.engine.process.owned import LOCK_FILE, Owned, address_of, owned_by, results_name
+from madrob_console.engine.process.ending import EngineHandle
+from madrob_console.engine.process.engines import FoundEngine, all_engines, found_at
+from madrob_console.engine.process.holding import held
+from madrob_console.engine.process.owned import (
+    LOCK_FILE,
+    HeldError,
+    Owned,
+    address_of,
+    owned_by,
+    results_name,
+)
 from madrob_console.engine.process.place import make_private
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
+from tests.madrob_console.stranger import NOBODY, stranger
 from tests.watching import until
 
 PRESENCE = WhoAnswer(os.getpid(), "0.1.0", 5, "SIMULATED nominal", "simulated")
@@ -134,7 +142,7 @@ def test_who_may_stop_it_ends_it_as_a_signal_would(owned: Owned) -> None:
     before = signal.signal(signal.SIGTERM, lambda number, _: got.append(number))
     try:
         with answering(owned):
-            heard = ask(address_of(owned.testbed), Inquiry("stop"))
+            heard = ask(owned.testbed, Inquiry("stop"))
             assert heard is not None
             assert stop_answer_in(heard.line).ends
             until(lambda: got)
@@ -258,34 +266,50 @@ def test_a_folder_that_cannot_be_made_is_not_held(tmp_path: Path) -> None:
         assert results_name(tmp_path / "file" / "runs") is None
 
 
-_STRANGER = """
-import os, socket, sys
-os.setuid(65534)
-taken = socket.socket(socket.AF_UNIX)
-taken.bind(sys.argv[1].replace("@", chr(0)))
-taken.listen()
-print("there", flush=True)
-sys.stdin.read()
-"""
+@pytest.mark.machine
+@pytest.mark.parametrize("full", [False, True])
+def test_names_that_another_user_took_stop_nobody_and_are_said(owned: Owned, full: bool) -> None:
+    assert owned.results is not None
+    owned.results.mkdir()
+    names = (owned.testbed, str(results_name(owned.results)))
+    with stranger(*names, full=full) as process:
+        whose = f"process {process.pid} of another user ({NOBODY}) has the name "
+        with held(owned) as got:
+            assert not got.listening
+            assert got.lock is not None
+            for remark, name, what in zip(
+                got.remarks, names, ("this simulated testbed", owned.results), strict=True
+            ):
+                assert remark.startswith(f"{whose}{name} of an engine of yours: have it ended")
+                assert remark.endswith(f"a lock file alone keeps other engines off {what}")
+            with pytest.raises(HeldError, match=f"pid {os.getpid()} on "), held(owned):
+                pass
+        for name in names:
+            with pytest.raises(MadrobError, match=re.escape(whose + name)):
+                found_at(name)
+        found, unseen = all_engines()
+        assert process.pid not in [one.pid for one in found]
+        assert len([words for words in unseen if whose in words]) == 2
+        # whatever it was found by
+        by_name = FoundEngine(process.pid, names, None, None, silent=True, since=None)
+        with pytest.raises(ProcessLookupError):
+            EngineHandle(by_name)
 
 
 @pytest.mark.machine
-def test_a_name_that_another_user_took_stops_nobody_and_is_said(owned: Owned) -> None:
-    if os.getuid() != 0:
-        pytest.skip("only root can be another user")
-    name = address_of(owned.testbed).replace("\0", "@")
-    with subprocess.Popen(
-        [sys.executable, "-c", _STRANGER, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as stranger:
-        assert stranger.stdout is not None
-        assert stranger.stdin is not None
-        assert stranger.stdout.readline() == b"there\n"
-        with held(owned) as got:
-            (remark,) = got.remarks
-            assert "no engine of yours has the name" in remark
-        with pytest.raises(MadrobError, match=f"{stranger.pid} of another user"):
-            found_at(owned.testbed)
-        stranger.stdin.close()
+def test_an_engine_of_this_user_that_hangs_with_a_full_backlog_is_found_and_named(
+    owned: Owned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holding, "_BACKLOG", 0)
+    with held(owned), closing(socket.socket(socket.AF_UNIX)) as caller:
+        caller.connect(address_of(owned.testbed))
+        found = found_at(owned.testbed)
+        assert found is not None
+        assert (found.pid, found.silent) == (os.getpid(), True)
+        with pytest.raises(HeldError, match=f"pid {os.getpid()}, since"), held(owned):
+            pass
+        with EngineHandle(found):
+            pass
 
 
 def test_what_cannot_be_looked_at_is_said(

@@ -64,7 +64,7 @@ def some_rows(time: Array, value: Array) -> Rows:
     """The same times and values in every column; `time` in s since the start."""
     at = START + time
     joint = JointState(at, value, value, value)
-    return Rows(joint, value, at, value, at, value, np.zeros(value.size), None, Thresholds())
+    return Rows(joint, value, at, value, at, value, np.zeros(value.size), value, None, Thresholds())
 
 
 def score_opened(results: Path, scenario: Scenario) -> Scored:

@@ -196,7 +196,7 @@ def test_a_process_that_hangs_is_told_ended_and_started_again(
             assert stopped is not None
             os.kill(stopped, signal.SIGSTOP)
             here.until(lambda status: "silent" in (status.problem or ""))
-            here.until(lambda status: "did not move" in (status.problem or ""))
+            here.until(lambda status: "it was stopped for 2 s" in (status.problem or ""))
             here.until(lambda status: status.problem is None)
             assert here.evidence.pid != stopped
             here.until(lambda _: here.topic().messages >= 10)

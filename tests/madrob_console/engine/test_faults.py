@@ -49,7 +49,7 @@ WITHOUT = r"\d+ values without a reading"
 CASES = (
     Case(Fault.DIES, SLOW, r"nothing in the last \d+\.\d s of the recording", BLIND),
     Case(Fault.SLOWS, SLOW, r"\d+ gaps, the longest 0\.2\d+ s"),
-    Case(Fault.CRAWLS, SLOW, r"\d+ gaps, the longest 2\.5\d+ s", BLIND),
+    Case(Fault.CRAWLS, SLOW, r"\d+ gaps, the longest 2\.5\d+ s", (STRIP,)),
     Case(Fault.FLOODS, r"\d+ Hz, far above 50 Hz", "uneven intervals of"),
     Case(Fault.REPEATS_STAMPS, BACK, DROPPED, BLIND),
     Case(Fault.STEPS_BACK, BACK, DROPPED),

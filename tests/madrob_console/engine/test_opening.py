@@ -27,7 +27,7 @@ from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
-from tests.madrob_console.recorded_runs import completed
+from tests.madrob_console.recorded_runs import completed, without_digests
 from tests.madrob_console.run_folders import summary
 
 
@@ -214,6 +214,7 @@ def test_remarks_that_only_the_stored_result_knows_are_kept(tmp_path: Path) -> N
     document = msgspec.json.decode((folder / "result.json").read_bytes())
     document["quality"]["remarks"].append("/madrob/door/angle: 3 messages were lost on the way")
     (folder / "result.json").write_bytes(msgspec.json.encode(document))
+    without_digests(folder)
     drive = Drive(tmp_path)
     shown(drive.engine, folder)
     result = drive.engine.snapshot().result
@@ -268,7 +269,7 @@ def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
     valid = summary(subject=3, condition=1, team="Delft", ruleset="protocol", source="simulated")
     standings = competition_standings([run, valid], made=0.0, official=False)
     assert not standings.left_out
-    assert standings.groups[0].overall[0].interrupted == 0
+    assert standings.groups[0].overall[0].without_result == 0
     assert next_run_number(tmp_path, 3, 1) == 2
 
 

@@ -145,6 +145,7 @@ def fill_with_files(folder: Path) -> None:
         (folder / str(number)).touch()
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.machine
 def test_a_disk_that_hangs_is_no_recorder_that_is_ready(tmp_path: Path) -> None:
     with disk_image(tmp_path / "disk") as disk:
@@ -165,6 +166,7 @@ def until_said(drive: Drive, words: str) -> None:
     until(said)
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.machine
 def test_a_folder_that_takes_no_file_is_found_before_the_start(tmp_path: Path) -> None:
     with disk_image(tmp_path / "disk") as disk:

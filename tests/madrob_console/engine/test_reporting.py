@@ -10,6 +10,7 @@ import time
 from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -18,15 +19,17 @@ from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
 from madrob_console.engine.process.reporting import Reporting
-from madrob_console.engine.shown.requests import ExportTeam, Role
+from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Role
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
+    Correct,
     Finalise,
     Reissue,
     Rule,
     SetUp,
     Start,
+    Void,
     ZeroHandle,
 )
 from madrob_console.referee.on_record import TeamWord
@@ -38,9 +41,10 @@ from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
 from scoring.protocol import Step
 from tests.madrob_console.cameras.frames import film
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
+from tests.madrob_console.publishing.competition_runs import put_recorded
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
@@ -240,7 +244,9 @@ def test_madrob_run_writes_the_pages_that_the_settings_name(
 
 @pytest.mark.machine
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
-    write(tmp_path / "runs", summary(3))
+    wanted = summary(3)
+    for run in (wanted, summary(3, hour=1, competition="Spring Cup")):
+        write(tmp_path / "runs", run)
     engine = simulated(tmp_path / "runs")
     reporting = Reporting(aside.COMMAND, lambda: engine.busy, [f"--results={tmp_path / 'runs'}"])
     with (
@@ -251,7 +257,7 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
         assert watcher.ask(ExportTeam(3)) == "this screen only watches"
         assert KEYS["export"].refusal(watcher.snapshot()) is not None
         assert console.snapshot().export is None
-        assert console.ask(ExportTeam(3)) is None
+        assert console.ask(ExportTeam(3, competition="Autumn Cup")) is None
         assert (shown := console.snapshot().export) is not None
         assert shown.subject == 3
         until(lambda: (view := watcher.snapshot().export) is not None and view.path)
@@ -259,7 +265,8 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
         assert made is not None
         assert made.problem == ""
         assert Path(made.path).parent == tmp_path / "runs" / "exports"
-        assert Path(made.path).is_file()
+        names = ZipFile(made.path).namelist()
+        assert {name.partition("/")[0] for name in names if "/" in name} == {wanted.folder}
 
 
 def processes_of(parent: int) -> list[str]:
@@ -269,9 +276,95 @@ def processes_of(parent: int) -> list[str]:
         with suppress(OSError):
             if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
                 line = (path / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                if not line or " page " in line:  # a zombie has none
+                if not line or " page " in line or " renew " in line:  # a zombie has none
                     found.append(line)
     return found
+
+
+def official_run(results: Path, **fields: object) -> Path:
+    """The folder of a completed run that counts, with its report."""
+    drive = OfficialDrive(results)
+    drive.whole_run(replace(make_setup(), **fields))  # type: ignore[arg-type]
+    drive.engine.close()
+    assert main(["report", str(drive.folder)]) == 0
+    return drive.folder
+
+
+def other_runs(report: Path) -> list[str]:
+    """Of the team, in the words of a report."""
+    text = report.read_text()
+    found = re.search('<section id="runs">.*?</section>', text, re.DOTALL)
+    compared = re.findall("(?:condition is|the next is) (run [0-9]+)[.]", text)
+    return compared + re.findall("run [0-9]+(?=<| \\()", found[0] if found else "")
+
+
+@pytest.mark.machine
+@pytest.mark.slow
+def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_path: Path) -> None:
+    results, site = tmp_path / "runs", tmp_path / "site"
+    mine = official_run(results)
+    wrong = official_run(results, run_number=2)
+    theirs = official_run(results, subject=4, team="Graz")
+    assert main(["report", str(mine)]) == 0
+    reports = [mine / "report.html", theirs / "report.html"]
+
+    def told() -> list[list[str]]:
+        published = [
+            next(iter(site.glob(f"runs/{one.parent.name}_*/report.html"))) for one in reports
+        ]
+        return [other_runs(one) for one in (*reports, *published)]
+
+    settings = f'[results]\npublish = "{site}"\n'
+    with EngineProcess(results, "no-touch", settings=settings) as engine:
+        until((site / "index.html").exists)
+        assert told() == [["run 2", "run 2"], [], ["run 2", "run 2"], []]
+        assert engine.client.ask(OpenRun(wrong.name)) is None
+        engine.act(Correct(4, make_setup().condition, "typed wrongly"))
+        until(lambda: told() == [[], ["run 2", "run 2"], [], ["run 2", "run 2"]])
+        engine.act(Void("the wrong door"))
+        until(lambda: told() == [[], ["run 2"], [], ["run 2"]])
+        until(lambda: "run 2</a> (VOID)" in reports[1].read_text())
+        team = site / "teams/004.html"
+        until(lambda: "1 completed, 1 VOID" in team.read_text())
+
+
+@pytest.mark.machine
+def test_reports_that_a_run_keeps_from_being_made_again_are_made_after_it(tmp_path: Path) -> None:
+    first, second = put_recorded(tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    assert other_runs(first / "report.html") == ["run 2", "run 2"]
+    shutil.rmtree(second)
+    going = [True]
+    reporting = Reporting(aside.COMMAND, lambda: going[0], reports=False)
+    reporting.report(first, b"")
+    assert not reporting.wait(1.0)
+    assert other_runs(first / "report.html") == ["run 2", "run 2"]
+    going.clear()
+    going.append(False)
+    assert reporting.wait(60.0)
+    assert other_runs(first / "report.html") == []
+    before = (first / "report.html").stat().st_mtime_ns
+    reporting.report(first, b"")
+    assert reporting.wait(60.0)
+    assert (first / "report.html").stat().st_mtime_ns == before
+    assert reporting.problem is None
+    reporting.close()
+
+
+@pytest.mark.machine
+def test_reports_that_cannot_be_made_again_are_told_to_be_older(tmp_path: Path) -> None:
+    first, second = put_recorded(tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    shutil.rmtree(second)
+    for recording in first.glob("*.mcap"):
+        recording.unlink()
+    reporting = Reporting(aside.COMMAND, lambda: False, reports=False)
+    reporting.report(first, b"")
+    assert reporting.wait(60.0)
+    assert reporting.problem is not None
+    assert f"reports or pages of {tmp_path} are older than its results: " in reporting.problem
+    assert first.name in reporting.problem
+    reporting.close()
 
 
 @pytest.mark.machine

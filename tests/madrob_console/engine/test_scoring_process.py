@@ -97,7 +97,7 @@ def told(report: bytes | memoryview) -> list[object]:
         getattr(joint, f.name) for f in fields(joint)
     ]
     numbers = [each.tobytes() for each in arrays if isinstance(each, np.ndarray)]
-    assert len(numbers) == 10
+    assert len(numbers) == 11
     return [scored.record, scored.run, scored.result, rows.problem, *numbers]
 
 

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
@@ -16,8 +17,10 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.engine.process import scoring_process, scoring_questions
+from madrob_console.engine.process.child import Child
 from madrob_console.engine.process.scoring_process import ScoringProcess
 from madrob_console.referee.acts import (
+    DeclareTimeout,
     Finalise,
     Rule,
     Start,
@@ -206,22 +209,76 @@ def test_one_that_cannot_keep_up_holds_up_nobody_and_fills_no_memory(
     drive.engine.close()
 
 
-def test_one_that_hangs_is_ended(
+def test_one_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring_process, "PATIENCE", 4.0)
+    monkeypatch.setattr(scoring_process, "SOON", 0.5)
+    hangs = tmp_path / "hangs"
+    hangs.touch()
+    program = (
+        "import pathlib, runpy, time\n"
+        f"if pathlib.Path({str(hangs)!r}).exists():\n"
+        "    time.sleep(600)\n"
+        "runpy.run_module('madrob_console.engine.process.scoring_program', run_name='__main__')\n"
+    )
+    with ended(ScoringProcess((sys.executable, "-c", program))) as scorer:
+        drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)
+        drive.start(make_setup(timeout=2.0))
+        hanging = pid_of(scorer)
+        drive.stop()
+
+        def said(words: str) -> bool:
+            drive.look()
+            return any(words in fault for fault in drive.faults)
+
+        until(lambda: said("computed: the scoring process does not move; the run is safe on disk"))
+        assert scorer.pid == hanging
+        hangs.unlink()
+        until(lambda: said("the scoring process is started again: it did not move for 4 s; the"))
+        monkeypatch.setattr(scoring_process, "PATIENCE", 30.0)
+        drive.settle()
+        drive.verify()
+        drive.engine.close()
+
+
+def test_one_that_works_for_long_is_said_to(
     tmp_path: Path, scorer: ScoringProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring_process, "PATIENCE", 2.0)
-    until(lambda: scorer.pid)
     drive = Referee(tmp_path, scorer, Scenario.NO_TOUCH)
     drive.start(make_setup(timeout=2.0))
-    hanging = pid_of(scorer)
-    os.kill(hanging, signal.SIGSTOP)
-    drive.stop()
-    until(lambda: scorer.pid != hanging)
-    monkeypatch.setattr(scoring_process, "PATIENCE", 30.0)
-    drive.settle()
+    monkeypatch.setattr(scoring_process, "SOON", 1e-9)
+    monkeypatch.setattr(Child, "moved", lambda _, now: now)
+    drive.finish()
+    (fault,) = [fault for fault in drive.faults if "computed" in fault]
+    assert fault == (
+        "the result is being computed: the scoring process works on it; the run is safe on disk"
+    )
     drive.verify()
-    assert scorer.pid != hanging
     drive.engine.close()
+
+
+def test_one_that_somebody_stopped_is_replaced_and_the_result_is_soon_there(
+    tmp_path: Path,
+) -> None:
+    with EngineProcess(tmp_path, "no-touch") as engine:
+        stopped = until(lambda: scorers_of(engine.process.pid))
+        engine.start(make_setup(countdown=1.0, timeout=600.0))
+        os.kill(stopped[0], signal.SIGSTOP)
+        engine.act(DeclareTimeout("enough"))
+        began, told = time.monotonic(), set[str]()
+
+        def there() -> bool:
+            shown = engine.client.snapshot()
+            told.update(shown.faults)
+            return shown.result is not None
+
+        until(there, scoring_process.PATIENCE - 1.0)
+        print(f"\na result {time.monotonic() - began:.1f} s after the stop")
+        words = (
+            "the result is being computed: the scoring process is started again: it was stopped "
+            "for 2 s; the run is safe on disk"
+        )
+        assert words in told
+        assert stopped != scorers_of(engine.process.pid)
 
 
 def test_no_handles_for_a_process_is_told_and_tried_again(
@@ -242,6 +299,15 @@ def test_no_handles_for_a_process_is_told_and_tried_again(
     drive.finish()
     drive.verify()
     drive.engine.close()
+
+
+def scorers_of(parent: int) -> list[int]:
+    found = []
+    for pid in children_of(parent):
+        with suppress(OSError):
+            if b"scoring_program" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                found.append(pid)
+    return found
 
 
 def children_of(parent: int) -> list[int]:

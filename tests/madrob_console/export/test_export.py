@@ -26,6 +26,7 @@ from rosbags.rosbag2 import Reader
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
 from madrob_console.export import pack, zip_file
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
@@ -51,6 +52,7 @@ from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.publishing.competition_runs import put_recorded
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary, write
 from tests.recorder.samples import add_evidence, strings, talk
 
@@ -94,8 +96,17 @@ def folders(root: Path, subject: int = 3) -> list[Path]:
 
 
 def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Export:
+    def report(_run: Path) -> tuple[dict[str, bytes], list[str]]:
+        return {"report.html": b"page"}, []
+
     return export_team(
-        collected_in(root), 3, DEFAULT_MAPPINGS, NOW, parts=BagParts(bags), practice=practice
+        collected_in(root),
+        3,
+        DEFAULT_MAPPINGS,
+        NOW,
+        parts=BagParts(bags),
+        practice=practice,
+        report=report,
     )
 
 
@@ -151,7 +162,9 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
     assert json.loads((home / "madrob_foxglove_layout.json").read_text())["layout"]
 
 
-def test_a_zip_has_the_name_of_the_list_and_tells_the_others(root: Path, tmp_path: Path) -> None:
+def test_a_zip_has_the_name_of_the_list_and_tells_the_others(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     teams = tmp_path / "teams.csv"
     teams.write_text("3,Delft Walkers\n")
     write(root, summary(3, run_number=4, hour=9, team="TEST"))
@@ -160,7 +173,12 @@ def test_a_zip_has_the_name_of_the_list_and_tells_the_others(root: Path, tmp_pat
     assert main(["export", "--team=3", *called]) == 0
     text = (unpacked(target, tmp_path / "home") / "README.txt").read_text()
     assert text.startswith("MADROB: runs of subject 3 Delft Walkers\n")
-    assert "OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n  Team 3\n  TEST\n" in text
+    first, second, _, last = sorted(path.name for path in root.glob("subject_003*"))
+    names = f"  Team 3: {first}, {second} and 1 more\n  TEST: {last}\n"
+    assert f"OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n{names}" in text
+    said = capsys.readouterr().out.splitlines()
+    assert f"note: another name of the team, TEST: {last}" in said
+    assert f"note: another name of the team, Team 3: {first}, {second} and 1 more" in said
 
 
 def test_without_a_list_the_name_of_a_practice_run_is_not_that_of_the_zip(root: Path) -> None:
@@ -290,27 +308,59 @@ def test_evidence_can_be_left_out_and_metadata_lists_what_is_there(
         assert "other topics of some runs were left out" in packed.read("README.txt").decode()
 
 
-def test_reports_link_to_what_is_in_the_zip_only(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reports_link_to_what_is_in_the_zip_only(root: Path, tmp_path: Path) -> None:
     first, second, third = folders(root)
     other, evidence = folders(root, 4)[0], evidence_file_name(first.name, 0)
     bag_of(first, 0)
-    for run in (second, other):
-        (run / "report.html").write_text("\xfe", "latin-1")
+    for run in (first, second, other):
+        (run / "report.html").write_text("somebody's")
     targets = [evidence, "metadata.yaml", "../x/../result.json", "#time"]
     targets += [f"../{run.name}/report.html" for run in (second, third, other)]
-    (first / "report.html").write_text("".join(link(target, "<it>") for target in targets))
-    flags = [f"--results={root}", "--output", str(tmp_path / "a.zip"), "--without-evidence"]
-    assert main(["export", "--team=3", *flags]) == 0
-    there = unpacked(tmp_path / "a.zip", tmp_path / "there")
+
+    def report(run: Path) -> tuple[dict[str, bytes], list[str]]:
+        if run == second:
+            return {}, ["report.html: cannot be made"]
+        return {"report.html": "".join(link(one, "<it>") for one in targets).encode()}, []
+
+    target = tmp_path / "a.zip"
+    made = export_team(
+        collected_in(root),
+        3,
+        DEFAULT_MAPPINGS,
+        NOW,
+        target=target,
+        parts=BagParts(evidence=False),
+        report=report,
+    )
+    assert made.problems == (f"{second.name}/report.html: cannot be made",)
+    there = unpacked(target, tmp_path / "there")
     gone = "<a>&lt;it&gt;</a> (not in this zip)"
     kept = [f'<a href="{target}">&lt;it&gt;</a>' for target in targets]
     assert (there / first.name / "report.html").read_text() == "".join(
         [gone, kept[1], gone, kept[3], kept[4], gone, gone]
     )
-    assert (there / second.name / "report.html").read_bytes() == b"\xfe"
-    capsys.readouterr()
+    assert not (there / second.name / "report.html").exists()
+    assert not (there / third.name / "report.html").exists()
+
+
+def test_a_zip_has_reports_as_they_are_now_and_never_a_copy(tmp_path: Path) -> None:
+    first, second = put_recorded(tmp_path)
+    flags = [f"--results={tmp_path}", "--output", str(tmp_path / "a.zip"), "--practice"]
+    assert main(["export", "--subject=3", *flags]) == 0
+    there = unpacked(tmp_path / "a.zip", tmp_path / "there")
+    for run, other in ((first, second), (second, first)):
+        page = (there / run.name / "report.html").read_text()
+        assert "evil" not in page
+        assert f'<a href="../{other.name}/report.html">' in page
+        assert '<a href="result.json">' in page
+    text = (there / "README.txt").read_text()
+    assert re.search(r"\nAs of \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: ", text)
+    for recording in second.glob("*.mcap"):
+        recording.unlink()
+    assert main(["export", "--subject=3", *flags]) == BAD_INPUT
+    there = unpacked(tmp_path / "a.zip", tmp_path / "less")
+    assert f"{second.name}/report.html: cannot be made: " in (there / "README.txt").read_text()
+    assert [path.parent.name for path in there.rglob("report.html")] == [first.name]
 
 
 def test_evidence_that_nobody_can_open_is_named_and_not_packed(root: Path, tmp_path: Path) -> None:
@@ -405,7 +455,8 @@ def test_damaged_run_folders_are_packed_as_they_are(root: Path, tmp_path: Path) 
     (third / "bag_1.mcap").write_bytes(b"")
     os.utime(third / "bag_1.mcap", (0, 0))
     made = export(root)
-    assert made.problems == ()
+    (problem,) = made.problems
+    assert problem.startswith(f"{first.name}: result.json is damaged")
     with zipfile.ZipFile(made.path) as packed:
         assert "result.json is damaged" in packed.read("README.txt").decode()
     home = unpacked(made.path, tmp_path / "home")

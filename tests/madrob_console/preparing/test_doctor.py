@@ -344,7 +344,7 @@ def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -
         (
             Severity.WARNING,
             "plan",
-            "subject 7, 9: not in the list of teams, so they have no name",
+            "the plan has subject 7, 9, not in the list of teams: correct one of them",
         ),
     ]
     plan.unlink()

@@ -251,7 +251,9 @@ def test_the_shipped_files_are_small() -> None:
 
 @pytest.mark.slow
 @pytest.mark.machine
-def test_a_wheel_carries_the_references_and_what_it_unpacks_to_scores_right(tmp_path: Path) -> None:
+def test_a_wheel_carries_guide_and_references_and_what_it_unpacks_to_scores_right(
+    tmp_path: Path,
+) -> None:
     dist = tmp_path / "dist"
     pip = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(dist), str(ROOT)]
     subprocess.check_call(pip)
@@ -259,7 +261,8 @@ def test_a_wheel_carries_the_references_and_what_it_unpacks_to_scores_right(tmp_
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "unpacked")
     command = "from madrob_console.preparing.reference_set import FOLDER; print(FOLDER);"
-    command += "from madrob_console.cli.main import main; print(main(['doctor', '--reference']))"
+    command += "from madrob_console.cli.main import main; main(['guide', 'robots']);"
+    command += "print(main(['doctor', '--reference']))"
     told = subprocess.check_output(
         [sys.executable, "-P", "-c", command],
         env={**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")},
@@ -267,4 +270,6 @@ def test_a_wheel_carries_the_references_and_what_it_unpacks_to_scores_right(tmp_
         cwd=tmp_path,
     ).splitlines()
     assert Path(told[0]).is_relative_to(tmp_path / "unpacked")
+    page = (ROOT / "madrob_console" / "guide" / "robots.md").read_text().splitlines()
+    assert told[1 : len(page) + 1] == page
     assert told[-1] == "0"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
+from madrob_console.archive.folders import REPORT_FILE
 from madrob_console.archive.history import RunSummary
 from madrob_console.cli.main import main
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary
 
 TIME, LEVEL = IndicatorName.EXECUTION_TIME, IndicatorName.CAPABILITY_LEVEL
@@ -34,12 +37,23 @@ RUNS = (
     of(3, 1, condition=12, team=HOSTILE),
     of(4, source="simulated", team="Rehearsal"),
 )
-REPORT = (
-    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n</head><body><main>'
-    '<nav><a href="#files">files</a></nav>'
-    '<a href="../{other}/report.html">run 2</a> <a href="../elsewhere/report.html">gone</a>'
-    '<section id="files"><a href="bag.mcap">bag.mcap</a></section></main></body></html>'
+FOREIGN_REPORT = (
+    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+    '<meta http-equiv="refresh" content="0;url=http://evil.example/"><base href="http://evil/">'
+    '</head><body><form action="http://evil/"></form><a HREF="javascript:alert(1)">run 1</a>'
+    "</body></html>"
 )
+"""As ours begin, and not ours: anybody who may write into a run's folder may have put it there."""
+
+
+def put_recorded(results: Path, competition: str = CUP) -> tuple[Path, Path]:
+    """Two recorded practice runs of team 3, with reports that somebody else wrote."""
+    folders = (completed(1, competition), completed(2, competition))
+    copies = (results / "practice" / folders[0].name, results / "practice" / folders[1].name)
+    for folder, copy in zip(folders, copies, strict=True):
+        shutil.copytree(folder, copy)
+        (copy / REPORT_FILE).write_text(FOREIGN_REPORT)
+    return copies
 
 
 def publish_code(results: Path, *options: object, site: str = "site") -> int:

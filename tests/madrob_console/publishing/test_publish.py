@@ -6,6 +6,7 @@ import csv
 import os
 import re
 import shutil
+from contextlib import suppress
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -15,8 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.folders import REPORT_FILE
+import madrob_console.archive.scored
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
 from madrob_console.archive.history import RunSummary
+from madrob_console.archive.scored import Scored, score_once
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
@@ -25,6 +28,7 @@ from madrob_console.publishing.publish import site_files
 from madrob_console.publishing.site_content import HALL, SiteContent, condition_place, team_place
 from madrob_console.publishing.site_folder import (
     SiteFile,
+    SiteNotWrittenError,
     SiteRefusedError,
     Written,
     site_held,
@@ -33,6 +37,7 @@ from madrob_console.publishing.site_folder import (
 from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
+from tests.madrob_console.engine.drive import OfficialDrive, make_setup
 from tests.madrob_console.publishing.competition_runs import (
     LEVEL,
     RUNS,
@@ -40,6 +45,8 @@ from tests.madrob_console.publishing.competition_runs import (
     TIME,
     of,
     publish,
+    publish_code,
+    put_recorded,
     stamps,
 )
 from tests.madrob_console.run_folders import EPOCH, VALUES, write
@@ -78,8 +85,10 @@ def pages(site: Path) -> list[Page]:
 # ---------------------------------------------------------------- what is there
 
 
-def test_every_link_leads_to_a_file_of_the_site(results: Path) -> None:
-    site = publish(results)
+@pytest.mark.parametrize("options", [(), ("--practice",)])
+def test_every_link_leads_to_a_file_of_the_site(results: Path, options: tuple[str, ...]) -> None:
+    put_recorded(results)
+    site = publish(results, *options)
     links = 0
     for page in pages(site):
         ids = set(page.found("id"))
@@ -95,14 +104,16 @@ def test_every_link_leads_to_a_file_of_the_site(results: Path) -> None:
 
 
 def test_no_page_asks_for_anything_from_outside_or_runs_a_script(results: Path) -> None:
-    found = pages(publish(results))
-    assert len(found) > 12
+    put_recorded(results)
+    found = pages(publish(results)) + pages(publish(results, "--practice", site="apart"))
+    assert len(found) > 20
     for page in found:
         assert not {"script", "img", "link", "iframe", "form", "object"} & set(page.tags)
-        assert not re.search(r"https?:|url\(|@import|\son\w+=", page.path.read_text())
-        assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in " ".join(
-            page.found("content")
-        )
+        assert not re.search(r"https?:|url\([^#]|@import|\son\w+=", page.path.read_text())
+        assert (
+            "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+            "form-action 'none'"
+        ) in page.found("content")
 
 
 def test_every_page_has_its_landmarks_one_title_and_captions(results: Path) -> None:
@@ -208,6 +219,32 @@ def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:
         assert ">30 +- 1<" in text
 
 
+def test_a_run_that_goes_on_is_none_that_was_interrupted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n3,1,3\n")
+    drive = OfficialDrive(results)
+    drive.whole_run(make_setup())
+    drive.start(make_setup(run_number=2))
+    write(results, of(3, 3, 1, ruleset="protocol")).write_text("{")
+    assert publish_code(results) == BAD_INPUT  # for the damaged one
+    site = tmp_path / "site"
+    for name in ("index.html", "teams/003.html"):
+        text = (site / name).read_text()
+        assert "1 completed, 1 without a result yet" in text
+        assert "INTERRUPTED" not in text
+    assert "Run 3 does not count: <bdi>its result cannot be used</bdi>." in text
+    assert not [page for page in site.rglob("*.html") if "`madrob " in page.read_text()]
+    with (site / "data/standings.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert (row["interrupted"], row["without_result"]) == ("0", "1")
+    capsys.readouterr()
+    assert main(["standings", "--results", str(results)]) == BAD_INPUT
+    assert "1 completed, 1 without a result yet" in capsys.readouterr().out
+    drive.engine.close()
+
+
 def test_a_teams_zip_is_linked_once_it_is_there_and_stays(results: Path) -> None:
     zipped = publish(results) / "downloads/team_003.zip"
     zipped.parent.mkdir()
@@ -243,19 +280,69 @@ def test_the_plan_is_there_with_its_progress_and_what_comes_next(results: Path) 
 
 
 def test_reports_are_led_to_pages_of_the_site_alone(results: Path) -> None:
-    site = publish(results)
-    (report,) = site.glob("runs/subject_001_cond_007_run_001_*/report.html")
+    put_recorded(results)
+    site = publish(results, "--practice")
+    (report,) = site.glob("runs/subject_003_cond_001_run_001_*/report.html")
     hrefs = Page(report).found("href")
-    (other,) = site.glob("runs/subject_001_cond_007_run_002_*")
+    (other,) = site.glob("runs/subject_003_cond_001_run_002_*")
     assert f"../{other.name}/report.html" in hrefs
-    assert not [href for href in hrefs if "elsewhere" in href or "mcap" in href]
-    assert "../../teams/001.html" in hrefs
+    assert not [href for href in hrefs if "mcap" in href]
+    assert "../../teams/003.html" in hrefs
+
+
+def test_a_report_is_rendered_from_its_run_and_never_copied(results: Path) -> None:
+    put_recorded(results)
+    site = publish(results, "--practice")
+    reports = list(site.glob("runs/*/report.html"))
+    assert len(reports) == 2
+    for report in reports:
+        assert "Where the time went" in report.read_text()
+        assert not re.search("evil|javascript", report.read_text())
+
+
+def test_a_report_is_rendered_again_once_what_it_tells_of_the_team_has_changed(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = put_recorded(results)
+    site = publish(results, "--practice")
+    (report,) = site.glob(f"runs/{first.name}_*/report.html")
+    assert "other runs in this condition is run 2." in report.read_text()
+    before = stamps(site)
+    rendered: list[Path] = []
+
+    def scored(folder: Path) -> Scored:
+        rendered.append(folder)
+        return score_once(folder)
+
+    monkeypatch.setattr(madrob_console.archive.scored, "score_once", scored)
+    write(results, of(5, source="simulated"))  # another team's
+    publish(results, "--practice")
+    assert rendered == []
+    assert stamps(site)[str(report.relative_to(site))] == before[str(report.relative_to(site))]
+    shutil.rmtree(second)
+    publish(results, "--practice")
+    assert rendered == [first]
+    assert "run 2" not in report.read_text()
+
+
+def test_a_report_that_can_be_rendered_no_more_leaves_no_older_one(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = put_recorded(results)
+    site = publish(results, "--practice")
+    for recording in second.glob("*.mcap"):
+        recording.unlink()
+    (second / RESULT_FILE).touch()  # a process keeps what it has read of an unchanged run
+    shutil.rmtree(first)
+    assert publish_code(results, "--practice") == BAD_INPUT
+    assert f"practice/{second.name}: no report on the site (" in capsys.readouterr().err
+    assert not list(site.glob("runs/*/report.html"))
+    assert list(site.glob(f"runs/{second.name}_*/index.html"))
 
 
 def test_a_run_without_a_report_is_published_and_named(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (results / RUNS[0].folder / REPORT_FILE).unlink()
     site = publish(results)
     assert f"{RUNS[0].folder}: no report of its result to show" in capsys.readouterr().err
     (page,) = site.glob("runs/subject_001_cond_007_run_001_*/index.html")
@@ -423,6 +510,55 @@ def test_names_in_the_list_lead_nowhere_else(tmp_path: Path) -> None:
     (site / "a.html").unlink()
     put(site, [page("b.html", "b")])
     assert (tmp_path / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("linked", ["teams", "runs", "runs/one"])
+def test_no_page_is_written_or_removed_through_a_link(tmp_path: Path, linked: str) -> None:
+    site, victim = tmp_path / "site", tmp_path / "victim"
+    put(site, [page("runs/one/a.html", "a"), page("teams/b.html", "b")])
+    shutil.copytree(site / linked, victim)
+    (victim / "journal.jsonl").write_text("mine")
+    before = {path: path.read_bytes() for path in victim.rglob("*") if path.is_file()}
+    shutil.rmtree(site / linked)
+    (site / linked).symlink_to(victim)
+    listed = site / ".madrob_site.json"
+    listed.write_text(
+        listed.read_text().replace(
+            '"teams/b.html"', f'"teams/b.html":{{}},"{linked}/journal.jsonl"'
+        )
+    )
+    for files in ([page("index.html", "new")], [page(f"{linked}/new.html", "new")]):
+        with pytest.raises(SiteRefusedError, match=f"{linked}: is a link.*; remove it"):
+            put(site, files)
+    assert {path: path.read_bytes() for path in victim.rglob("*") if path.is_file()} == before
+    assert not (site / "index.html").exists()
+
+
+def test_a_link_that_comes_while_a_site_is_written_is_not_followed(tmp_path: Path) -> None:
+    site, victim = tmp_path / "site", tmp_path / "victim"
+    victim.mkdir()
+
+    def make() -> bytes:
+        with suppress(FileNotFoundError):
+            (site / "teams").rmdir()
+        (site / "teams").symlink_to(victim)
+        return b"b"
+
+    with pytest.raises(SiteNotWrittenError):
+        put(site, [SiteFile("teams/b.html", "1", make)])
+    assert not list(victim.iterdir())
+
+
+def test_a_linked_folder_of_a_site_is_one_line_and_exit_code_2(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = publish(results)
+    shutil.move(site / "teams", results.parent / "elsewhere")
+    (site / "teams").symlink_to(results.parent / "elsewhere")
+    capsys.readouterr()
+    assert publish_code(results) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert told == f"madrob: {site}/teams: is a link, which leads out of the site; remove it\n"
 
 
 def test_without_runs_there_is_a_site_that_says_so(results: Path) -> None:

@@ -44,7 +44,7 @@ def test_runs_are_counted_by_how_they_ended() -> None:
     (standing,) = standings(runs)
     assert (standing.subject, standing.team, standing.condition) == (3, "Team 3", 7)
     assert (standing.completed, standing.timeout, standing.aborted) == (3, 2, 1)
-    assert standing.interrupted == 2
+    assert (standing.interrupted, standing.without_result) == (1, 1)
 
 
 def test_subjects_conditions_and_rulesets_stand_apart_and_names_never_do() -> None:
@@ -138,7 +138,7 @@ def test_a_run_without_a_result_makes_no_standing_of_its_own() -> None:
     unfinished = summary(outcome=None, source=None, values={})
     assert standings([unfinished]) == ()
     (standing,) = standings([unfinished, summary()])
-    assert standing.interrupted == 1
+    assert (standing.interrupted, standing.without_result) == (0, 1)
 
 
 def test_the_best_runs_have_the_highest_level_then_completed_then_are_fast() -> None:
@@ -158,6 +158,16 @@ def test_the_best_runs_have_the_highest_level_then_completed_then_are_fast() -> 
         means.append(standing.aggregates[HANDLE].mean)
     assert means[:4] == pytest.approx([4.0, 4.5, 13.0, 9.875])
     assert standings(runs, best=99) == standings(runs)
+
+
+def test_the_time_of_a_failed_run_makes_it_no_better() -> None:
+    early, declared = (
+        timed(time, hour=hour, outcome=Outcome.TIMEOUT)
+        for time, hour in ((300.0, 1.0), (20.0, 2.0))
+    )
+    (standing,) = standings([declared, early], best=1)
+    assert standing.aggregates[HANDLE].mean == pytest.approx(early.values[HANDLE])
+    assert early.values[HANDLE] != declared.values[HANDLE]
 
 
 def test_of_equal_runs_the_earlier_is_the_better() -> None:

@@ -56,6 +56,19 @@ def test_more_runs_tell_teams_apart() -> None:
     assert alike(runs * 4) == {}
 
 
+def test_teams_are_told_apart_no_better_than_their_runs_repeat() -> None:
+    slow = [timed(1, time, 0.02) for time in (12.0, 14.0, 16.0)]  # 14.0 s, std 2.0 s
+    fast = [timed(2, time, 0.02) for time in (12.0, 13.5, 15.0)]  # 13.5 s, std 1.5 s
+    assert alike([*slow, *fast]) == {1: (2,), 2: (1,)}
+    (one, other) = standings([*slow, *fast])
+    known = one.aggregates[TIME].uncertainty
+    assert known is not None
+    assert known.expanded == pytest.approx(2 * 2.0 / 3**0.5)
+    assert other.aggregates[TIME].deviation == pytest.approx(1.5)
+    assert alike([timed(1, 14.0, 0.02), timed(2, 13.5, 0.02)]) == {}  # of one run there is no std
+    assert alike([*slow, *(timed(2, time + 6.0, 0.02) for time in (12.0, 13.5, 15.0))]) == {}
+
+
 def test_of_a_team_without_a_known_uncertainty_nothing_is_said() -> None:
     assert alike([timed(1, 10.0), timed(2, 10.0, None)]) == {}
     assert alike([timed(1, 10.0), timed(2, 10.0), timed(2, 10.0, None)]) == {}
@@ -71,7 +84,7 @@ def test_only_teams_beside_each_other_are_compared() -> None:
 
 
 def test_the_mean_of_a_team_has_an_uncertainty_and_its_doubts_are_counted() -> None:
-    runs = [timed(1, 10.0, 0.6, doubts={TIME: 1}), timed(1, 11.0, 0.8, doubts={TIME: 2})]
+    runs = [timed(1, 10.0, 0.6, doubts={TIME: 1}), timed(1, 10.1, 0.8, doubts={TIME: 2})]
     (one,) = standings(runs)
     known = one.aggregates[TIME].uncertainty
     assert known is not None
@@ -160,4 +173,4 @@ def test_what_is_shown_rounded_up_is_compared_unrounded_and_the_legend_says_so()
     assert text[text.index("+-") + 1].split()[1] == "0.4"
     assert alike(runs) == {}
     assert "unrounded +- overlap" in SIGNS
-    assert any("by measurement alone, rounded up" in note for note in NOTES)
+    assert any("rounded up: by measurement, or 2 std / sqrt(runs)" in note for note in NOTES)

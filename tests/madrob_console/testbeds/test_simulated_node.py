@@ -22,7 +22,7 @@ from madrob_console.messages.codec import (
     MessageTypes,
 )
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.simulated import Scenario, SensorSettings, SimulatedTestbed
+from madrob_console.testbeds.simulated import Network, Scenario, SensorSettings, SimulatedTestbed
 from madrob_console.testbeds.simulated.referee_state import parse_state
 from madrob_console.testbeds.simulated_node import refusal, serve_testbed
 from recorder.message import RawMessage
@@ -123,6 +123,21 @@ def test_the_robot_sets_out_when_the_referee_says_running_and_not_before() -> No
     counts = {line.split()[-1]: int(line.split()[0]) for line in console.lines[6:]}
     assert counts.keys() == wanted
     assert min(counts.values()) > 50
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_over_a_slow_network_messages_are_published_late_with_the_stamps_of_their_readings() -> (
+    None
+):
+    testbed = SimulatedTestbed(network=Network({Signal.DOOR: 0.5}))
+
+    def late(kind: type[Sample]) -> list[float]:
+        return [s.log_time - s.time for s in console.samples if isinstance(s, kind)]
+
+    with console_and_node(testbed) as console:
+        console.until(lambda: min(len(late(DoorSample)), len(late(HandleSample))) > 20)
+    assert min(late(DoorSample)) > 0.5
+    assert 0 < min(late(HandleSample)) < 0.5
 
 
 @pytest.mark.slow

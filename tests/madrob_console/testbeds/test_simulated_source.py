@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from itertools import pairwise
+from math import pi, sqrt
 
 import pytest
 
@@ -15,6 +17,7 @@ from madrob_console.messages.codec import (
     TopicMapping,
 )
 from madrob_console.testbeds.simulated import (
+    Network,
     RobotBody,
     RobotSettings,
     Scenario,
@@ -41,8 +44,9 @@ def simulated(
     seed: int = 0,
     clock: Clock | None = None,
     sensors: SensorSettings | None = None,
+    network: Network | None = None,
 ) -> SimulatedSource:
-    testbed = SimulatedTestbed(scenario, seed, sensors=sensors)
+    testbed = SimulatedTestbed(scenario, seed, sensors=sensors, network=network)
     source = SimulatedSource(testbed, clock or VirtualClock(START_NS), TYPES)
     source.open()
     return source
@@ -115,6 +119,88 @@ def test_the_same_seed_gives_the_same_bytes_however_they_are_taken() -> None:
     assert record([0.5, 7.25, 0.25, 8.0]) == once
     other = simulated(Scenario.RANDOM, seed=12)
     assert other.take(0.1)[0].data != once[0].data
+
+
+DOOR_TOPIC = "/madrob/door/angle"
+
+
+def by_topic(network: Network | None) -> dict[str, list[RawMessage]]:
+    """The messages of 12 s with a run, taken often; each comes once its time of arrival is over."""
+    clock = VirtualClock(START_NS)
+    source = simulated(Scenario.RANDOM, 11, clock, network=network)
+    source.publish(state("countdown", seconds(START_NS) + 1.0))
+    found = defaultdict(list)
+    before = START_NS
+    while clock.now_ns() < START_NS + nanoseconds(12.0):
+        batch = source.take(0.013)
+        received = [message.receive_ns for message in batch]
+        assert received == sorted(received)
+        assert all(before < ns <= clock.now_ns() for ns in received)
+        before = clock.now_ns()
+        for message in batch:
+            found[message.topic].append(message)
+    return found
+
+
+def test_latency_delays_the_messages_of_its_signals_and_changes_nothing_else() -> None:
+    usual, slow = by_topic(None), by_topic(Network({Signal.DOOR: 0.05}))
+    assert usual.keys() == slow.keys()
+    for topic, messages in usual.items():
+        late = nanoseconds(0.05) if topic == DOOR_TOPIC else 0
+        due = [m for m in messages if m.receive_ns + late <= messages[-1].receive_ns]
+        assert len(due) > 590
+        for there, message in zip(slow[topic], due, strict=False):
+            assert (there.data, there.publish_ns) == (message.data, message.publish_ns)
+            assert there.receive_ns == message.receive_ns + late
+        assert len(slow[topic]) == pytest.approx(len(due), abs=1)
+
+
+@pytest.mark.parametrize("deviation", [0.002, 0.06])
+def test_jitter_delays_at_random_and_no_message_overtakes_one_of_its_topic(
+    deviation: float,
+) -> None:
+    usual = by_topic(None)
+    slow = by_topic(Network({Signal.HANDLE: 0.05}, dict.fromkeys(Signal, deviation)))
+    for topic, messages in slow.items():
+        least = nanoseconds(0.05) if topic == "/madrob/handle/force" else 0
+        received = [m.receive_ns for m in messages]
+        assert all(a < b for a, b in pairwise(received))
+        sent = usual[topic][: len(messages)]
+        assert [(m.data, m.publish_ns) for m in messages] == [(m.data, m.publish_ns) for m in sent]
+        late = [m.receive_ns - s.receive_ns - least for m, s in zip(messages, sent, strict=True)]
+        assert min(late) >= 0
+        assert max(late) > nanoseconds(2 * deviation)
+        if deviation < 0.01:  # none waits for the one before
+            mean = seconds(sum(late)) / len(late)
+            assert mean == pytest.approx(deviation * sqrt(2 / pi), rel=0.15)
+    assert by_topic(Network({Signal.HANDLE: 0.05}, dict.fromkeys(Signal, deviation))) == slow
+
+
+def test_what_is_under_way_says_what_was_read_and_not_what_is_there_when_it_arrives() -> None:
+    clock = VirtualClock(START_NS)
+    source = simulated(clock=clock, network=Network({Signal.DOOR: 2.0}))
+    decoder = Decoder(DEFAULT_MAPPINGS, TYPES)
+
+    def angles(duration: float) -> list[float]:
+        samples = [decoder.decode(message) for message in source.take(duration)]
+        return [s.angle for s in samples if isinstance(s, DoorSample)]
+
+    source.publish(state("countdown", seconds(START_NS)))
+    while source.testbed.scene(clock.now_ns()).angle < 1.0:
+        angles(0.1)
+    source.publish(state("idle"))  # the door is shut at once
+    under_way = angles(2.0)
+    assert max(under_way) > 0.9
+    assert set(angles(1.0)) == {0.0}
+
+
+def test_without_a_network_a_seed_gives_what_it_gave_before_there_was_one() -> None:
+    message = [m for m in simulated(seed=7).take(20.0) if m.topic == "/madrob/handle/force"][-1]
+    sample = Decoder(DEFAULT_MAPPINGS, TYPES).decode(message)
+    assert isinstance(sample, HandleSample)
+    assert message.publish_ns - START_NS == 19_991_378_104
+    assert message.receive_ns - START_NS == 19_992_037_055
+    assert sample.force == pytest.approx(5.930763448749623, rel=1e-12)
 
 
 def run(
@@ -339,22 +425,35 @@ def test_at_ten_times_the_speed_ten_times_as_much_comes() -> None:
     assert len(messages) >= 290
 
 
+class Stepped(VirtualClock):
+    offset = 0
+
+    def now_ns(self) -> int:
+        return super().now_ns() + self.offset
+
+
 @pytest.mark.parametrize("step", [-3600.0, 3600.0])
-def test_a_stepped_clock_neither_floods_nor_silences(step: float) -> None:
-    class Stepped(VirtualClock):
-        offset = 0
-
-        def now_ns(self) -> int:
-            return super().now_ns() + self.offset
-
+@pytest.mark.parametrize("network", [Network(), Network(dict.fromkeys(Signal, 0.02))])
+def test_a_stepped_clock_neither_floods_nor_silences(step: float, network: Network) -> None:
     clock = Stepped(START_NS)
-    source = simulated(clock=clock)
+    source = simulated(clock=clock, network=network)
     source.take(1.0)
     clock.offset = nanoseconds(step)
     source.take(0.02)
     messages = source.take(1.0)
     assert len(messages) == pytest.approx(300, abs=12)
     assert abs(seconds(messages[-1].receive_ns - clock.now_ns())) < 0.1
+
+
+def test_what_was_under_way_when_the_clock_was_put_back_never_arrives() -> None:
+    clock = Stepped(START_NS)
+    source = simulated(clock=clock, network=Network({Signal.DOOR: 0.5}))
+    source.take(1.0)
+    clock.offset = nanoseconds(-5.0)
+    source.take(0.02)
+    stamps = [m.publish_ns for m in source.take(8.0) if m.topic == DOOR_TOPIC]
+    assert len(stamps) > 300
+    assert all(b - a > nanoseconds(0.01) for a, b in pairwise(stamps)), "once each"
 
 
 def test_simulating_is_a_hundred_times_faster_than_living() -> None:

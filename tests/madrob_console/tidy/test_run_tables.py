@@ -15,7 +15,7 @@ import pytest
 
 from madrob_console.cli.main import main
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.tidy.run_tables import RUN_TABLES
+from madrob_console.tidy.run_tables import RUN_TABLES, WHOSE
 from madrob_console.tidy.tidy_table import CellKind, TidyTable
 from tests.madrob_console.recorded_runs import appealed, recorded
 from tests.madrob_console.run_folders import summary, write
@@ -146,6 +146,7 @@ def test_the_help_says_of_each_column_what_it_is(
     with pytest.raises(SystemExit):
         main(["table", one.name, "--help"])
     text = " ".join(capsys.readouterr().out.split())
+    assert one.columns[: len(WHOSE)] == WHOSE
     for column in one.columns:
         assert " ".join(f"{column.name} {column.unit} {column.meaning}".split()) in text
 

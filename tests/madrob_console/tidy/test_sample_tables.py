@@ -122,7 +122,9 @@ def test_each_used_passage_sensor_has_its_reading_its_state_and_its_mask(
     assert (seen.present == (seen.height > limits.present_height)).all()
     assert passage.masked.any()
     opened = door[door.position.abs() > min(limits.mask_from)].since_start
-    assert passage[passage.masked].since_start.between(opened.min(), opened.max() + 0.05).all()
+    assert (
+        passage[passage.masked].since_start.between(opened.min() - 0.02, opened.max() + 0.02).all()
+    )
 
 
 def test_other_rules_give_other_tables(run: Path, tmp_path: Path) -> None:

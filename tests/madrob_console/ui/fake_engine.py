@@ -111,6 +111,8 @@ class FakeEngine:
     opened: list[str] = field(default_factory=list)
     exported: list[int] = field(default_factory=list)
     """Subjects; below 0 where practice runs were asked for."""
+    exported_of: list[str | None] = field(default_factory=list)
+    """Their competitions."""
     dossiers: list[str] = field(default_factory=list)
     """Folders of the runs."""
     export: ExportView | None = None
@@ -122,6 +124,7 @@ class FakeEngine:
     provisional: dict[str, float] = field(default_factory=dict)
     provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
     right: RightToAct = field(default_factory=RightToAct)
+    takes_over: bool = True
     pulse: Pulse = field(default_factory=Pulse)
     teams: TeamList = NO_TEAMS
     plan: Plan = NO_PLAN
@@ -230,14 +233,17 @@ class FakeEngine:
                 return self.frames
             case GivePlan():
                 return plan_progress(self.plan, self.history, "Autumn Cup")
+            case TakeOver() if not self.takes_over:
+                return "this screen only watches"
             case TakeOver():
                 self.right = RightToAct()
         return None
 
     def _export(self, request: ExportTeam | ExportDossier) -> None:
         match request:
-            case ExportTeam(subject, practice):
+            case ExportTeam(subject, practice, competition):
                 self.exported.append(-subject if practice else subject)
+                self.exported_of.append(competition)
                 self.export = ExportView(subject)
             case ExportDossier(folder):
                 self.dossiers.append(folder)
@@ -340,6 +346,7 @@ class FakeEngine:
             disk_needed=1_000_000_000,
             recorder_problems=(self.recorder.problem,) if self.recorder.problem else (),
             other_referee=None,
+            teams=self.teams,
         )
         return preflight(readings, self.run)
 

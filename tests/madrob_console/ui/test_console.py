@@ -303,7 +303,9 @@ def test_a_teams_file_with_broken_lines_says_so_at_the_start(engine: FakeEngine)
             assert "teams.csv line 3" in driver.console.status
             await driver.press("f2", "9", "enter")
             await driver.press("f6")
-            assert "Subject 9 is not in the list of teams" in " ".join(driver.text.split())
+            text = " ".join(driver.text.split())
+            assert "x team failed 9 is not in the list: F2 corrects it, w waives" in text
+            assert "Subject 9 is not in the list" not in text  # said once
 
     asyncio.run(drive())
 
@@ -316,11 +318,12 @@ def test_a_console_without_the_right_to_act_says_who_has_it_and_can_take_it(
             await driver.run()
             engine.right = RightToAct(holder="bo@tent")
             await driver.settle()
-            who = "bo@tent has the right to act: t takes it over"
+            who = "bo@tent has the right to act: Esc, t takes it over"
             assert who in driver.rows()[1]
-            await driver.press("f8")
-            assert driver.console.status == f"Refused: abort: {who}"
-            await driver.press("t")
+            driver.hand.gap = 0.35
+            await driver.press("f9")
+            assert driver.console.status == f"Refused: declare timeout: {who}"
+            await driver.press("escape", "t")
             assert "bo@tent has it, and can do nothing then. A run goes on." in driver.text
             await driver.press("enter")
             assert engine.right.holder
@@ -336,6 +339,74 @@ def test_a_console_without_the_right_to_act_says_who_has_it_and_can_take_it(
     asyncio.run(drive())
 
 
+@pytest.mark.parametrize("size", [(120, 36), (80, 24), (40, 12), (20, 5), (10, 3)])
+@pytest.mark.parametrize("right", [RightToAct(holder="bo@tent"), RightToAct(free=True)])
+def test_a_console_without_the_right_to_act_aborts_with_two_keys(
+    engine: FakeEngine, size: tuple[int, int], right: RightToAct
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, size, gap=0.0) as driver:
+            await driver.run()
+            engine.right = right
+            await driver.settle()
+            await driver.press("f8")
+            if size[0] >= 40:
+                asked = " ".join(driver.text.replace("│", "").split())
+                assert f"{right.holder or 'No console'} has the right to act. Take it over" in asked
+                assert "y yes" in asked
+            assert engine.right.holder == right.holder, "a question takes nothing over"
+            await driver.press("y")
+            assert engine.acts[-1] == Abort("aborted from another console")
+            assert not engine.right.holder
+
+    asyncio.run(drive())
+
+
+def test_an_abort_that_cannot_take_the_right_over_is_told(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await driver.run()
+            engine.right = RightToAct(holder="bo@tent")
+            await driver.settle()
+            await driver.press("f8")
+            engine.takes_over = False
+            await driver.press("y")
+            assert driver.console.status == "Refused: take over: this screen only watches"
+            assert not any(isinstance(act, Abort) for act in engine.acts)
+
+    asyncio.run(drive())
+
+
+@pytest.mark.parametrize("pane", ["f2", "f3", "f4", "h", "p", "s", "g", "n", "f1"])
+def test_the_keys_that_take_the_right_over_do_so_wherever_they_are_named(
+    engine: FakeEngine, pane: str
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, gap=0.35) as driver:
+            await driver.press(pane)
+            engine.right = RightToAct(holder="bo@tent")
+            await driver.settle()
+            assert "Esc, t takes it over" in driver.text
+            await driver.press("escape")
+            await driver.press("t")
+            await driver.press("y")
+            assert driver.console.status == "This console has the right to act now."
+
+    asyncio.run(drive())
+
+
+def test_a_spectator_reads_on_the_smallest_screen_what_can_act(engine: FakeEngine) -> None:
+    engine.right = RightToAct(Role.WATCH, "ada@hall")
+
+    async def drive() -> None:
+        async with driving(engine, (40, 12)) as driver:
+            await driver.press("f8", "y")
+            assert "`madrob console` can act" in driver.text
+        assert engine.acts == []
+
+    asyncio.run(drive())
+
+
 def test_a_spectator_is_told_so_by_every_key_and_by_no_fault(engine: FakeEngine) -> None:
     engine.right = RightToAct(Role.WATCH, "ada@hall")
 
@@ -345,7 +416,7 @@ def test_a_spectator_is_told_so_by_every_key_and_by_no_fault(engine: FakeEngine)
             assert "no faults" in driver.rows()[1]
             for key in (KEYS["start"], KEYS["take"], KEYS["note"]):
                 await driver.press(key.keys)
-                why = "this screen only watches: `madrob console` can act"
+                why = "`madrob console` can act, this screen only watches"
                 assert driver.console.status == f"Refused: {key.act}: {why}"
         assert engine.acts == []
 

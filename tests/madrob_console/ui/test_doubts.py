@@ -13,13 +13,16 @@ from rich.cells import cell_len
 from madrob_console.archive.history import RunSummary
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import AcceptDoubts
+from madrob_console.referee.on_record import Voiding
 from madrob_console.standings.competition import SIGNS
+from madrob_console.standings.tally import Aggregate
 from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.wall import PAGE_TIME
 from madrob_console.ui.panes.history_pane import HistoryPane
-from madrob_console.ui.panes.result_indicators import IndicatorTable, Mean, compared
+from madrob_console.ui.panes.result_indicators import IndicatorTable, compared
 from madrob_console.ui.panes.standings_pane import StandingsPane
 from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.run_folders import VALUES, summary, write
 from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
@@ -127,7 +130,8 @@ def test_a_difference_within_the_uncertainties_is_neither_better_nor_worse(
 ) -> None:
     known = None if expanded is None else Uncertainty(expanded / 2, expanded)
     indicator = Indicator(value, "s", None, known)
-    spans = compared(TIME, indicator, Mean(10.0, 3, Uncertainty(0.05, 0.1)), 3, width=62)
+    earlier = Aggregate.of([10.0], [Uncertainty(0.05, 0.1)])
+    spans = compared(TIME, indicator, earlier, 1, width=62)
     assert " ".join("".join(span.text for span in spans).split()) == words
 
 
@@ -145,6 +149,43 @@ def test_the_mean_of_earlier_runs_without_uncertainties_tells_nothing_apart(
                 if one.startswith("execution time")
             )
             assert "worse" in row
+
+    asyncio.run(drive())
+
+
+def test_a_difference_within_the_scatter_of_the_earlier_runs_is_neither_better_nor_worse(
+    engine: FakeEngine,
+) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await doubted(driver)
+            table = driver.console.panes.results.query_one(IndicatorTable)
+            rows = []
+            for times in ((16.0, 16.0, 16.0), (14.0, 16.0, 18.0)):
+                table.earlier = [earlier(time) for time in times]
+                text = plain(table.draw(engine.snapshot(), 110)).splitlines()
+                rows.append(next(one for one in text if one.startswith("execution time")))
+            assert rows[0].split()[-3:] == ["+1.43", "worse", "16.00"]
+            assert rows[1].split()[-3:] == ["+1", "=", "16"]
+
+    asyncio.run(drive())
+
+
+def test_a_run_that_failed_or_is_void_is_compared_with_nothing(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await doubted(driver)
+            table = driver.console.panes.results.query_one(IndicatorTable)
+            table.earlier = [earlier(16.0)]
+            snapshot = engine.snapshot()
+            run = snapshot.run
+            void = replace(run, voided=Voiding(1.0, "wrong door", "Ada"))
+            failed = replace(run, outcome=Outcome.TIMEOUT)
+            for each, words in ((run, True), (void, False), (failed, False)):
+                text = plain(table.draw(replace(snapshot, run=each), 110))
+                assert ("against mean of 1 earlier" in text) is words
+                assert ("worse" in text) is words
+                assert ("compared with no other run" in text) is not words
 
     asyncio.run(drive())
 
@@ -240,7 +281,7 @@ ALIKE = [
 
 def test_the_standings_mark_teams_that_do_not_differ() -> None:
     async def drive() -> None:
-        async with showing(StandingsPane(lambda: ALIKE, 0)) as shown:
+        async with showing(StandingsPane(lambda: ALIKE, 0, "Autumn Cup")) as shown:
             rows = [" ".join(row.split()) for row in shown.rows()]
             assert any("17.43~ " in row and row.startswith("> 1 ") for row in rows)
             assert any("17.44?~ " in row for row in rows)
@@ -253,7 +294,7 @@ def test_the_standings_mark_teams_that_do_not_differ() -> None:
 
 def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
     async def drive() -> None:
-        async with showing(StandingsPane(lambda: [summary()], 0)) as shown:
+        async with showing(StandingsPane(lambda: [summary()], 0, "Autumn Cup")) as shown:
             assert "doubted" not in shown.text
 
     asyncio.run(drive())

@@ -55,6 +55,24 @@ def test_e_packs_official_or_practice_runs_as_the_marked_one_is(
     asyncio.run(drive())
 
 
+def test_e_packs_the_team_of_the_marked_runs_competition(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    write(tmp_path, summary(7, competition="Spring Cup", hour=1))
+    write(tmp_path, summary(7))
+
+    async def drive() -> None:
+        async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
+            for pane in ("h", "s"):
+                await driver.press("escape", pane)
+                await driver.app.workers.wait_for_complete()
+                await driver.settle()
+                await driver.press("e")
+            assert engine.exported_of == ["Spring Cup", "Autumn Cup"]
+
+    asyncio.run(drive())
+
+
 def test_e_packs_the_team_of_the_run_or_the_marked_one_and_says_where_the_zip_is(
     engine: FakeEngine, tmp_path: Path
 ) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.madrob_console.ui.fake_engine import FOLDER
-from tests.tmux import Tmux, needs_tmux
+from tests.tmux import Tmux
 
-pytestmark = pytest.mark.machine
+pytestmark = [pytest.mark.machine, pytest.mark.needs("tmux")]
 ROOT = Path(__file__).parents[3]
 STARTING = 30.0
 MACHINE, HUMAN = 0.0, 0.5
@@ -30,7 +30,6 @@ PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine", "--run
 
 @pytest.fixture
 def tmux(ends: Path) -> Iterator[Tmux]:
-    needs_tmux()
     with Tmux([*PROGRAM, str(ends)], cwd=ROOT) as tmux:
         tmux.wait_for("RUNNING", timeout=STARTING)
         yield tmux
@@ -92,7 +91,6 @@ def test_y_copies_into_the_tmux_of_this_machine(tmux: Tmux, ends: Path) -> None:
 
 
 def test_y_copies_into_a_tmux_at_the_other_end_of_ssh_that_lets_it(ends: Path) -> None:
-    needs_tmux()
     ends.touch()
     with Tmux(["env", "-u", "TMUX", *PROGRAM, str(ends)], cwd=ROOT) as tmux:
         tmux.set_option("set-clipboard", "on")

@@ -13,11 +13,12 @@ from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTop
 from madrob_console.referee.on_record import RemovedEvidence
 from madrob_console.referee.on_record import TestbedFault as Fault
 from madrob_console.referee.run import Run
+from madrob_console.standings.tally import Aggregate
 from madrob_console.ui.cells.lines import Line, Tone
 from madrob_console.ui.look.words import date_of
 from madrob_console.ui.panes.quality_table import QualityTable
 from madrob_console.ui.panes.result_head import ResultHead
-from madrob_console.ui.panes.result_indicators import Mean, compared
+from madrob_console.ui.panes.result_indicators import compared
 from madrob_console.ui.panes.run_marks import run_marks
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
@@ -116,8 +117,9 @@ def test_a_reason_stands_apart_from_the_name_of_its_indicator(
         async with driving(engine, size) as driver:
             await finished(driver)
             assert engine.result is not None
-            nothing = {name: Indicator(None, "", "it never moved") for name in IndicatorName}
-            engine.result = replace(engine.result, indicators=nothing)
+            found = {name: Indicator(None, "", "it never moved") for name in IndicatorName}
+            found[IndicatorName.EXECUTION_TIME] = Indicator(300.0, "s", None)
+            engine.result = replace(engine.result, indicators=found)
             await driver.settle()
             assert "smoothness of door actuation none: it never moved" in driver.text
             assert "smoothness of door actuation none: " in driver.console.panes.results.copied
@@ -268,6 +270,32 @@ def test_what_a_decision_hangs_on_is_seen_first(engine: FakeEngine, size: tuple[
                 assert words in shown
             assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
             assert "all six steps done" not in shown
+            await driver.press("f3")
+            assert "all six steps done" not in driver.text
+
+    asyncio.run(drive())
+
+
+def test_the_live_screen_of_a_stopped_run_says_how_many_steps_count(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine, LARGE) as driver:
+            await with_flags(driver)
+            await driver.press("f3")
+            assert "3 of 6 steps count" in driver.text
+
+    asyncio.run(drive())
+
+
+def test_a_reason_that_all_indicators_have_stands_there_once(engine: FakeEngine) -> None:
+    async def drive() -> None:
+        async with driving(engine) as driver:
+            await finished(driver, Outcome.ABORTED)
+            assert engine.result is not None
+            none = {name: Indicator.missing(name, "run aborted: invalid") for name in IndicatorName}
+            engine.result = replace(engine.result, indicators=none)
+            await driver.settle()
+            assert driver.text.count("run aborted: invalid") == 1
+            assert "indicators  none: run aborted: invalid" in driver.text
 
     asyncio.run(drive())
 
@@ -361,10 +389,11 @@ def test_a_difference_says_whether_it_is_better(
     name: IndicatorName, value: float, words: str, tone: Tone
 ) -> None:
     indicator = Indicator.of(name, value)
-    spans = compared(name, indicator, Mean(10.0, 2), 2, width=75)
+    earlier = Aggregate.of([10.0, 10.0])
+    spans = compared(name, indicator, earlier, 2, width=75)
     assert words in " ".join("".join(span.text for span in spans).split())
     assert spans[0].tone is tone
-    narrow = compared(name, indicator, Mean(10.0, 2), 2, width=62)
+    narrow = compared(name, indicator, earlier, 2, width=62)
     assert words in " ".join("".join(span.text for span in narrow).split())
 
 

@@ -48,7 +48,20 @@ PRACTICE = (timed(1, 99.0, team="Delft", source="simulated"),)
 
 
 def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
-    return StandingsPane(lambda: runs, best)
+    return StandingsPane(lambda: runs, best, "Autumn Cup")
+
+
+def test_a_team_of_another_competition_is_another_team() -> None:
+    others = [timed(1, 1.0, team="Zebra", competition="Spring Cup")]
+
+    async def drive() -> None:
+        async with showing(pane_of((*OFFICIAL, *others))) as shown:
+            rows = [" ".join(row.split()) for row in shown.rows()]
+            assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
+            head = "mean over all valid runs (exec s: completed ones); 1 not of this competition"
+            assert head in rows
+
+    asyncio.run(drive())
 
 
 def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
@@ -225,5 +238,5 @@ def test_a_row_is_said_in_words() -> None:
     (standing,) = standings(runs)
     assert about(standing) == (
         "Team 3: pull, from CW to CCW, Wind Ramp; 1 completed, 1 INVALID, "
-        "2 INTERRUPTED or unfinished; ruleset protocol"
+        "1 INTERRUPTED, 1 without a result yet; ruleset protocol"
     )

@@ -90,7 +90,9 @@ def test_the_name_of_the_list_stands_there_as_the_number_is_typed(engine: FakeEn
             assert team(driver) == "(not in the list)"
             await driver.press("enter")
             assert (setup_of(engine).subject, setup_of(engine).team) == (311, "")
-            assert "Subject 311 is not in the list of teams" in " ".join(driver.text.split())
+            assert "x team failed 311 is not in the list: F2 corrects it" in " ".join(
+                driver.text.split()
+            )
 
     asyncio.run(drive())
 

@@ -194,6 +194,22 @@ def test_practice_runs_are_not_among_official_ones(engine: FakeEngine, tmp_path:
     asyncio.run(drive())
 
 
+def test_teams_of_another_competition_are_not_on_the_wall(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    async def drive() -> None:
+        engine.kind, engine.label = SourceKind.ROS, "LIVE ros"
+        write(tmp_path, summary(subject=5, hour=1))
+        write(tmp_path, summary(subject=6, hour=2, competition="Spring Cup"))
+        async with hall(engine, tmp_path) as wall:
+            for _ in range(3):
+                assert "Team 6" not in wall.text
+                await wall.let_pass(PAGE_TIME)
+            assert "5 Team 5" in wall.text
+
+    asyncio.run(drive())
+
+
 @pytest.mark.parametrize("team", ["東京大学", "Zürich", "A" * 60, ""])
 @pytest.mark.parametrize("ascii_only", [False, True])
 def test_every_name_is_there_in_letters_or_large(

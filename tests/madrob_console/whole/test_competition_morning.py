@@ -18,9 +18,9 @@ import pytest
 
 from scoring.protocol import Outcome
 from tests.madrob_console.console_process import READING
-from tests.tmux import Tmux, needs_tmux
+from tests.tmux import Tmux
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.needs("tmux")]
 
 ROOT = Path(__file__).parents[3]
 MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
@@ -132,7 +132,6 @@ def results(tmp_path: Path) -> Path:
 @pytest.fixture
 def window(tmp_path: Path, results: Path) -> Iterator[Tmux]:
     """The console in tmux; at the end its engine is told to go."""
-    needs_tmux()
     settings, teams = tmp_path / "madrob.toml", tmp_path / "teams.csv"
     settings.write_text('[competition]\nname = "Morning Cup"\nreferee = "R. Eferee"\n')
     lines = [f"{subject},{team}\n" for subject, team in TEAMS.items()]

@@ -46,6 +46,8 @@ from tests.madrob_console.refereed_run import (
 from tests.madrob_console.small_disk import SmallDisk, disk_image
 from tests.madrob_console.warm_starts import WarmStarts
 
+pytestmark = pytest.mark.needs("cc", "/usr/include/stdio.h")
+
 SCENARIO = "touch-only"
 FAST, SLOW = 4.0, 2.0
 """How fast the testbed is; slower where many wait side by side for a disk that hangs."""
@@ -223,6 +225,7 @@ def test_a_run_to_which_nothing_happens_is_as_it_was_answered(
     assert (one.came, one.wrong) == (False, [])
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", CallFault)
 def test_a_fault_at_any_call_loses_no_act_and_does_none_twice(

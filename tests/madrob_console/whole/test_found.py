@@ -18,10 +18,11 @@ from pathlib import Path
 import pytest
 
 from madrob_console.cli import coming_back, running_engines
-from madrob_console.cli.attaching import TAKEN, attach
+from madrob_console.cli.attaching import STARTING_TIME, TAKEN, attach, owned_testbed
 from madrob_console.cli.main import build_parser, main
 from madrob_console.config import load_settings
 from madrob_console.engine.process.engines import FoundEngine, all_engines
+from madrob_console.engine.process.owned import results_name
 from madrob_console.engine.process.remote import RemoteEngine
 from madrob_console.engine.shown.requests import Perform, Role, TakeOver
 from madrob_console.errors import MadrobError
@@ -30,6 +31,7 @@ from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.small_disk import disk_image
+from tests.madrob_console.stranger import stranger
 from tests.terminal import Terminal
 from tests.watching import until
 
@@ -39,10 +41,17 @@ ROOT = Path(__file__).parents[3]
 MADROB = "import sys; from madrob_console.cli.main import main; sys.exit(main())"
 OTHER_VERSION = "from madrob_console.engine.shown import wire; wire.VERSION = 900;"
 NO_NAMES = """
-from contextlib import nullcontext
+from contextlib import contextmanager
 from madrob_console.cli import owning
 from madrob_console.engine.process.holding import Holding
-owning.held = lambda _: nullcontext(Holding((), None, ()))
+from madrob_console.engine.process.place import place_of
+
+@contextmanager
+def held(owned, *, lock_testbed):
+    with place_of(owned).taken():
+        yield Holding((), None, ())
+
+owning.held = held
 """
 """As engines were before they owned names."""
 HANGS = """
@@ -216,37 +225,58 @@ def test_a_second_engine_on_the_results_folder_is_refused_and_names_the_first(
 # ------------------------------------------------------------------ coming back
 
 
-def test_a_console_without_arguments_comes_back_to_the_only_engine(
+def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_folder(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(coming_back, "all_engines", bench.only_its_own)
 
     def meant(*words: str) -> tuple[FoundEngine, ...]:
-        return coming_back.engines_meant(build_parser().parse_args(["console", *words]))
+        arguments = build_parser().parse_args(["console", *words])
+        return coming_back.engines_meant(arguments, bench.results)
 
     assert meant() == ()  # none runs: the live testbed is looked for
-    process = bench.serve("--scenario=slow")
+    process = bench.serve("--scenario=slow", "--latency=20ms", "--latency=door=50ms")
+    assert meant("--latency=20ms") == ()
     assert meant("--testbed", "ros") == meant("--domain=3") == meant(f"--results={ROOT}") == ()
     (only,) = meant("--ascii")
     arguments = build_parser().parse_args(["console"])
     coming_back.mean(arguments, only)
     assert (arguments.testbed, arguments.scenario) == (["simulated"], "slow")
+    assert (arguments.latency, arguments.jitter) == ("20ms,door=50ms", None)
     assert arguments.results == bench.results
     with closing(attach(arguments, load_settings(None), Role.REFEREE)) as console:
         assert console.pid == process.pid
 
-    bench.serve(results=bench.folder / "two")
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr("madrob_console.ui.terminal.check_terminal", lambda *_: None)
-    for command in ("console", "watch"):
+    own, two = bench.folder / "own", bench.folder / "two"
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(bench.folder / "config"))
+    settings = bench.folder / "config" / "madrob" / "madrob.toml"
+    settings.parent.mkdir(parents=True)
+    settings.write_text(f"[results]\nfolder = '{own}'\n")
+    first = f"--testbed simulated --results {bench.results} --scenario slow"
+    first += " --latency 20ms,door=50ms"
+
+    def asked(command: str) -> list[str]:
+        """What to type for each engine, after the first line."""
         assert main([command]) == 2
         said = capsys.readouterr().err.splitlines()
-        assert said[0] == "madrob: 2 engines run: type the line of the one that you mean"
         lines = [line.strip() for line in said if line.startswith("    ")]
-        assert sorted(lines) == [
-            f"madrob {command} --testbed simulated --results {bench.results} --scenario slow",
-            f"madrob {command} --testbed simulated --results {bench.folder / 'two'}",
-        ]
+        return [said[0], *sorted(lines)]
+
+    one_runs = "madrob: 1 engine runs: type the line of the one that you mean"
+    starts = f"madrob console --results {own}"
+    assert asked("console") == [one_runs, starts, f"madrob console {first}"]
+
+    bench.serve(results=two)
+    (again,) = meant()  # its own goes before all others
+    assert again.pid == process.pid
+    both = "madrob: 2 engines run: type the line of the one that you mean"
+    other = f"--testbed simulated --results {two}"
+    assert asked("console") == [
+        both, starts, f"madrob console {first}", f"madrob console {other}"
+    ]  # fmt: skip
+    assert asked("watch") == [both, f"madrob watch {first}", f"madrob watch {other}"]
 
 
 # ------------------------------------------------------------------ status and stop
@@ -426,10 +456,38 @@ def test_an_engine_without_names_keeps_a_new_one_off_its_testbed(bench: Bench) -
     until(lambda: list(bench.runtime.glob("madrob/*.sock")), 60.0)
     second = bench.start()
     _, said = second.communicate(timeout=60.0)
-    assert second.returncode == 2
+    assert second.returncode == TAKEN
     assert said.count("\n") == 1
-    assert "an engine of another version has simulated_" in said
+    assert "another engine has simulated_" in said
     assert process.poll() is None
+
+
+def test_another_user_who_has_the_names_stops_no_engine_and_is_ended_by_nobody(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.results.mkdir()
+    words = ["console", "--testbed", "simulated", f"--results={bench.results}"]
+    owned = owned_testbed(build_parser().parse_args(words), load_settings(None))
+    with stranger(owned.testbed, str(results_name(bench.results)), full=True) as process:
+        first = bench.start()
+        until(lambda: list(bench.runtime.glob("madrob/*.sock")), STARTING_TIME)
+        with closing(bench.attach()) as console:
+            assert (console.pid, console.results) == (first.pid, bench.results)
+            second = bench.start()
+            _, said = second.communicate(timeout=60.0)
+            assert (second.returncode, said.count("\n")) == (TAKEN, 1)
+            assert "another engine has simulated_" in said
+            monkeypatch.setattr(running_engines, "all_engines", all_engines)
+            line = bench.listed()
+            assert f"simulated testbed: pid {console.pid}, since" in line
+            assert f"pid {process.pid}" not in line
+            assert f"process {process.pid} of another user" in capsys.readouterr().err
+            code, said = bench.stop(f"--pid={process.pid}", "--force")
+            assert (code, "the engine that is named does not run" in said) == (1, True)
+            assert f"process {process.pid} of another user" in capsys.readouterr().err
+        assert bench.stop(f"--pid={first.pid}", "--force")[0] == 0
+        _, said = first.communicate(timeout=60.0)
+        assert said.count(f"process {process.pid} of another user") == 2, said
 
 
 def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench) -> None:
@@ -473,6 +531,7 @@ def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(
     assert process.wait(1.0) == -signal.SIGKILL
 
 
+@pytest.mark.needs("mkfs.ext4")
 def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

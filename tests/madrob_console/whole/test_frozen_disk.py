@@ -367,6 +367,7 @@ def warm() -> Iterator[WarmStarts]:
         yield starts
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.slow
 def test_a_frozen_disk_takes_no_act_from_the_referee(
     warm: WarmStarts, request: pytest.FixtureRequest, tmp_path: Path

@@ -29,7 +29,8 @@ from recorder.message import RawMessage
 from recorder.reader import read_bag
 from scoring.protocol import Signal
 from scoring.result import Result
-from tests.madrob_console.engine.drive import EPOCH_NS, Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine_process import EngineProcess, WallClock
 from tests.slowly import slow_but_for
 
@@ -40,27 +41,6 @@ SETTLED = 3.0
 
 _JUMP = re.compile(r"clock stepped by ([-+0-9.]+) s, later stamps shifted back")
 _STAMP = struct.Struct("<4xiI")  # the header's stamp, behind the four bytes that name the encoding
-
-
-class Machine:
-    """The two clocks of a machine, in virtual time; stands in for the module `time`."""
-
-    def __init__(self) -> None:
-        self._passed = 0
-        self._wall = EPOCH_NS
-
-    def step(self, jump: float) -> None:
-        """Set the wall clock ahead by `jump` s, or back."""
-        self._wall += round(jump * NS)
-
-    def time_ns(self) -> int:
-        return self._wall + self._passed
-
-    def monotonic_ns(self) -> int:
-        return self._passed
-
-    def sleep(self, duration: float) -> None:
-        self._passed += round(duration * NS)
 
 
 class SteppedDrive(Drive):
@@ -258,6 +238,7 @@ def test_a_clock_stepped_again_and_again_loses_no_run(
     assert worst <= SAMPLE
 
 
+@pytest.mark.needs("faketime")
 @pytest.mark.slow
 def test_a_process_whose_wall_clock_is_stepped_makes_the_same_run(tmp_path: Path) -> None:
     jumps = (0, HOUR, -HOUR)

@@ -37,6 +37,8 @@ from tests.madrob_console.failing_disk import (
 )
 from tests.slowly import slow_but_for
 
+pytestmark = pytest.mark.needs("mkfs.ext4")
+
 FAULT_AT = 5.0
 NOT_RECORDED = r"(?P<topic>\S+): (?P<count>\d+) messages are not in the recording"
 SCORED = {mapping.topic for mapping in DEFAULT_MAPPINGS}

@@ -105,6 +105,7 @@ def test_busy_cores_change_no_event_and_drop_nothing(tmp_path: Path) -> None:
     assert late < 1.0
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.slow
 def test_a_disk_that_stalls_for_seconds_changes_no_event_and_drops_nothing(tmp_path: Path) -> None:
     quiet = events(run_through(tmp_path / "quiet", nullcontext()))

@@ -12,10 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from madrob_console.referee.acts import FileProtest
 from tests.madrob_console.console_process import READING
 from tests.madrob_console.engine.test_amended_runs import Desk
-from tests.tmux import Tmux, needs_tmux
+from tests.tmux import Tmux
+
+pytestmark = pytest.mark.needs("tmux")
 
 MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
 STARTING = 60.0
@@ -25,7 +29,6 @@ ASKED = FileProtest("we were through earlier", "Delft", "step 4: cross the thres
 @contextmanager
 def window(*named: str, at: str | None = None) -> Iterator[Tmux]:
     """A console in tmux; the engine that these options name, and no other, ends with it."""
-    needs_tmux()
     with tempfile.TemporaryDirectory(prefix="madrob-") as own:
         env = {"XDG_RUNTIME_DIR": own, "XDG_CONFIG_HOME": own}
         words = ["console", *named, *([] if at is None else ["--at", at])]

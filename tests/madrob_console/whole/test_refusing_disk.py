@@ -27,6 +27,7 @@ from tests.madrob_console.failing_disk import Fault, Stop, check_on_disk, setup_
 from tests.madrob_console.small_disk import disk_image, lock_folder, memory_disk
 
 
+@pytest.mark.needs("mkfs.ext4")
 @pytest.mark.slow
 def test_a_result_that_waits_is_written_while_later_runs_are_made(tmp_path: Path) -> None:
     with spoiled(Fault.RUN_LOCKED, tmp_path / "disk", Stop.ELAPSED) as machine:
@@ -135,6 +136,7 @@ def test_lines_that_waited_for_room_are_written_once(tmp_path: Path) -> None:
         assert list(read_journal(path)[0]) == lines
 
 
+@pytest.mark.needs("mkfs.ext4")
 def test_a_disk_that_was_pulled_out_before_the_start_refuses_it_in_one_line(
     tmp_path: Path,
 ) -> None:

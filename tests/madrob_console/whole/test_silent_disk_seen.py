@@ -24,7 +24,7 @@ from tests.madrob_console.ros_peer import Peer
 from tests.madrob_console.small_disk import SmallDisk, disk_image
 from tests.terminal import Terminal
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.needs("mkfs.ext4")]
 
 AT_ONCE = 0.2  # s, from the key to the topic
 ON_SCREEN = 1.5  # s, from the key to the screen, drawn by a busy machine

@@ -5,7 +5,6 @@ from __future__ import annotations
 import getpass
 import os
 import random
-import shutil
 import signal
 import socket
 import subprocess
@@ -19,10 +18,9 @@ import pytest
 
 from recorder.reader import read_bag
 from tests.madrob_console.console_process import F10, ROOT, Hall, start_a_run
+from tests.programs import found
 from tests.terminal import Terminal
 from tests.watching import until
-
-SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
 CONFIG = """\
 ListenAddress 127.0.0.1
@@ -52,9 +50,9 @@ class SshServer:
         config = folder / "config"
         config.write_text(CONFIG.format(port=self._port, folder=folder))
         Path("/run/sshd").mkdir(exist_ok=True)
-        assert SSHD is not None
+        sshd = found("sshd") or "sshd"
         self._process = subprocess.Popen(
-            [SSHD, "-D", "-e", "-f", config], stderr=subprocess.DEVNULL
+            [sshd, "-D", "-e", "-f", config], stderr=subprocess.DEVNULL
         )
         self._wait()
 
@@ -85,8 +83,6 @@ class SshServer:
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[SshServer]:
-    if SSHD is None or shutil.which("ssh") is None:
-        pytest.skip("openssh-server and openssh-client are not installed")
     if os.geteuid() != 0:
         pytest.skip("an sshd for tests needs root")
     server = SshServer(tmp_path)
@@ -94,6 +90,7 @@ def server(tmp_path: Path) -> Iterator[SshServer]:
     server.close()
 
 
+@pytest.mark.needs("sshd", "ssh", "ssh-keygen")
 @pytest.mark.slow
 def test_a_cut_connection_loses_no_run(server: SshServer, request: pytest.FixtureRequest) -> None:
     count, rng = max(2, request.config.getoption("--runs") // 10), random.Random(11)

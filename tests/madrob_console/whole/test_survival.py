@@ -68,7 +68,7 @@ def test_spectators_see_the_run_and_their_keys_do_nothing(hall: Hall) -> None:
         with hall.console("watch") as spectator:
             spectator.wait_for("RUNNING")
             spectator.send(F8)
-            spectator.wait_for("Refused: abort: this screen only watches")
+            spectator.wait_for("Refused: abort: `madrob console` can act, this screen only watches")
     assert hall.wait_for_result(folder)["outcome"] == "completed"
 
 

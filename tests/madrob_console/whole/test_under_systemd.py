@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import signal
 import socket
 import subprocess
@@ -155,6 +154,7 @@ def serve(results: Path) -> list[str]:
     return ["engine", "serve", "--testbed", "simulated", f"--results={results}", "--idle-time=inf"]
 
 
+@pytest.mark.needs("mkfs.ext4")
 def test_the_watchdog_hears_through_a_frozen_disk_in_a_run(tmp_path: Path) -> None:
     manager = Manager()
     with disk_image(tmp_path / "disk") as disk:
@@ -255,6 +255,7 @@ def test_a_login_finds_the_engine_of_a_service_that_has_another_runtime_folder(
         assert f"pid {service.process.pid}" in status.stdout
 
 
+@pytest.mark.needs("systemd-analyze")
 @pytest.mark.parametrize("system", [False, True])
 def test_systemd_takes_the_unit(
     system: bool,
@@ -262,8 +263,6 @@ def test_systemd_takes_the_unit(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if shutil.which("systemd-analyze") is None:
-        pytest.skip("there is no systemd-analyze")
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
     options = ["--testbed", "ros", "--domain", "+007", "--results", str(tmp_path / 'a "b" $c %d')]
     assert main(["engine", "unit", *options, *(["--system"] if system else [])]) == 0

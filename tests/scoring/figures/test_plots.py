@@ -251,7 +251,7 @@ def test_figures_three_and_four_show_opening_and_closing_alone(nominal: Scored) 
 def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
     result, rows = nominal
     kept = (rows.force_time < START + 3) | (rows.force_time > START + 6)
-    handle = {name: getattr(rows, name)[kept] for name in ("force_time", "force", "rest")}
+    handle = {name: getattr(rows, name)[kept] for name in ("force_time", "force", "rest", "load")}
     holed = replace(rows, **handle)
     time, force = curve(figures_for(result, holed)[FigureName.FORCE].axes[0], "force, N")
     assert np.isnan(force).sum() == 1
@@ -396,6 +396,7 @@ def test_no_number_is_too_large_to_be_drawn(force: Array, acceleration: Array) -
     wild = replace(
         rows,
         force=force,
+        load=force,
         rest=np.zeros(force.size),
         force_time=rows.force_time[:30],
         joint_state=rows.joint_state.cut(START, START + 29.5 / 50),

@@ -42,7 +42,7 @@ from tests.madrob_console.ros_peer import (
 from tests.watching import until
 
 START, ABORT, TIMEOUT = RemoteService
-README = Path(__file__).parents[4] / "README.md"
+GUIDE = Path(__file__).parents[4] / "madrob_console" / "guide" / "robots.md"
 BUSY = 2.0
 """s more than the promised 0.2 s that a call may take beside other programs."""
 
@@ -205,7 +205,7 @@ def test_what_is_not_allowed_cannot_be_called(hall: Hall, allowed: tuple[RemoteS
 
 
 @pytest.mark.parametrize(("namespace", "called"), [("", "madrob"), ("/hall2", "hall2")])
-def test_a_service_has_the_name_of_the_readme_where_the_node_is_given_one(
+def test_a_service_has_the_name_of_the_guide_where_the_node_is_given_one(
     namespace: str, called: str, hall: Hall
 ) -> None:
     ros_args = ["-r", "__node:=referee", *(["-r", f"__ns:={namespace}"] if namespace else [])]
@@ -214,7 +214,7 @@ def test_a_service_has_the_name_of_the_readme_where_the_node_is_given_one(
         named.attend(Attendant(hall.engine, (ABORT,), 50.0))
         (service,) = named._console.services
         assert service.service_name == f"/{called}/referee/abort"
-    assert f"`/{called}/referee/abort`" in README.read_text()
+    assert f"`/{called}/referee/abort`" in GUIDE.read_text()
 
 
 def test_a_launch_file_moves_topics_into_its_namespace_and_gives_them_other_names(

@@ -250,7 +250,7 @@ def test_a_want_of_memory_is_shown_and_what_comes_later_is_received(
     with Taker(source()) as taker:
         peer.until(lambda: taker.matched(LOCKED))
         with monkeypatch.context() as short:
-            short.setattr(ros_source, "_message", fail)
+            short.setattr(ros_source, "arrivals", fail)
             peer.until(lambda: published() and any(s.problem for s in taker.source.status()))
             problem = next(s.problem for s in taker.source.status() if s.problem)
             assert problem == "ROS fails (MemoryError): start the console again"

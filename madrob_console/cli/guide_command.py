@@ -1,0 +1,53 @@
+"""`madrob guide`: the pages of the guide in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib import resources
+
+from madrob_console.cli import options
+from madrob_console.cli.safe_output import raw
+
+PAGES = {
+    "referee": "a run from set-up to signature, keys, protests, words",
+    "testbed": "topics, settings, cameras, engine, service, security",
+    "robots": "what the referee publishes over ROS, services",
+    "data": "files, tables, scoring again, several testbeds, Python",
+    "organiser": "teams, plan, standings, web pages, zips",
+}
+"""What each page is about; the pages lie in the folder `guide` of the package."""
+
+
+def add(commands: options.Commands) -> None:
+    """Its command line."""
+    parser = options.command(
+        commands,
+        "guide",
+        main,
+        "the guide, a page for each role",
+        "Without PAGE it lists the pages.",
+        ("madrob guide", "madrob guide referee", "madrob guide data > data.md"),
+    )
+    parser.add_argument(
+        "page", nargs="?", choices=list(PAGES), metavar="PAGE", help=", ".join(PAGES)
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print a page, with layout where a terminal shows it; or the list of pages."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    if arguments.page is None:
+        for page, about in PAGES.items():
+            print(f"madrob guide {page:9}  {about}")
+        return 0
+    guide = resources.files("madrob_console") / "guide"
+    text = (guide / f"{arguments.page}.md").read_text(encoding="utf-8")
+    console = Console(file=raw(sys.stdout))
+    if console.is_terminal and console.encoding == "utf-8":
+        console.print(Markdown(text, code_theme="ansi_dark", hyperlinks=False))
+    else:
+        print(text, end="")
+    return 0

@@ -1,0 +1,197 @@
+"""What the door says of its encoder, and samples that fit no motion and no force (section 11)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scoring.kinematics import Array
+from scoring.protocol import Thresholds
+
+Flags = NDArray[np.bool_]
+
+_FEWEST_STEPS = 10
+"""Steps of the door angle that tell its encoder's count."""
+
+_STRAY_STEPS = 2
+"""So many smaller steps may be those of a bad sample."""
+
+_SAME_STEP = 1e-9
+"""Smaller steps of the door angle are none, rad."""
+
+_AT_REST = 1.0
+"""The closed door is looked at for so long before the start, s."""
+
+_COUNTS_OFF = 3
+"""A sample that fits no motion is off by more encoder counts."""
+
+_DEVIATIONS_OFF = 5
+"""And by more standard deviations of the door at rest."""
+
+_NEIGHBOURS = 8
+"""Samples on either side through which the curve goes that stands for a bad one."""
+
+_WILD = 100.0
+"""Larger angles are no neighbours, rad."""
+
+_LEAST_NOISE = 0.01
+"""A load cell has at least so much noise, N."""
+
+_FROZEN = 2
+"""Intervals without any change, in motion, that are a freeze."""
+
+_ABRUPT = 6.0
+"""Counts by which a panel that trembles does not step before and after it stands still."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DoorAngle:
+    """The readings of the door's angle over a whole recording.
+
+    Attributes:
+        time: increasing, s since the epoch, shape (n,).
+        angle: rad, shape (n,).
+        step: the smallest one, rad; None where few are seen.
+        count: of the encoder, rad: the smallest step, at most what the settings say.
+        noise: standard deviation of the closed door before the start, rad; 0 where not known.
+        spikes: the samples that are off their neighbours, and back, shape (n,).
+        frozen: those that repeat an old angle in motion, shape (n,).
+        spike: the size of the largest spike, rad.
+    """
+
+    time: Array
+    angle: Array
+    step: float | None
+    count: float
+    noise: float
+    spikes: Flags
+    frozen: Flags
+    spike: float
+
+    @classmethod
+    def of(cls, time: Array, angle: Array, start: float, thresholds: Thresholds) -> DoorAngle:
+        """Look at all readings of a run that started at `start`, s since the epoch."""
+        with np.errstate(over="ignore", invalid="ignore"):  # `eurobench-2020` believes any angle
+            steps = np.abs(np.diff(angle))
+            steps = steps[steps > _SAME_STEP]
+            few = steps.size < _FEWEST_STEPS
+            step = None if few else float(np.partition(steps, _STRAY_STEPS)[_STRAY_STEPS])
+            count = min(step or math.inf, thresholds.encoder_count)
+            rest = angle[(time >= start - _AT_REST) & (time < start)]
+            rest = rest[np.abs(rest) < thresholds.closed_angle]
+            noise = float(rest.std()) if rest.size >= _FEWEST_STEPS else 0.0
+            limit = max(_COUNTS_OFF * count, _DEVIATIONS_OFF * noise)
+            sizes = spike_sizes(time, angle)
+            frozen = _frozen(angle, count, limit) & (np.abs(angle) >= thresholds.closed_angle)
+        spike = float(sizes.max(initial=0.0))
+        return cls(time, angle, step, count, noise, sizes > limit, frozen, spike)
+
+    @property
+    def bad(self) -> Flags:
+        """The samples that fit no motion, shape (n,)."""
+        return self.spikes | self.frozen
+
+    @property
+    def repairable(self) -> Flags:
+        """Those of them that lie between good ones, shape (n,)."""
+        beside = np.zeros_like(self.spikes)
+        beside[1:] |= self.spikes[:-1]
+        beside[:-1] |= self.spikes[1:]
+        return (self.spikes & ~beside) | self.frozen
+
+    def without(self, bad: Flags) -> Array:
+        """The angles, rad, shape (n,), with a curve through their neighbours for bad ones."""
+        good = np.flatnonzero(~bad & (np.abs(self.angle) < _WILD))
+        filled = self.angle.copy()
+        for first, last in runs(bad):
+            place = int(np.searchsorted(good, first))
+            near = good[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS]
+            if near.size < 2 * _NEIGHBOURS or last - first > _NEIGHBOURS:
+                near = good[max(0, place - 1) : place + 1]  # a line, as far as there is one
+            if near.size:
+                middle, degree = self.time[first], min(3, near.size - 1)
+                curve = np.polyfit(self.time[near] - middle, self.angle[near], degree)
+                filled[first:last] = np.polyval(curve, self.time[first:last] - middle)
+        return filled
+
+
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """Where flags are set one after the other: the first of them, and the first after them."""
+    borders = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(borders[::2], borders[1::2], strict=True)]
+
+
+def spike_sizes(time: Array, values: Array) -> Array:
+    """By how much each value is off its neighbours and back; 0 where that is no spike's pattern.
+
+    A spike is off the line through its neighbours, and each of these is off by half as much to
+    the other side. A sudden stop, as of a slammed door, is not: it bends the curve one way only.
+
+    Args:
+        time: increasing, s, shape (n,).
+        values: shape (n,).
+    """
+    off = np.zeros(values.size)
+    if values.size < 3:
+        return off
+    before, after = time[1:-1] - time[:-2], time[2:] - time[1:-1]
+    line = (values[:-2] * after + values[2:] * before) / (before + after)
+    off[1:-1] = values[1:-1] - line
+    sign = np.sign(off)
+    sizes = np.abs(off)
+    sizes[1:] = np.minimum(sizes[1:], -2 * sign[1:] * off[:-1])
+    sizes[:-1] = np.minimum(sizes[:-1], -2 * sign[:-1] * off[1:])
+    return np.where(sizes > np.abs(off) / 2, sizes, 0.0)
+
+
+def without_top(time: Array, force: Array, noise: float) -> Array:
+    """Sizes of forces without the largest one and without spikes, N, shape (n,).
+
+    A curve through four neighbours stands in their place, where these bend towards it.
+
+    Args:
+        time: increasing, s, shape (n,).
+        force: N, shape (n,).
+        noise: standard deviation of the force at rest, N.
+    """
+    size = np.abs(force)
+    if size.size < _FEWEST_STEPS:
+        return size
+    without = np.minimum(size, _bridged(size, np.array([np.argmax(size)])))
+    spikes = spike_sizes(time, without) > _DEVIATIONS_OFF * max(noise, _LEAST_NOISE)
+    return _bridged(without, np.flatnonzero(spikes))
+
+
+def _bridged(size: Array, places: NDArray[np.intp]) -> Array:
+    """Sizes with a curve through four neighbours at some places; 0 there at the ends."""
+    bridged = size.copy()
+    bridged[places] = 0.0
+    inner = places[(places >= 2) & (places < size.size - 2)]
+    far, left, right, away = (size[inner + step] for step in (-2, -1, 1, 2))
+    highest = np.maximum(np.maximum(left, right), np.minimum(2 * left - far, 2 * right - away))
+    bridged[inner] = np.minimum((4 * (left + right) - far - away) / 6, highest)
+    return bridged
+
+
+def _frozen(angle: Array, count: float, limit: float) -> Flags:
+    """An angle that stands still between steps that no panel makes from one sample to the next.
+
+    It stops and goes on by over a count, or catches up by far more than the steps beside it.
+    """
+    frozen = np.zeros(angle.size, np.bool_)
+    steps = np.diff(angle)
+    moves = np.flatnonzero(steps != 0)
+    for last, following in pairwise(moves):
+        still, jump = following - last - 1, abs(steps[following])
+        if still < _FROZEN:
+            continue
+        before = abs(steps[last])
+        onward = abs(steps[following + 1]) if following + 1 < steps.size else 0.0
+        abrupt = min(before, jump) > _ABRUPT * count
+        if abrupt or (jump > limit and jump > 2 * max(before, onward)):
+            frozen[last + 2 : following + 1] = True
+    return frozen
