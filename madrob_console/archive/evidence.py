@@ -91,7 +91,10 @@ def settled_account(
         found = filter(is_left_of_evidence, os.listdir(folder_fd))  # noqa: PTH208
         names = sorted(found, key=natural_order)
         for name in names:
-            of_file = os.stat(name, dir_fd=folder_fd, follow_symlinks=False).st_size
+            try:
+                of_file = os.stat(name, dir_fd=folder_fd, follow_symlinks=False).st_size
+            except FileNotFoundError:  # a repair ended meanwhile
+                return None
             if not is_evidence(name):
                 problems.append(f"{name} is left of a repair, {of_file / 1e6:.1f} MB")
                 continue

@@ -207,13 +207,17 @@ def unseen_words(patterns: Sequence[str]) -> str:
     return f"nobody publishes {listed(patterns)}"
 
 
-def _as_it_is(gap: EvidenceGap, spans: Iterable[tuple[float, float]]) -> EvidenceGap:
-    """A gap that begins where the file before it ends: what was told of that was older."""
+def _as_it_is(gap: EvidenceGap, spans: Sequence[tuple[float, float]]) -> EvidenceGap:
+    """A gap from the last message of the file before it, at least to the first one after it."""
     if gap.number > 1:
         return gap
     last = math.inf if gap.end is None else gap.end
     ends = [end for _, end in spans if gap.begin <= end <= last]
-    return replace(gap, begin=max(ends, default=gap.begin))
+    begin = max(ends, default=gap.begin)
+    if gap.end is None:
+        return replace(gap, begin=begin)
+    first = min((first for first, _ in spans if first > begin), default=gap.end)
+    return replace(gap, begin=begin, end=max(gap.end, first))
 
 
 def _between(spans: Sequence[tuple[float, float]]) -> Iterator[EvidenceGap]:

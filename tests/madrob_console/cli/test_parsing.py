@@ -128,8 +128,8 @@ STRIPS = (Signal.CW_LEFT, Signal.CW_RIGHT, Signal.CCW_LEFT, Signal.CCW_RIGHT)
         ("--{0} 50ms", dict.fromkeys(Signal, 0.05)),
         ("--{0} all=0.2s,door=0ms", {**dict.fromkeys(Signal, 0.2), Signal.DOOR: 0.0}),
         ("--{0} passage=50ms", dict.fromkeys(STRIPS, 0.05)),
-        ("--{0} cw_left=1s --{0} latch=2ms", {Signal.CW_LEFT: 1.0, Signal.LATCH: 0.002}),
-        ("--{0} handle=1s --{0} handle=10ms,door=3ms", {Signal.HANDLE: 0.01, Signal.DOOR: 0.003}),
+        ("--{0} cw_left=1s,latch=2ms", {Signal.CW_LEFT: 1.0, Signal.LATCH: 0.002}),
+        ("--{0} all=1s --{0} handle=10ms,door=3ms", {Signal.HANDLE: 0.01, Signal.DOOR: 0.003}),
     ],
 )
 def test_a_delay_is_of_the_signals_that_it_names_and_the_last_word_counts(

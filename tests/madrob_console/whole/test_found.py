@@ -235,7 +235,7 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
         return coming_back.engines_meant(arguments, bench.results)
 
     assert meant() == ()  # none runs: the live testbed is looked for
-    process = bench.serve("--scenario=slow", "--latency=20ms", "--latency=door=50ms")
+    process = bench.serve("--scenario=slow", "--latency=20ms,door=50ms")
     assert meant("--latency=20ms") == ()
     assert meant("--testbed", "ros") == meant("--domain=3") == meant(f"--results={ROOT}") == ()
     (only,) = meant("--ascii")
