@@ -165,6 +165,7 @@ def test_a_process_that_is_killed_is_told_started_again_and_goes_on_in_a_file_of
         here.comes(LEFT)
         with here.recording():
             here.until(lambda _: here.topic().messages >= 10)
+            until(here.recorded)  # some of it is on disk
             assert here.evidence.pid is not None
             os.kill(here.evidence.pid, signal.SIGKILL)
             here.until(lambda status: "SIGKILL" in (status.problem or ""))
