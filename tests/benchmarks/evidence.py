@@ -20,7 +20,7 @@ from madrob_console.engine.live.witness import EvidencePlace
 from madrob_console.engine.process.evidence_messages import ListenFor
 from madrob_console.engine.process.evidence_process import EvidenceProcess
 from madrob_console.engine.process.evidence_program import TELL_PERIOD
-from madrob_console.messages.codec import MessageTypes
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from recorder.bag import Topic
 from recorder.mcap_writer import CHUNK_BYTES

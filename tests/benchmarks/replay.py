@@ -13,7 +13,8 @@ from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
 from madrob_console.engine.shown.playback import JumpTo
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
 from tests.benchmarks.bags import long_bag, simulated_run
 from tests.benchmarks.report import Baseline, Figure, Goal
 

@@ -153,7 +153,7 @@ _SCORE_ONE = """
 import resource, sys, time
 from pathlib import Path
 from madrob_console.archive.scored import score_recording
-from recorder.stats import RecorderState
+from recorder.writer import RecorderState
 from scoring.kinematics import load_filters
 from scoring.protocol import POST_ROLL
 load_filters()

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from madrob_console.clock import NS
-from madrob_console.messages.codec import MessageTypes
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros.loading import RosObject, load_module
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos, Reliability

@@ -3,10 +3,12 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from tests.madrob_console.ros_peer import Peer
+from tests.madrob_console.engine.drive import Drive
+from tests.madrob_console.ros_peer import Peer, Taker, source
 
 DOMAIN = os.getpid() % 100 + 1  # test processes side by side must not hear each other
 
@@ -26,3 +28,18 @@ def peer(ros_domain: int) -> Iterator[Peer]:
     """Another participant in the domain."""
     with Peer(ros_domain) as peer:
         yield peer
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Iterator[Drive]:
+    """An engine on a simulated testbed, with the test's folder for its results."""
+    drive = Drive(tmp_path)
+    yield drive
+    drive.engine.close()
+
+
+@pytest.fixture
+def taker(peer: Peer) -> Iterator[Taker]:
+    """Reads the testbed of that participant."""
+    with Taker(source()) as taker:
+        yield taker

@@ -44,8 +44,7 @@ def recorded(scenario: Scenario) -> Path:
         drive.act(Finalise(TeamWord.PROTESTED, "Ada"), Reissue("video"))
         drive.act(Rule(Step.CROSS, confirmed=True, reason="video"))
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 @cache
@@ -55,8 +54,7 @@ def completed(run_number: int = 1, competition: str = "") -> Path:
     drive = Drive(Path(_kept[-1].name), competition=competition)
     drive.whole_run(make_setup(run_number=run_number))
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 @cache
@@ -68,8 +66,7 @@ def final() -> Path:
     drive.act(signed(drive.engine.snapshot()))
     drive.wait(3.0)
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 @cache
@@ -95,8 +92,7 @@ def appealed() -> Path:
     drive.act(Reissue("appeal granted"), Rule(Step.OPEN, confirmed=True, reason="video"))
     drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 def copy_run(root: Path, run_number: int, scenario: Scenario = Scenario.TOUCH_ONLY) -> Path:

@@ -8,11 +8,11 @@ from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
-    MessageTypes,
     encode_start_pose,
     encode_text,
     referee_topics,
 )
+from madrob_console.messages.message_types import MessageTypes
 from recorder.message import RawMessage
 from scoring.protocol import Condition, StartPose
 

@@ -23,7 +23,8 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from madrob_console.engine.process import child, scoring_program
+from madrob_console.engine.process import child as worker
+from madrob_console.engine.process import scoring_program as scoring_worker
 
 ROOT = Path(__file__).parents[2]
 
@@ -98,7 +99,7 @@ def _score_warm() -> None:
         socket.send_fds(ours, [b"!"], [link.fileno()])
         return WarmScoring(int.from_bytes(ours.recv(4)))
 
-    child.start_process = start
+    worker.start_process = start
 
 
 def _fork_scorers(link: socket.socket) -> NoReturn:
@@ -112,7 +113,7 @@ def _fork_scorers(link: socket.socket) -> NoReturn:
             link.close()
             sys.argv = ["scoring_program", str(handles[0])]
             try:
-                scoring_program.main()
+                scoring_worker.main()
             finally:
                 os._exit(0)
         os.close(handles[0])
@@ -184,9 +185,8 @@ def _serve() -> None:
 
 def _import() -> None:
     """What an engine imports when it begins."""
-    from madrob_console.cli import aside, attaching, engine_command, session  # noqa: F401
     from madrob_console.config import load_settings  # noqa: F401
-    from madrob_console.engine.process import local, reporting, server  # noqa: F401
+    from madrob_console.engine.process import server
     from scoring.kinematics import load_filters
 
     load_filters()

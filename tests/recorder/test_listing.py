@@ -18,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from recorder import listing
+from recorder import listing as survey
 from recorder.bag import bag_file_name, evidence_file_name
 from recorder.listing import put_listing
 from recorder.mcap_file import McapFile
@@ -35,7 +35,7 @@ from tests.recorder.samples import (
     strings,
     talk,
 )
-from tests.recorder.test_recovery_safety import Killed, killed_after
+from tests.recorder.test_recovery import Killed, killed_after
 
 SCORED = door_messages(rounds=10)
 CAMERA = [
@@ -245,7 +245,7 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
 def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is overtaken between its look and its write: what it writes is old by then."""
     add_evidence(folder, CAMERA, 0)
-    real = listing.prepare_metadata
+    real = survey.prepare_metadata
     overtaken: list[bool] = []
 
     def prepare(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
@@ -255,7 +255,7 @@ def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.Monkey
             assert list_again(folder)
         real(fd, information)
 
-    monkeypatch.setattr(listing, "prepare_metadata", prepare)
+    monkeypatch.setattr(survey, "prepare_metadata", prepare)
     assert list_again(folder)
     assert len(told(folder)["relative_file_paths"]) == 3
 

@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 import tracemalloc
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
+import yaml
 import zstandard
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.summary import Summary
 from mcap.writer import CompressionType, IndexType, Writer
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from recorder.bag import Durability, Qos, Reliability
+from recorder.bag import (
+    BagInformation,
+    Durability,
+    Qos,
+    Reliability,
+    evidence_file_name,
+    parse_qos,
+    qos_text,
+)
 from recorder.errors import RecorderError
 from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
+from recorder.seeking import Seeker
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
+    BEST_EFFORT,
+    LATCHED,
+    START_NS,
     add_evidence,
     door_messages,
     door_topics,
@@ -364,3 +381,367 @@ def test_a_bag_without_evidence_has_none(tmp_path: Path) -> None:
     bag = read_bag(tmp_path / "bag", evidence=True)
     assert list(bag.messages()) == []
     assert bag.topics() == ()
+
+
+ROUNDS = 40
+ANGLE = "/madrob/door/angle"
+
+
+def _write(
+    path: Path,
+    messages: list[RawMessage],
+    *,
+    compression: CompressionType = CompressionType.ZSTD,
+    indexes: IndexType = IndexType.ALL,
+    chunk_size: int = 2000,
+) -> Path:
+    """A recording as other programs write it."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size, compression, index_types=indexes)
+        writer.start("ros2")
+        channels = {}
+        for known in (*door_topics(), talk()):
+            schema = writer.register_schema(known.type, "ros2msg", known.definition.encode())
+            channels[known.name] = writer.register_channel(known.name, "cdr", schema)
+        for number, one in enumerate(messages):
+            writer.add_message(
+                channels[one.topic], one.receive_ns, one.data, one.publish_ns, number
+            )
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+def _all(seeker: Seeker, name: str) -> list[RawMessage]:
+    found = seeker.between(name, 0, 2**63)
+    return [seeker.message(one, 1_000_000) for one in found]
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("indexes", [IndexType.ALL, IndexType.CHUNK, IndexType.NONE])
+def test_every_message_is_found_by_its_time_whoever_wrote_the_file(
+    tmp_path: Path, compression: CompressionType, indexes: IndexType
+) -> None:
+    messages = door_messages(ROUNDS)
+    path = _write(tmp_path / "a.mcap", messages, compression=compression, indexes=indexes)
+    with Seeker(path) as seeker:
+        assert {topic.name for topic in seeker.topics()} == {m.topic for m in messages}
+        for topic in seeker.topics():
+            expected = [one for one in messages if one.topic == topic.name]
+            assert _all(seeker, topic.name) == expected
+            middle = expected[len(expected) // 2].receive_ns
+            (found,) = seeker.between(topic.name, middle, middle)
+            assert seeker.message(found, 1_000_000) in expected
+            assert seeker.head(found, 12) == seeker.message(found, 1_000_000).data[:12]
+
+
+def test_looking_for_one_message_reads_a_small_part_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = strings(["x" * 20_000] * 500)
+    path = _write(
+        tmp_path / "a.mcap", messages, compression=CompressionType.NONE, chunk_size=100_000
+    )
+    read: list[int] = []
+    pread = os.pread
+
+    def counted(number: int, size: int, offset: int) -> bytes:
+        data = pread(number, size, offset)
+        read.append(len(data))
+        return data
+
+    monkeypatch.setattr(os, "pread", counted)
+    with Seeker(path) as seeker:
+        at = messages[250].receive_ns
+        (found,) = seeker.between("/talk", at, at)
+        assert seeker.message(found, 100_000) == messages[250]
+    assert sum(read) < 2 * 20_000
+
+
+def test_evidence_is_looked_for_apart_from_what_is_scored(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    _write(folder / "run_0.mcap", door_messages(3))
+    add_evidence(folder, strings(["one", "two"]))
+    add_evidence(folder, strings(["three"]), number=1)
+    with Seeker(folder, evidence=True) as seeker:
+        assert [topic.name for topic in seeker.topics()] == ["/talk"]
+        assert len(_all(seeker, "/talk")) == 3
+        assert seeker.problems == []
+    with Seeker(folder) as seeker:
+        assert len(_all(seeker, ANGLE)) == 3
+
+
+def test_a_bag_without_evidence_has_no_topics(tmp_path: Path) -> None:
+    with Seeker(tmp_path, evidence=True) as seeker:
+        assert seeker.topics() == ()
+        assert seeker.between("/talk", 0, 2**63) == []
+
+
+def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecorderError, match="holds no recording"):
+        Seeker(tmp_path)
+    (tmp_path / evidence_file_name("run", 0)).write_bytes(b"no recording")
+    add_evidence(tmp_path, strings(["there"]), number=1)
+    with Seeker(tmp_path, evidence=True) as seeker:
+        assert "does not begin like an MCAP file" in seeker.problems[0]
+        assert len(_all(seeker, "/talk")) == 1
+
+
+def test_a_message_larger_than_the_limit_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
+    path = _write(tmp_path / "a.mcap", strings(["x" * 5000]))
+    with Seeker(path) as seeker:
+        (found,) = seeker.between("/talk", 0, 2**63)
+        with pytest.raises(RecorderError, match="/talk: it has more than 0 MB"):
+            seeker.message(found, 4000)
+
+
+def test_a_spread_covers_the_whole_recording(tmp_path: Path) -> None:
+    messages = door_messages(400)
+    path = _write(tmp_path / "a.mcap", messages)
+    with Seeker(path) as seeker:
+        found = [one.log_ns for one in seeker.spread(ANGLE, 10)]
+    length = 400 * 20_000_000
+    assert found == sorted(found)
+    assert found[0] < START_NS + length / 5
+    assert found[-1] > START_NS + length * 4 / 5
+    assert max(b - a for a, b in pairwise(found)) < length / 5
+
+
+@given(cut=st.floats(0, 1), indexes=st.sampled_from([IndexType.ALL, IndexType.NONE]))
+@settings(max_examples=60, deadline=None)
+def test_a_torn_file_gives_what_was_whole(
+    tmp_path_factory: pytest.TempPathFactory, cut: float, indexes: IndexType
+) -> None:
+    path = tmp_path_factory.mktemp("torn") / "a.mcap"
+    data = _write(path, door_messages(ROUNDS), indexes=indexes).read_bytes()
+    path.write_bytes(data[: int(cut * len(data))])
+    with Seeker(path) as seeker:
+        found = {topic.name: _all(seeker, topic.name) for topic in seeker.topics()}
+    try:
+        there = list(read_bag(path).messages())
+    except RecorderError:
+        there = []
+    known = {(one.topic, one.receive_ns) for messages in found.values() for one in messages}
+    whole = [(one.topic, one.receive_ns) for one in there]
+    assert known <= set(whole)
+    most_in_a_chunk = 2 * 2000 // 50
+    assert len(known) >= len(whole) - most_in_a_chunk
+
+
+@given(place=st.floats(0, 1), value=st.binary(min_size=1, max_size=9))
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_file_never_ends_in_another_error(
+    tmp_path_factory: pytest.TempPathFactory, place: float, value: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("damaged") / "a.mcap"
+    data = bytearray(_write(path, door_messages(10)).read_bytes())
+    at = int(place * (len(data) - 1))
+    data[at : at + len(value)] = value
+    path.write_bytes(data)
+    with Seeker(path) as seeker:
+        for topic in seeker.topics():
+            seeker.spread(topic.name, 5)
+            for found in seeker.between(topic.name, 0, 2**63):
+                try:
+                    seeker.head(found, 12)
+                    seeker.message(found, 10_000)
+                except RecorderError:
+                    continue
+
+
+NEVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bags") / "run"
+    with BagWriter(folder, door_topics(), {"madrob_run": {"setup": "{}"}}) as writer:
+        for message in door_messages(rounds=10):
+            writer.put(message)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def summary(folder: Path) -> Summary:
+    with (folder / "run_0.mcap").open("rb") as file:
+        summary = SeekingReader(file, validate_crcs=True).get_summary()
+    assert summary is not None
+    return summary
+
+
+@pytest.fixture
+def information(folder: Path) -> dict[str, Any]:
+    document = yaml.safe_load((folder / "metadata.yaml").read_text())
+    assert list(document) == ["rosbag2_bagfile_information"]
+    information: dict[str, Any] = document["rosbag2_bagfile_information"]
+    return information
+
+
+def test_metadata_yaml_has_every_key_of_version_9(information: dict[str, Any]) -> None:
+    times = [message.receive_ns for message in door_messages(rounds=10)]
+    span = {
+        "duration": {"nanoseconds": max(times) - min(times)},
+        "starting_time": {"nanoseconds_since_epoch": min(times)},
+        "message_count": 60,
+    }
+    topics = information.pop("topics_with_message_count")
+    assert information == {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **span,
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": ["run_0.mcap"],
+        "files": [{"path": "run_0.mcap", **span}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    assert [topic["message_count"] for topic in topics] == [10] * 6
+    assert topics[0]["topic_metadata"] == {
+        "name": "/madrob/door/angle",
+        "type": "sensor_msgs/msg/JointState",
+        "serialization_format": "cdr",
+        "offered_qos_profiles": [
+            {
+                "history": "unknown",
+                "depth": 0,
+                "reliability": "best_effort",
+                "durability": "volatile",
+                "deadline": NEVER,
+                "lifespan": NEVER,
+                "liveliness": "automatic",
+                "liveliness_lease_duration": NEVER,
+                "avoid_ros_namespace_conventions": False,
+            }
+        ],
+        "type_description_hash": door_topics()[0].type_hash,
+    }
+
+
+def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"run \xff")
+    with BagWriter(folder, door_topics(), {}) as writer:
+        assert all(writer.put(message) for message in door_messages(rounds=1))
+    assert writer.close().error is None
+    assert len(list(read_bag(folder).messages())) == 6
+
+
+def test_metadata_yaml_uses_no_anchors(folder: Path) -> None:
+    text = (folder / "metadata.yaml").read_text()
+    assert "&" not in text
+    assert "*" not in text
+
+
+def test_channels_say_the_same_as_metadata_yaml(folder: Path, summary: Summary) -> None:
+    document = yaml.safe_load((folder / "metadata.yaml").read_text())
+    in_yaml = {
+        topic["topic_metadata"]["name"]: topic["topic_metadata"]
+        for topic in document["rosbag2_bagfile_information"]["topics_with_message_count"]
+    }
+    assert len(summary.channels) == len(in_yaml) == 6
+    for channel in summary.channels.values():
+        there = in_yaml[channel.topic]
+        schema = summary.schemas[channel.schema_id]
+        assert channel.message_encoding == "cdr"
+        assert schema.name == there["type"]
+        assert channel.metadata["topic_type_hash"] == there["type_description_hash"]
+        assert (
+            yaml.safe_load(channel.metadata["offered_qos_profiles"])
+            == there["offered_qos_profiles"]
+        )
+
+
+def test_schemas_hold_their_dependencies_as_rosbag2_writes_them(summary: Summary) -> None:
+    schemas = {schema.name: schema for schema in summary.schemas.values()}
+    assert set(summary.schemas) == set(range(1, 7))
+    assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
+    text = schemas["geometry_msgs/msg/WrenchStamped"].data.decode()
+    separator = "=" * 80 + "\nMSG: "
+    assert {part.split("\n")[0] for part in text.split(separator)[1:]} >= {
+        "geometry_msgs/Wrench",
+        "geometry_msgs/Vector3",
+        "std_msgs/Header",
+        "builtin_interfaces/Time",
+    }
+
+
+def test_the_file_has_index_statistics_and_checksums(folder: Path, summary: Summary) -> None:
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == 60
+    assert summary.statistics.channel_count == 6
+    assert summary.statistics.metadata_count == 2
+    assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
+    assert all(index.message_index_offsets for index in summary.chunk_indexes)
+    with (folder / "run_0.mcap").open("rb") as file:
+        reader = SeekingReader(file, validate_crcs=True)
+        assert len(list(reader.iter_messages())) == 60
+        header = reader.get_header()
+    assert header.profile == "ros2"
+    assert header.library.startswith("madrob recorder")
+
+
+def test_the_record_rosbag2_repeats_metadata_yaml(
+    folder: Path, information: dict[str, Any]
+) -> None:
+    with (folder / "run_0.mcap").open("rb") as file:
+        records = {record.name: record.metadata for record in SeekingReader(file).iter_metadata()}
+    assert set(records) == {"madrob_run", "rosbag2"}
+    again = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
+    again.pop("topics_with_message_count")
+    information.pop("topics_with_message_count")
+    assert again == information
+
+
+def test_rosbags_finds_the_qos_of_every_topic(folder: Path) -> None:
+    with Reader(folder) as reader:
+        assert reader.ros_distro == "jazzy"
+        assert reader.message_count == 60
+        found = {
+            connection.topic: connection.ext.offered_qos_profiles[0]  # type: ignore[union-attr]
+            for connection in reader.connections
+        }
+    assert found["/madrob/door/angle"].reliability.name == "BEST_EFFORT"
+    assert found["/madrob/referee/event"].reliability.name == "RELIABLE"
+    assert found["/madrob/referee/start_pose"].durability.name == "TRANSIENT_LOCAL"
+
+
+def test_an_empty_bag_starts_at_the_end_of_time() -> None:
+    text = BagInformation("a_0.mcap", door_topics(), {}, None, None).metadata_yaml()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
+    assert information["duration"] == {"nanoseconds": 0}
+    assert information["message_count"] == 0
+    assert len(information["topics_with_message_count"]) == 6
+
+
+@pytest.mark.parametrize("qos", [Qos(), BEST_EFFORT, LATCHED])
+def test_qos_survives_its_text(qos: Qos) -> None:
+    assert parse_qos(qos_text(qos)) == qos
+
+
+@pytest.mark.parametrize(
+    ("text", "qos"),
+    [
+        (
+            "- reliability: 2\n  durability: 1\n",
+            Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL),
+        ),
+        ("- reliability: 1\n  durability: 2\n", Qos()),
+        ("[{reliability: reliable}, {reliability: best_effort}]", BEST_EFFORT),
+        ("[{durability: transient_local}, {durability: volatile}]", Qos()),
+        ("", Qos()),
+        ("[", Qos()),
+        ("a: b", Qos()),
+        ("[1, 2]", Qos()),
+        ("[" * 600, Qos()),
+        ('!!int ""', Qos()),
+        ("!!timestamp x", Qos()),
+    ],
+)
+def test_qos_of_older_recordings_and_of_several_publishers(text: str, qos: Qos) -> None:
+    assert parse_qos(text) == qos
+
+
+@given(st.text())
+def test_no_qos_text_can_break_the_reader(text: str) -> None:
+    assert isinstance(parse_qos(text), Qos)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from msgspec.structs import replace as changed
@@ -219,8 +219,3 @@ def late(kind: type[Sample], seconds: float) -> Fault:
 def one_sample(index: int) -> tuple[float, float]:
     """An interval that holds one sample of each topic, s since the start."""
     return index / RATE, (index + 1) / RATE
-
-
-def mirrored(motion: Motion, **changes: float) -> Motion:
-    """Another motion."""
-    return replace(motion, **changes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from scoring.evaluate import Assessment
@@ -23,7 +22,6 @@ from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
 
 START = 1_000_000.0
 CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
-NOTHING = math.inf
 
 
 def door(time: float, angle: float) -> DoorSample:

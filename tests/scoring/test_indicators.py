@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scoring import indicator_table
+from scoring import figure_table as indicator_table
+from scoring.braking import braking_table, door_controller_mode
 from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import (
@@ -22,9 +26,9 @@ from scoring.indicators import (
     unsafety_of_door_operation,
 )
 from scoring.kinematics import jerk, joint_state, low_pass
-from scoring.protocol import Condition, Event, EventName, Side, Step, Thresholds
-from scoring.result import Indicator
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Step, Thresholds
+from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
 
 CCW_TO_CW = Condition.from_number(1)
 ALL_STEPS = frozenset(Step)
@@ -310,3 +314,132 @@ def test_the_sides_of_the_condition_decide_which_passage_events_count() -> None:
         condition = Condition.from_number(number)
         valued = door_occupation_time(NOMINAL, condition, PROTOCOL).value is not None
         assert valued == (condition.starting_side is Side.CCW)
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "value_words", "uncertainty_words"),
+    [
+        (13.8621, 0.018, "13.86", "+- 0.02"),
+        (13.8621, 0.012, "13.86", "+- 0.02"),  # rounded up: never less than there is
+        (13.4, 0.43, "13.4", "+- 0.5"),
+        (1.0, 0.096, "1.0", "+- 0.1"),
+        (130.4, 12.0, "130", "+- 20"),
+        (0.0, 0.02, "0.00", "+- 0.02"),
+        (0.001, 1e-5, "1.00e-03", "+- 1e-05"),
+        (60.0, 0.0, "60", ""),  # a timeout: exact
+        (47.12, 0.0, "47.12", ""),
+        (0.0, 0.0, "0", ""),
+        (1e-3, 0.0, "1.0000e-03", ""),
+        (4, 0.0, "4", ""),
+    ],
+)
+def test_a_value_has_the_digits_that_its_uncertainty_leaves(
+    value: float, expanded: float, value_words: str, uncertainty_words: str
+) -> None:
+    uncertainty = Uncertainty(expanded / 2, expanded)
+    assert value_text(value, uncertainty) == value_words
+    assert uncertainty_text(uncertainty) == uncertainty_words
+
+
+def test_a_value_of_which_no_uncertainty_is_known_has_four_decimals() -> None:
+    assert value_text(13.86214) == "13.8621"
+    assert uncertainty_text(None) == ""
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "expanded", "apart"),
+    [
+        (10.0, 10.3, (0.1, 0.1), True),
+        (10.0, 10.3, (0.1, 0.25), False),
+        (10.0, 10.0, (0.1, 0.1), False),
+        (5, 6, (0.0, 0.0), True),
+        (6, 6, (0.0, 0.0), True),  # equal is more than not distinguishable
+        (10.0, 10.3, (0.2, None), True),  # nothing is known of one
+    ],
+)
+def test_values_whose_uncertainties_overlap_are_not_distinguishable(
+    one: float, two: float, expanded: tuple[float, float | None], apart: bool
+) -> None:
+    first, second = (None if each is None else Uncertainty(each / 2, each) for each in expanded)
+    assert distinguishable(one, two, first, second) is apart
+    assert distinguishable(two, one, second, first) is apart
+
+
+def test_a_mean_is_known_better_than_its_values() -> None:
+    mean = Uncertainty.of_mean([Uncertainty(0.3, 0.6), Uncertainty(0.4, 0.8)])
+    assert mean is not None
+    assert mean.u == pytest.approx(0.25)
+    assert mean.expanded == pytest.approx(0.5)
+    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6)]) == Uncertainty(0.3, 0.6)
+    assert Uncertainty.of_mean([Uncertainty(0.3, 0.6), None]) is None
+    assert Uncertainty.of_mean([]) is None
+
+
+def test_a_mean_of_values_that_scatter_is_known_no_better_than_they_repeat() -> None:
+    parts = [Uncertainty(0.01, 0.02)] * 4
+    assert Uncertainty.of_mean(parts, 3.0) == Uncertainty(1.5, 3.0)
+    measured = Uncertainty.of_mean(parts)
+    assert measured == Uncertainty.of_mean(parts, 0.0) == Uncertainty.of_mean(parts, 0.0099)
+    assert Uncertainty.of_mean([*parts, None], 3.0) is None
+
+
+def test_every_name_finds_its_ruleset() -> None:
+    assert ruleset("protocol") is PROTOCOL
+    assert ruleset("eurobench-2020") is EUROBENCH_2020
+    assert {ruleset(name).name for name in RulesetName} == set(RulesetName)
+
+
+def test_an_unknown_name_is_refused_with_the_allowed_ones() -> None:
+    with pytest.raises(ScoringError, match=r"'eurobench'.*protocol or eurobench-2020"):
+        ruleset("eurobench")
+
+
+def test_the_two_differ_in_every_choice_but_share_filter_orders_and_frequencies() -> None:
+    shared = {"window_time", "savgol_order", "low_pass_order", "low_pass_frequency"}
+    for field in fields(Ruleset):
+        same = getattr(PROTOCOL, field.name) == getattr(EUROBENCH_2020, field.name)
+        has_default = field.default is not MISSING  # what further rulesets choose between
+        assert same == (field.name in shared) or has_default, field.name
+    assert PROTOCOL.savgol_window != EUROBENCH_2020.savgol_window
+
+
+@pytest.mark.parametrize("benchmark_type", BenchmarkType)
+def test_braking_tables_have_a_force_for_each_of_181_degrees(benchmark_type: BenchmarkType) -> None:
+    table = braking_table(benchmark_type, Side.CW)
+    assert len(table) == 181
+    assert braking_table(benchmark_type, Side.CCW) == tuple(reversed(table))
+
+
+def test_braking_tables_brake_where_the_protocol_says() -> None:
+    sudden_force = braking_table(BenchmarkType.SUDDEN_FORCE, Side.CW)
+    assert (sudden_force[111], sudden_force[112], sudden_force[180]) == (0, 4000, 4000)
+    sudden_ramp = braking_table(BenchmarkType.SUDDEN_RAMP, Side.CW)
+    assert sudden_ramp[112:130] == (
+        *(2000, 2000, 3000, 3000, 5000, 5000),
+        *(8000,) * 3,
+        *(12000,) * 3,
+        *(20000,) * 5,
+        0,
+    )
+    wind = braking_table(BenchmarkType.WIND_RAMP, Side.CW)
+    borders = [i for i in range(1, 181) if wind[i] != wind[i - 1]]
+    assert borders == [7, 18, 33, 53, 130, 150, 165, 176]
+    assert [wind[i] for i in (0, *borders)] == [0, 1000, 2000, 3000, 4000, 3000, 2000, 1000, 0]
+
+
+def test_only_no_force_switches_the_brake_off() -> None:
+    off = [kind for kind in BenchmarkType if door_controller_mode(kind) == 0]
+    assert off == [BenchmarkType.NO_FORCE]
+    assert set(braking_table(BenchmarkType.NO_FORCE, Side.CW)) == {0}
+    assert set(braking_table(BenchmarkType.CONSTANT_FORCE, Side.CCW)) == {4000}
+
+
+@pytest.mark.machine
+def test_what_screens_import_loads_no_slow_library() -> None:
+    code = (
+        "import sys, scoring.rulesets, scoring.rest, scoring.indicators;"
+        "import scoring.eurobench.run_info;"
+        "print(sorted({'scipy', 'pandas'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

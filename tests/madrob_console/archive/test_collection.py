@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import zipfile
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
+from madrob_console.archive.check import check_run
 from madrob_console.archive.collection import collected, collected_in
-from madrob_console.archive.history import RunSummary
-from madrob_console.archive.run_paths import all_runs_at, runs_at
+from madrob_console.archive.digests import IDENTITY_RECORD, identity_record, kept_run_id, run_id_at
+from madrob_console.archive.grades import Grade
+from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.repair import recover_recording, repair
+from madrob_console.archive.run_filter import filter_problem, matches
+from madrob_console.archive.run_paths import RunPath, all_runs_at, runs_at
+from madrob_console.archive.run_record import RECORD_NAME
+from madrob_console.archive.scored import read_recorded_run, score_run
+from madrob_console.archive.shards import Shard, shared_out
 from madrob_console.cli.main import main
 from madrob_console.cli.problems import BAD_INPUT
 from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Correct, SetUp
 from madrob_console.standings.competition import competition_standings
 from madrob_console.standings.testbeds_apart import how_testbeds_differ
+from recorder.reader import read_bag
+from recorder.recovery import recover
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.drive import PULL, Drive, make_setup
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 
 HALLS = {"Hall A": "a", "Hall B": "merged/halls/b"}
@@ -220,3 +241,286 @@ def test_standings_plan_and_export_take_several_folders(
     assert len(names) == 4
     assert main(["standings", "--results", "a", "merged"]) == 2
     assert "give one of the two" in capsys.readouterr().err
+
+
+def runs(names: list[str], below: str = "/data") -> list[RunPath]:
+    return [RunPath(Path(below) / name) for name in names]
+
+
+def named(number: int) -> str:
+    return f"subject_001_cond_001_run_{number:03d}_20260501_120000"
+
+
+@given(st.lists(st.text("abc_019", min_size=1, max_size=8), unique=True), st.integers(1, 9))
+def test_all_shards_together_have_every_run_once_and_in_its_order(
+    names: list[str], count: int
+) -> None:
+    every = runs(names)
+    shards = [shared_out(every, Shard(number, count)) for number in range(1, count + 1)]
+    assert Counter(run for shard in shards for run in shard) == Counter(every)
+    assert all(shard == sorted(shard, key=every.index) for shard in shards)
+    assert shared_out(every, None) == every
+
+
+def test_a_run_s_shard_hangs_neither_on_where_it_lies_nor_on_the_runs_beside_it() -> None:
+    names = [named(number) for number in range(60)]
+    here = {run.path.name for run in shared_out(runs(names), Shard(2, 5))}
+    there = shared_out(runs(names[::-1], "/mnt/cluster/archive"), Shard(2, 5))
+    assert {run.path.name for run in there} == here
+    fewer = shared_out(runs(names[:30]), Shard(2, 5))
+    assert {run.path.name for run in fewer} == here & set(names[:30])
+
+
+def test_shards_are_about_equally_large() -> None:
+    every = runs([named(number) for number in range(999)])
+    sizes = [len(shared_out(every, Shard(number, 4))) for number in range(1, 5)]
+    assert min(sizes) > 200
+    assert max(sizes) < 300
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "0/4", "5/4", "-1/4", "1/0", "1/4/2", "a/b", "1 /4", "٣/4"]
+)
+def test_what_is_no_shard_is_refused(text: str) -> None:
+    with pytest.raises(MadrobError, match="give i/n, from 1/n to n/n"):
+        Shard.parse(text)
+
+
+def test_a_shard_reads_as_it_is_written() -> None:
+    assert str(Shard.parse("2/8")) == "2/8"
+    assert Shard.parse("2/8").folder_name == "shard_2_of_8"
+
+
+FIELDS = "subject, sub, cond, run, team, outcome, closed, ruleset, testbed, competition"
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
+RUNS = st.builds(
+    summary,
+    subject=st.integers(1, 999),
+    condition=st.integers(1, 20),
+    team=TEXTS,
+    outcome=st.sampled_from(Outcome),
+    competition=TEXTS,
+)
+RUN = summary(3, 12, 2, team="TU Delft 門", final=True, team_word="protested", source="simulated")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "  ", "delft", "DELFT tu", "門", "push", "from cw to ccw", "constant", "completed",
+        "simulated", "protested", "autumn", "2023-11", "subject:3", "subject:003", "SUBJECT:3",
+        "run:2", "cond:12", "sub:3", "outcome:completed", "team:delft", "team:門",
+        "subject:3 run:2 delft", "subject:", "team:",
+    ],
+)  # fmt: skip
+def test_a_filter_finds_a_run_by_its_words(text: str) -> None:
+    assert matches(RUN, text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ghent", "delft ghent", "pull", "timeout", "subject:2", "subject:33", "subject:x",
+        "subject:0", "run:3", "run:12", "cond:1", "cond:2", "team:push", "team:simulated", "x:y",
+    ],
+)  # fmt: skip
+def test_a_filter_leaves_other_runs_out(text: str) -> None:
+    assert not matches(RUN, text)
+
+
+def test_the_word_of_an_outcome_and_its_name_are_both_found() -> None:
+    run = summary(outcome=Outcome.ABORTED)
+    assert matches(run, "invalid")
+    assert matches(run, "aborted")
+    assert matches(summary(outcome=None), "unfinished")
+    assert matches(summary(problem="result.json is damaged"), "damaged")
+
+
+@pytest.mark.parametrize("text", ["foo:bar", "delft foo:", "FOO:bar", "ÉQUIPE:1"])
+def test_a_field_that_no_run_has_is_named_with_those_that_there_are(text: str) -> None:
+    name = "équipe" if "QU" in text else "foo"
+    problem = f"no field {name}: there are {FIELDS}"
+    assert filter_problem(text) == problem
+    assert not matches(RUN, text)
+
+
+@pytest.mark.parametrize("text", ["", "delft", "sub:3 outcome:completed", "14:28", "team:a:b", ":"])
+def test_what_names_no_unknown_field_is_no_problem(text: str) -> None:
+    assert filter_problem(text) is None
+
+
+@given(RUNS, TEXTS, TEXTS)
+def test_more_words_never_find_more(run: RunSummary, first: str, second: str) -> None:
+    both = matches(run, f"{first} {second}")
+    assert both == (matches(run, first) and matches(run, second))
+
+
+@given(RUNS)
+def test_every_run_is_found_by_its_own_team_and_numbers(run: RunSummary) -> None:
+    numbers = f"subject:{run.subject} run:{run.run_number} cond:{run.condition}"
+    assert matches(run, f"{run.team} {numbers}")
+    assert not matches(run, f"subject:{run.subject + 1}")
+
+
+OLDER = Path(__file__).parents[1] / "whole/version_0_1_0/results"
+
+
+@pytest.fixture(scope="module")
+def run() -> Path:
+    return completed()
+
+
+def stored(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return content
+
+
+def test_identity_and_testbed_stand_in_journal_recording_result_and_run_info(run: Path) -> None:
+    result = stored(run)
+    told = {"run_id": result["run_id"], "testbed": "Hall A"}
+    assert UUID(told["run_id"]).version == 7
+    first = json.loads((run / "journal.jsonl").read_text().partition("\n")[0])
+    recorded = json.loads(read_bag(run).records[RECORD_NAME]["run"])
+    info = yaml.safe_load(next(run.glob("run_info_*.yaml")).read_text())
+    for content in (
+        result,
+        result["setup"],
+        first["details"]["setup"],
+        recorded["setup"],
+        info["settings"],
+    ):
+        assert {key: content[key] for key in told} == told
+    (listed,) = History(run.parent.parent).refresh()
+    assert {"run_id": listed.run_id, "testbed": listed.testbed} == told
+    assert matches(listed, "testbed:hall")
+    assert not matches(listed, "testbed:b")
+
+
+def test_each_set_up_has_an_identity_of_its_own_whatever_a_screen_sends(tmp_path: Path) -> None:
+    drive, found = Drive(tmp_path), []
+    for _ in range(2):
+        drive.act(SetUp(make_setup()))
+        setup = drive.engine.run.setup
+        assert setup is not None
+        assert setup == replace(make_setup(), practice=True)
+        found.append(setup.run_id)
+        drive.act(SetUp(setup))
+        assert drive.engine.run.setup is not None
+        found.append(drive.engine.run.setup.run_id)
+    drive.engine.close()
+    assert len(set(found)) == 4
+
+
+def test_a_corrected_run_is_still_the_same_run(run: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(run, tmp_path / "practice" / run.name)
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
+    drive.act(Correct(5, PULL, "the wrong team", "Ghent"))
+    drive.wait(1.0)
+    drive.engine.close()
+    before, after = stored(run), stored(folder)
+    assert (before["subject"], after["subject"]) == (3, 5)
+    assert after["run_id"] == before["run_id"]
+    assert check_run(RunPath(folder)).grade is Grade.SAME
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted(OLDER.iterdir())])
+def test_an_older_run_has_the_identity_of_its_recording_wherever_it_lies(
+    name: str, tmp_path: Path
+) -> None:
+    moved = shutil.copytree(OLDER / name, tmp_path / "elsewhere" / "renamed")
+    assert UUID(run_id_at(moved)).version == 5
+    assert run_id_at(moved) == run_id_at(OLDER / name) == run_id_at(next(moved.glob("*.mcap")))
+    assert run_id_at(moved) == run_id_at(next(moved.glob("*.mcap")))
+    assert read_recorded_run(moved).record.setup.run_id == ""
+
+
+def test_the_history_knows_the_identity_of_older_runs_also_without_digests(
+    tmp_path: Path,
+) -> None:
+    results = shutil.copytree(OLDER, tmp_path / "results")
+    expected = {path.name: run_id_at(path) for path in OLDER.iterdir()}
+    for path in results.glob("*/result.json"):
+        result = json.loads(path.read_text())
+        del result["files"]
+        path.write_text(json.dumps(result))
+    for root in (shutil.copytree(OLDER, tmp_path / "with digests"), results):
+        found = {run.folder: run for run in History(root).refresh() if run.outcome is not None}
+        assert len(found) > 3
+        assert {name: run.run_id for name, run in found.items()} == {
+            name: expected[name] for name in found
+        }
+        assert {run.testbed for run in found.values()} == {""}
+
+
+@pytest.fixture
+def torn(tmp_path: Path) -> Path:
+    """An older run whose recording was damaged after its result was written."""
+    finished = next(path for path in sorted(OLDER.iterdir()) if (path / "result.json").exists())
+    folder = shutil.copytree(finished, tmp_path / finished.name)
+    recording = next(folder.glob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-1000])
+    return folder
+
+
+def identities(folder: Path) -> set[str]:
+    """As all who ask for it find it."""
+    (scored,) = score_run(RunPath(folder), (None,))
+    (alone,) = score_run(RunPath(next(folder.glob("*.mcap"))), (None,))
+    told = [run.run_id for run in History(folder.parent).refresh() if run.outcome is not None]
+    return {scored.label.run_id, alone.label.run_id, *told}
+
+
+@pytest.mark.parametrize("named", ["folder", "file"])
+def test_an_older_run_is_the_same_run_after_its_recording_was_repaired(
+    torn: Path, named: str
+) -> None:
+    (before,) = History(torn.parent).refresh()
+    recover_recording(torn if named == "folder" else next(torn.glob("*.mcap")))
+    assert identities(torn) == {before.run_id}
+    next(torn.glob("*_event.csv")).unlink()
+    assert repair(torn) is not None
+    assert stored(torn)["run_id"] == before.run_id
+    assert identities(torn) == {before.run_id}
+
+
+def test_an_older_run_without_a_result_is_the_same_run_however_often_it_is_repaired(
+    torn: Path,
+) -> None:
+    (torn / "result.json").unlink()
+    before = run_id_at(torn)
+    for _ in range(2):
+        recover_recording(torn)
+        assert identities(torn) == {before}
+        recording = next(torn.glob("*.mcap"))
+        recording.write_bytes(recording.read_bytes()[:-1000])
+
+
+def test_a_result_that_claims_an_identity_that_is_none_tells_a_repair_nothing(torn: Path) -> None:
+    before = run_id_at(torn)
+    (torn / "result.json").write_text(json.dumps(stored(torn) | {"run_id": "not-a-uuid"}))
+    recover_recording(torn)
+    assert kept_run_id(torn) == before != ""
+
+
+def test_a_repair_keeps_an_identity_in_its_usual_form(torn: Path) -> None:
+    told = "0190b0d0-0000-7000-8000-00000000000a"
+    (torn / "result.json").write_text(json.dumps(stored(torn) | {"run_id": told.upper()}))
+    recover_recording(torn)
+    assert read_bag(torn).records[IDENTITY_RECORD] == {"run_id": told}
+
+
+def test_no_repair_adds_to_the_identity_of_a_run_that_has_one(run: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(run, tmp_path / run.name)
+    recording = next(folder.glob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-1000])
+    recover_recording(folder)
+    assert IDENTITY_RECORD not in read_bag(folder).records
+
+
+def test_a_recording_that_claims_an_identity_that_is_none_has_that_of_its_digest(
+    torn: Path,
+) -> None:
+    recover(torn, lambda: identity_record("x" * 1000))
+    assert kept_run_id(torn) == ""
+    assert UUID(run_id_at(torn)).version == 5

@@ -69,8 +69,7 @@ def interrupted(root: Path) -> Path:
 
 def close(drive: Drive) -> Path:
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 KINDS: tuple[Callable[[Path], Path], ...] = (completed, timeout, aborted, interrupted)

@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import signal
 import subprocess
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from madrob_console.cli.main import COMMANDS, main
+from madrob_console.cli.attaching import engine_options
+from madrob_console.cli.console_command import check_lists
+from madrob_console.cli.main import COMMANDS, build_parser, main
+from madrob_console.cli.options import plan_source
+from madrob_console.config import Settings
+from madrob_console.config.tables import PlanSettings
+from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import Abort
+from madrob_console.referee.competition_plan import Plan, PlanLine, Task
+from madrob_console.referee.teams import TeamList
 from recorder.message import RawMessage
 from recorder.reader import read_bag
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.ui.fake_engine import FakeEngine
 from tests.slowly import slow_but_for
 
 PRACTICE = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report"]
 RUN = [*PRACTICE, "--speed", "0", "--subject", "3"]
-
-
-@pytest.fixture(autouse=True)
-def _own_settings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
 
 
 def madrob(*arguments: str) -> int:
@@ -289,3 +297,141 @@ def test_a_signal_aborts_the_run_and_keeps_it_on_record(
     assert process.returncode == 4
     stored = json.loads((folder_in(rest) / "result.json").read_text())
     assert (stored["outcome"], number.name in stored["outcome_reason"]) == ("aborted", True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was aborted after two seconds."""
+    drive = Drive(tmp_path_factory.mktemp("results"))
+    drive.start(make_setup(countdown=1.0))
+    drive.wait(2.0)
+    drive.act(Abort("robot on fire"))
+    drive.finish()
+    drive.engine.close()
+    return drive.folder
+
+
+def replay(path: Path, *flags: str) -> int:
+    return main(["run", "--testbed", "replay", str(path), "--speed", "0", *flags])
+
+
+def test_a_replay_without_screens_prints_the_run_and_records_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(folder.parent.rglob("*"))
+    assert replay(folder, "--results", str(tmp_path / "results")) == 4
+    output = capsys.readouterr().out.splitlines()
+    assert output[0] == f"testbed: REPLAY {folder.name}"
+    assert any("referee   abort: robot on fire" in line for line in output)
+    assert output[-2:] == [
+        "replay: equals the stored result to the last digit; nothing was recorded",
+        f"run folder: {folder}",
+    ]
+    assert sorted(folder.parent.rglob("*")) == before
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_replay_of_a_torn_bag_says_where_it_ends(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bag,) = folder.glob("*.mcap")
+    data = bag.read_bytes()
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(data[: len(data) * 2 // 3])
+    assert replay(torn) in (4, 5)
+    assert "note: " + str(torn) in capsys.readouterr().out
+
+
+def test_what_cannot_be_replayed_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run.mcap").write_text(json.dumps({}))
+    for path in (tmp_path / "run.mcap", tmp_path / "nothing"):
+        assert replay(path) == 2
+        error = capsys.readouterr().err
+        assert path.name in error
+        assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["--from", "3"],
+        ["--from", "3", "--testbed", "simulated"],
+        ["--from", "nan", "--testbed", "replay", "x"],
+        ["--from", "soon", "--testbed", "replay", "x"],
+    ],
+)
+def test_only_a_replay_begins_at_a_time_and_it_must_be_one(
+    flags: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = main(["console", *flags])
+    except SystemExit as ended:
+        code = int(str(ended.code))
+    error = capsys.readouterr().err
+    assert code == 2
+    assert "--from" in error
+    assert error.count("\n") == 1
+
+
+SETTINGS = Settings(plan=PlanSettings(runs=((3, 1, 2),)))
+
+
+def typed(*words: str) -> argparse.Namespace:
+    return build_parser().parse_args(words)
+
+
+def test_a_plan_that_is_named_stands_for_that_of_the_settings(tmp_path: Path) -> None:
+    file = tmp_path / "plan.csv"
+    file.write_text("4,20,1\n")
+    assert plan_source(typed("engine", "serve"), SETTINGS).read().lines == (
+        PlanLine(Task(3, 1), 2),
+    )
+    named = plan_source(typed("engine", "serve", f"--plan={file}"), SETTINGS).read()
+    assert (named.lines, named.file) == ((PlanLine(Task(4, 20), 1),), str(file))
+    file.unlink()
+    gone = plan_source(typed("engine", "serve", f"--plan={file}"), SETTINGS).read()
+    assert "correct --plan" in gone.problems[0]
+
+
+@pytest.mark.parametrize("option", ["teams", "plan"])
+def test_the_engine_that_a_console_starts_has_the_lists_that_were_named(option: str) -> None:
+    words = engine_options(typed("console", "--testbed=simulated", f"--{option}=cup.csv"))
+    assert getattr(typed("engine", "serve", *words), option) == Path("cup.csv")
+
+
+def test_the_engine_that_a_console_starts_has_the_names_of_the_launch_file() -> None:
+    ros = ["-r", "__ns:=/hall2", "--remap", "door/angle:=/lab/angle"]
+    words = engine_options(typed("console", "--testbed=ros", "--domain=7", "--ros-args", *ros))
+    serve = typed("engine", "serve", *words)
+    assert (serve.ros_args, serve.testbed, serve.domain) == (ros, ["ros"], 7)
+
+
+def test_the_engine_that_a_console_starts_has_the_network_that_was_named() -> None:
+    words = ("--latency", "20ms,door=50ms", "--jitter=handle=60ms")
+    served = engine_options(typed("console", "--testbed=simulated", *words))
+    network = typed("engine", "serve", *served)
+    assert (network.latency, network.jitter) == ("20ms,door=50ms", "handle=60ms")
+
+
+def test_the_engine_that_a_console_starts_follows_simulated_time_where_that_was_asked_for() -> None:
+    asked = engine_options(typed("console", "--testbed=ros", "--use-sim-time"))
+    assert typed("engine", "serve", *asked).use_sim_time
+    assert not typed("engine", "serve", *engine_options(typed("console"))).use_sim_time
+
+
+@pytest.mark.parametrize(
+    ("option", "there"), [("teams", "no teams file"), ("plan", "no plan's file")]
+)
+def test_a_console_brings_no_other_list_to_an_engine_that_runs(
+    option: str, there: str, tmp_path: Path
+) -> None:
+    engine, file = FakeEngine(), tmp_path / "cup.csv"
+    arguments = typed("console", f"--{option}={file}")
+    with pytest.raises(MadrobError, match=f"--{option} {file}: the engine that runs has {there};"):
+        check_lists(engine, arguments, SETTINGS)
+    assert engine.closed
+    engine.teams = replace(TeamList({}), file=str(file))
+    engine.plan = replace(Plan(), file=str(file))
+    check_lists(engine, arguments, SETTINGS)

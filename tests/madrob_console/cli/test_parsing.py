@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import io
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import delays
 from scoring.protocol import Signal
@@ -247,3 +251,92 @@ def test_what_is_wrong_between_paths_is_named_in_one_line(
     code, out, error = said(capsys, line)
     assert (code, out, error.count("\n")) == (2, "", 1)
     assert words in error
+
+
+BROKEN = 60
+
+
+def test_equal_problems_of_many_runs_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(1, BROKEN + 1):
+        (tmp_path / f"subject_001_cond_001_run_{number:03d}_20260321_1000{number % 60:02d}").mkdir()
+    assert main(["score", "--jobs", "1", str(tmp_path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all("run_00" in line for line in lines[:3])
+    assert lines[3].startswith("madrob: and 57 more like it: ")
+    assert "subject" not in lines[3]
+
+
+def test_problems_that_differ_are_all_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "notes.txt").write_text("no bag")
+    assert main(["score", str(tmp_path / "none"), str(tmp_path / "notes.txt")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 2
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("command", ["settings", "schema", "--help"])
+def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(
+            [sys.executable, "-m", "madrob_console.cli", command],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert ran.returncode == 2
+    assert ran.stderr.count("\n") == 1
+    assert "the output cannot be written (No space left on device)" in ran.stderr
+
+
+GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"
+
+
+class Screen(io.TextIOWrapper):
+    """A terminal's output."""
+
+    def __init__(self, encoding: str) -> None:
+        self.shown = io.BytesIO()
+        super().__init__(self.shown, encoding=encoding)
+
+    def isatty(self) -> bool:
+        return True
+
+
+def on_screen(monkeypatch: pytest.MonkeyPatch, page: str, encoding: str) -> str:
+    monkeypatch.setattr(sys, "stdout", screen := Screen(encoding))
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    assert main(["guide", page]) == 0
+    return screen.shown.getvalue().decode(encoding)
+
+
+def test_the_guide_lists_its_pages(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["guide"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:3] for line in lines] == [["madrob", "guide", page] for page in PAGES]
+    assert all(len(line) <= 80 for line in lines)
+    assert sorted(PAGES) == sorted(path.stem for path in GUIDE.iterdir())
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_file_gets_a_page_as_it_is(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["guide", page]) == 0
+    assert capsys.readouterr().out == (GUIDE / f"{page}.md").read_text()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_terminal_shows_a_page_with_layout(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    shown = on_screen(monkeypatch, page, "utf-8")
+    assert (GUIDE / f"{page}.md").read_text().count("| --- |")
+    for mark in ("| --- |", "```", "## ", "`", "\N{HORIZONTAL ELLIPSIS}"):
+        assert mark not in shown
+    assert "\N{BOX DRAWINGS LIGHT HORIZONTAL}" in shown
+    assert "\x1b[1m" in shown  # as the terminal obeys it
+
+
+def test_a_terminal_that_cannot_draw_gets_the_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = on_screen(monkeypatch, "referee", "iso-8859-1")
+    assert shown == (GUIDE / "referee.md").read_text()

@@ -17,7 +17,7 @@ from madrob_console.export.portable_names import portable_names
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from tests.madrob_console.cameras.frames import film, raw, span, stream
+from tests.madrob_console.archive.frames import film, raw, span, stream
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings
 

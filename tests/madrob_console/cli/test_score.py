@@ -119,9 +119,8 @@ def test_what_a_decision_hangs_on_comes_before_the_numbers(
 
 @pytest.mark.parametrize("ruleset", ["protocol", "all"])
 def test_an_aborted_run_has_one_reason_a_ruleset(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], ruleset: str
+    drive: Drive, capsys: pytest.CaptureFixture[str], ruleset: str
 ) -> None:
-    drive = Drive(tmp_path)
     drive.start(make_setup())
     drive.wait(3.0)
     drive.act(Abort("robot unsafe"))
@@ -363,8 +362,7 @@ def test_a_run_that_goes_on_is_not_taken_for_one_that_was_cut_off(
 ) -> None:
     drive = Drive(tmp_path / "results")
     drive.start(make_setup(timeout=2.0))
-    folder = drive.engine.folder
-    assert folder is not None
+    folder = drive.folder
     for path in (folder, tmp_path / "results"):
         assert main([command, str(path)]) == 2
         captured = capsys.readouterr()
@@ -386,9 +384,8 @@ def test_a_run_that_was_cut_off_is_scored_as_such(
     drive.start(make_setup())
     drive.wait(1.0)
     drive.engine.close()
-    assert drive.engine.folder is not None
-    (drive.engine.folder / "result.json").unlink()
-    assert score(drive.engine.folder) == 0
+    (drive.folder / "result.json").unlink()
+    assert score(drive.folder) == 0
     assert "outcome: interrupted" in capsys.readouterr().out
 
 

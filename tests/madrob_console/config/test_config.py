@@ -10,12 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.config import (
-    Settings,
-    default_settings_path,
-    load_settings,
-    parse_settings,
-)
+from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
 from madrob_console.config.example import example_toml
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.live.limits import SensorLimits

@@ -15,7 +15,8 @@ from madrob_console.engine.shown.playback import (
     SetSpeed,
 )
 from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
 
 
 @dataclass

@@ -16,16 +16,18 @@ from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.live.scorer import Scorer
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.on_record import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
-from madrob_console.testbeds.announcement import SILENT
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from recorder.bag import Topic
 from recorder.reader import read_bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
@@ -154,6 +156,36 @@ class OfficialDrive(Drive):
     """Its runs count."""
 
     SOURCE = OfficialSource
+
+
+class AnnouncedSource(SimulatedSource):
+    """A testbed over ROS that says of itself what a test lets it say."""
+
+    told: Announcement = SILENT
+
+    @property
+    def kind(self) -> SourceKind:
+        return SourceKind.ROS
+
+    @property
+    def announcement(self) -> Announcement:
+        return self.told
+
+    def topics(self) -> tuple[Topic, ...]:
+        said = (Topic(INFO_TOPIC, INFO_TYPE, MessageTypes().definition(INFO_TYPE), ""),)
+        return (*super().topics(), *(said if self.told.messages else ()))
+
+
+class Rehearsal(Drive):
+    """A referee at such a testbed."""
+
+    source: AnnouncedSource
+
+    SOURCE = AnnouncedSource
+
+    def __init__(self, results: Path, told: Announcement = SILENT) -> None:
+        super().__init__(results)
+        self.source.told = told
 
 
 def make_setup(

@@ -14,7 +14,7 @@ from madrob_console.archive import score
 from madrob_console.clock import Clock
 from madrob_console.engine.live.core import Engine
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import MessageTypes
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.announcement import Announcement

@@ -11,9 +11,7 @@ from typing import TypeVar
 from madrob_console.archive import score
 from madrob_console.engine.live.keeper import Keepers
 from madrob_console.engine.process.scoring_process import ScoringProcess
-from madrob_console.referee.acts import (
-    Act,
-)
+from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.engine.drive import Drive
 from tests.watching import until

@@ -19,7 +19,8 @@ from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.process.server import EngineServer
 from madrob_console.engine.shown.client import EngineClient
 from madrob_console.engine.shown.requests import Perform, Role
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed

@@ -12,8 +12,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from madrob_console.clock import NS
-from madrob_console.messages.codec import MessageTypes, encode_text
-from madrob_console.messages.message_types import Message
+from madrob_console.messages.codec import encode_text
+from madrob_console.messages.message_types import Message, MessageTypes
 from recorder.message import RawMessage
 
 DOOR = "/madrob/door/angle"

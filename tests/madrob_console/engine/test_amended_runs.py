@@ -1,16 +1,17 @@
-"""Void, correct and take back: what they make of a run on disk, whoever reads it."""
+"""Void, correct, take back and doubts: what they make of a run on disk, whoever reads it."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import jsonschema
 import msgspec
 import pytest
 from hypothesis import given, settings
@@ -22,9 +23,11 @@ from madrob_console.archive.comparison import EQUAL
 from madrob_console.archive.folders import JOURNAL_FILE, next_run_number
 from madrob_console.archive.history import History, RunSummary, earlier_runs
 from madrob_console.archive.repair import repair
+from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_run
+from madrob_console.engine.live import journal_keeper as journal_writer
 from madrob_console.engine.shown.playback import JumpTo
 from madrob_console.errors import MadrobError
 from madrob_console.export.pack import export_team
@@ -32,7 +35,10 @@ from madrob_console.export.packed_bag import BagParts
 from madrob_console.export.readme import README_FILE
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
+    Abort,
+    AcceptDoubts,
     Act,
+    AddNote,
     Correct,
     DeclareTimeout,
     Finalise,
@@ -47,15 +53,22 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.flags import undecided
+from madrob_console.referee.journal import read_journal
 from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import Phase
 from madrob_console.referee.teams import TeamList
 from madrob_console.report.sections import decisions
 from madrob_console.standings.competition import competition_standings
-from scoring.protocol import BenchmarkType, Condition, Side, Step
+from scoring.evaluate import Assessment
+from scoring.indicator_table import IndicatorName
+from scoring.procedure import Ruling
+from scoring.protocol import BenchmarkType, Condition, Outcome, Side, Step
+from scoring.result import Ending, Result, Uncertainty
+from scoring.rows import Rows
 from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import PULL, Drive, make_setup
+from tests.madrob_console.engine.drive import PULL, Drive, make_setup, signed
 from tests.madrob_console.recorded_runs import completed, publish
 
 CW = replace(PULL, starting_side=Side.CW)
@@ -234,15 +247,13 @@ def test_a_run_is_voided_in_the_moment_of_its_stop(tmp_path: Path) -> None:
     drive.wait_until(lambda: drive.engine.run.phase is Phase.STOPPED)
     drive.act(Void("robot unsafe"))
     drive.finish()
-    assert drive.engine.folder is not None
     drive.engine.close()
     (run,) = History(tmp_path).refresh()
     assert (run.voided, run.issue) == (True, 1)
-    assert check_run(RunPath(drive.engine.folder)).found == ()
+    assert check_run(RunPath(drive.folder)).found == ()
 
 
-def test_a_waiver_is_taken_back_before_the_start_and_the_check_fails_again(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_waiver_is_taken_back_before_the_start_and_the_check_fails_again(drive: Drive) -> None:
     drive.act(SetUp(make_setup()))
     drive.wait(1.5)
     drive.act(ZeroHandle(), Waive(CheckName.POSE, "seen on video"))
@@ -251,7 +262,6 @@ def test_a_waiver_is_taken_back_before_the_start_and_the_check_fails_again(tmp_p
     assert last is not None
     drive.act(TakeBack(last.kind, last.time, "my mistake"))
     assert [check.name for check in blocking(drive.engine.snapshot().checks)] == [CheckName.POSE]
-    drive.engine.close()
 
 
 def test_a_ruling_is_taken_back_while_the_run_goes_on(tmp_path: Path) -> None:
@@ -269,9 +279,8 @@ def test_a_ruling_is_taken_back_while_the_run_goes_on(tmp_path: Path) -> None:
     assert (drive.engine.run.rulings, drive.engine.run.incidents) == ((), ())
     drive.act(DeclareTimeout("enough"))
     drive.finish()
-    assert drive.engine.folder is not None
     drive.engine.close()
-    assert check_run(RunPath(drive.engine.folder)).found == ()
+    assert check_run(RunPath(drive.folder)).found == ()
 
 
 def test_a_result_that_does_not_know_of_a_correction_is_made_again(desk: Desk) -> None:
@@ -398,3 +407,144 @@ def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
         desk.engine.close()
         lines = (desk.run_folder / JOURNAL_FILE).read_text().splitlines()
         assert len(lines) >= len(sequence)
+
+
+LONG = "x" * 2001
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Drive:
+    drive = Drive(tmp_path)
+    drive.start(make_setup())
+    return drive
+
+
+def refused(drive: Drive, act: Act) -> str:
+    return drive.engine.perform(act) or ""
+
+
+def test_a_text_that_is_too_long_is_refused_and_the_longest_is_not(running: Drive) -> None:
+    assert "at most 2000 characters" in refused(running, AddNote(LONG))
+    assert refused(running, AddNote(LONG[:-1])) == ""
+    assert [note.text for note in running.engine.run.notes] == [LONG[:-1]]
+    running.engine.close()
+
+
+def test_no_field_of_a_setup_is_longer(drive: Drive) -> None:
+    setup = replace(make_setup(), team_reason=LONG)
+    assert "at most 2000 characters" in refused(drive, SetUp(setup))
+
+
+def test_an_abort_with_a_long_reason_is_done_and_its_reason_cut(running: Drive) -> None:
+    assert refused(running, Abort(LONG)) == ""
+    assert running.engine.run.outcome is Outcome.ABORTED
+    assert running.engine.run.outcome_reason == LONG[:-1]
+    running.engine.close()
+
+
+@pytest.mark.parametrize("limit", ["LARGEST_JOURNAL", "MOST_LINES"])
+def test_a_full_journal_takes_what_ends_the_run_and_can_be_read(
+    running: Drive, monkeypatch: pytest.MonkeyPatch, limit: str
+) -> None:
+    monkeypatch.setattr(journal_writer, limit, 2)
+    assert "the journal of this run is full" in refused(running, AddNote("a visitor"))
+    running.finish()
+    assert "the journal of this run is full" in refused(running, Void("the floor was wet"))
+    folder = running.engine.folder
+    assert folder is not None
+    running.act(signed(running.engine.snapshot()))
+    assert running.engine.run.phase is Phase.FINAL
+    running.act(SetUp(make_setup(run_number=2)))
+    running.engine.close()
+    assert read_journal(folder / JOURNAL_FILE)[1] == ()
+    (run,) = History(folder.parent).refresh()
+    assert (run.problem, run.final) == (None, True)
+
+
+TOUCH = "the touch rests on 1 sample"
+JITTER = "the stamps jitter by 2.1 ms"
+TIME = IndicatorName.TIME_TO_HANDLE
+ACCEPTED = AcceptDoubts({TIME: (TOUCH,)}, "seen on video: right")
+WAITS = ["doubted: time to handle (1 doubt UNDECIDED)"]
+
+
+@pytest.fixture
+def doubted_desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+    """A run whose touch is doubted; where it does not come to its end, for another reason, too."""
+    completed()  # others use it, too, as it was made
+    plain = Assessment.result
+
+    def doubted(
+        self: Assessment,
+        ending: Ending,
+        rulings: Sequence[Ruling] = (),
+        remarks: Iterable[str] = (),
+    ) -> tuple[Result, Rows]:
+        result, rows = plain(self, ending, rulings, remarks)
+        found = {
+            name: replace(one, uncertainty=None, doubts=())
+            for name, one in result.indicators.items()
+        }
+        whole = found[IndicatorName.CAPABILITY_LEVEL].value == 6
+        doubts = (TOUCH,) if whole else (TOUCH, JITTER)
+        found[TIME] = replace(found[TIME], uncertainty=Uncertainty(0.01, 0.02), doubts=doubts)
+        return replace(result, indicators=found), rows
+
+    monkeypatch.setattr(Assessment, "result", doubted)
+    doubted_desk = Desk(tmp_path)
+    yield doubted_desk
+    doubted_desk.engine.close()
+
+
+def waiting(doubted_desk: Desk) -> list[str]:
+    """What the screens say that is undecided, and the same of the history."""
+    found = [flag.words for flag in undecided(doubted_desk.engine.snapshot().flags)]
+    assert [flag.words for flag in undecided(doubted_desk.listed.flags)] == found
+    return found
+
+
+def test_an_accepted_doubt_stands_in_the_result_beside_the_doubt(doubted_desk: Desk) -> None:
+    doubted_desk.act(ACCEPTED)
+    document = doubted_desk.document
+    jsonschema.validate(document, result_schema())
+    (answer,) = document["accepted_doubts"]
+    assert answer["doubts"] == {"time_to_handle": [TOUCH]}
+    assert (answer["reason"], answer["referee"]) == ("seen on video: right", "R. Eferee")
+    assert document["indicators"]["time_to_handle"]["doubts"] == [TOUCH]
+    assert document["indicators"]["time_to_handle"]["uncertainty"] == {"u": 0.01, "expanded": 0.02}
+    assert (doubted_desk.listed.doubts, doubted_desk.listed.uncertainties) == (
+        *({TIME: 1}, {TIME: Uncertainty(0.01, 0.02)}),
+    )
+    assert (
+        doubted_desk.listed.sign(TIME),
+        doubted_desk.listed.sign(IndicatorName.PASSAGE_TIME),
+    ) == ("?", "")
+    assert waiting(doubted_desk) == []
+    assert doubted_desk.agrees()
+
+
+def test_taken_back_the_doubt_waits_again(doubted_desk: Desk) -> None:
+    doubted_desk.act(ACCEPTED)
+    doubted_desk.take_back()
+    assert waiting(doubted_desk) == WAITS
+    assert doubted_desk.document["accepted_doubts"] == []
+    (back,) = doubted_desk.document["taken_back"]
+    assert back["words"] == "doubt accepted: time to handle (seen on video: right)"
+    assert doubted_desk.agrees()
+
+
+def test_what_a_correction_makes_doubtful_waits_though_the_rest_was_accepted(
+    doubted_desk: Desk,
+) -> None:
+    doubted_desk.act(ACCEPTED, Correct(3, CW, "typed wrongly"))
+    assert doubted_desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
+    assert waiting(doubted_desk) == WAITS
+    doubted_desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
+    assert waiting(doubted_desk) == []
+    assert doubted_desk.agrees()
+
+
+def test_what_is_not_doubted_any_more_cannot_be_accepted(doubted_desk: Desk) -> None:
+    other = AcceptDoubts({TIME: (JITTER,)}, "seen")
+    words = "what is doubted is something else by now: look again"
+    assert doubted_desk.engine.perform(other) == words

@@ -9,8 +9,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import NoReturn
@@ -18,16 +20,16 @@ from typing import NoReturn
 import pytest
 
 from madrob_console.cli import aside
-from madrob_console.engine.process import background
+from madrob_console.engine.live.keeper import InlineKeeper, Keeper, ThreadKeeper, why_not
+from madrob_console.engine.process import background as reports
 from madrob_console.engine.process.background import Background, Finished
 from madrob_console.engine.process.reporting import Reporting
 from madrob_console.engine.shown.snapshot import ExportView
+from madrob_console.errors import MadrobError
 from madrob_console.files.whole import whole_file
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import PATIENCE, until
-
-pytestmark = pytest.mark.machine
 
 BEGIN = """
 import signal, sys
@@ -38,7 +40,7 @@ exec(sys.argv.pop(1))
 
 SLOW = """
 import sys, time
-from madrob_console.files.whole import whole_file
+from madrob_console.common.files import whole_file
 from pathlib import Path
 with whole_file(Path(sys.argv[1])) as file:
     file.write(b"half")
@@ -93,6 +95,7 @@ def quick_hall() -> Iterator[Hall]:
     hall.close()
 
 
+@pytest.mark.machine
 def test_a_chore_comes_after_everything_else() -> None:
     code = "import atexit, os, sys; atexit.register(lambda: print(os.nice(0)));"
     code += "from madrob_console.cli import aside; sys.exit(aside.main())"
@@ -102,6 +105,7 @@ def test_a_chore_comes_after_everything_else() -> None:
     assert told.stdout.splitlines()[-1] == str(min(19, os.nice(0) + aside.NICENESS))
 
 
+@pytest.mark.machine
 def test_a_chore_is_a_madrob_command(hall: Hall) -> None:
     hall.ask("version", "--version")
     hall.ask("bad", "export", "--team=zero")
@@ -113,12 +117,13 @@ def test_a_chore_is_a_madrob_command(hall: Hall) -> None:
     assert "zero" in bad.complained
 
 
+@pytest.mark.machine
 def test_what_is_asked_for_again_before_it_begins_is_done_once(quick_hall: Hall) -> None:
     quick_hall.busy = True
     for number in range(5):
         quick_hall.ask("report", f"print({number})")
     quick_hall.ask("zip", "print('zip')")
-    time.sleep(3 * background.PERIOD)
+    time.sleep(3 * reports.PERIOD)
     assert quick_hall.done == []
     quick_hall.busy = False
     assert quick_hall.background.wait(PATIENCE)
@@ -128,6 +133,7 @@ def test_what_is_asked_for_again_before_it_begins_is_done_once(quick_hall: Hall)
     ]
 
 
+@pytest.mark.machine
 def test_what_is_asked_for_while_it_is_done_is_done_once_more(
     quick_hall: Hall, tmp_path: Path
 ) -> None:
@@ -141,6 +147,7 @@ def test_what_is_asked_for_while_it_is_done_is_done_once_more(
     assert [finished.said for _, finished in quick_hall.done] == ["", "third"]
 
 
+@pytest.mark.machine
 def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_it(
     quick_hall: Hall, tmp_path: Path
 ) -> None:
@@ -154,13 +161,14 @@ def test_a_run_cuts_a_chore_short_which_leaves_nothing_and_is_done_again_after_i
     begun.unlink()
     assert quick_hall.done == []
     quick_hall.ask("report", "print('after the run')")
-    time.sleep(3 * background.PERIOD)
+    time.sleep(3 * reports.PERIOD)
     assert quick_hall.done == []
     quick_hall.busy = False
     assert quick_hall.background.wait(PATIENCE)
     assert [finished.said for _, finished in quick_hall.done] == ["after the run"]
 
 
+@pytest.mark.machine
 def test_a_process_that_cannot_be_started_is_told_in_words() -> None:
     reporting = Reporting(["/no/such/python"], lambda: False)
     reporting.report(Path("/results/run"), b"a result")
@@ -183,6 +191,7 @@ def no_file_handles() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
+@pytest.mark.machine
 def test_without_file_handles_a_chore_is_told_with_the_remedy_and_done_when_there_are_some(
     quick_hall: Hall,
 ) -> None:
@@ -197,6 +206,7 @@ def test_without_file_handles_a_chore_is_told_with_the_remedy_and_done_when_ther
     until(lambda: quick_hall.done[-1][1] == Finished(0, "made", ""))
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("error", [MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory")])
 def test_without_memory_a_chore_is_told_with_the_remedy_and_done_when_there_is_some(
     quick_hall: Hall, monkeypatch: pytest.MonkeyPatch, error: Exception
@@ -213,6 +223,7 @@ def test_without_memory_a_chore_is_told_with_the_remedy_and_done_when_there_is_s
     until(lambda: quick_hall.done[-1][1] == Finished(0, "made", ""))
 
 
+@pytest.mark.machine
 def test_what_was_killed_or_says_that_it_may_work_later_is_done_again(
     quick_hall: Hall, tmp_path: Path
 ) -> None:
@@ -227,6 +238,7 @@ def test_what_was_killed_or_says_that_it_may_work_later_is_done_again(
         quick_hall.done.clear()
 
 
+@pytest.mark.machine
 def test_what_rests_after_a_failure_gives_way_to_what_is_asked_anew(quick_hall: Hall) -> None:
     quick_hall.ask("report", f"sys.exit({os.EX_TEMPFAIL})")
     until(lambda: quick_hall.done)
@@ -236,6 +248,7 @@ def test_what_rests_after_a_failure_gives_way_to_what_is_asked_anew(quick_hall: 
     assert quick_hall.done[-1][1].said == "new"
 
 
+@pytest.mark.machine
 def test_a_chore_that_can_never_be_done_is_told_once_and_the_next_one_is_done(
     quick_hall: Hall,
 ) -> None:
@@ -248,6 +261,7 @@ def test_a_chore_that_can_never_be_done_is_told_once_and_the_next_one_is_done(
     assert good.said == "good"
 
 
+@pytest.mark.machine
 def test_a_temporary_folder_that_is_gone_stops_neither_reports_nor_exports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,6 +285,7 @@ def scored_run(results: Path) -> tuple[Path, bytes | memoryview]:
     return folder, scored.report
 
 
+@pytest.mark.machine
 def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Path) -> None:
     folder, scored = scored_run(tmp_path)
     page = folder / "report.html"
@@ -287,6 +302,7 @@ def test_a_report_that_the_disk_refuses_is_a_fault_until_it_is_made(tmp_path: Pa
     reporting.close(PATIENCE)
 
 
+@pytest.mark.machine
 def test_a_report_of_a_run_that_was_deleted_is_not_tried_again(tmp_path: Path) -> None:
     folder, scored = scored_run(tmp_path)
     shutil.rmtree(folder)
@@ -298,6 +314,7 @@ def test_a_report_of_a_run_that_was_deleted_is_not_tried_again(tmp_path: Path) -
     reporting.close(PATIENCE)
 
 
+@pytest.mark.machine
 def test_an_export_that_failed_is_not_under_way_and_is_there_when_it_can_be(
     tmp_path: Path,
 ) -> None:
@@ -314,6 +331,7 @@ def test_an_export_that_failed_is_not_under_way_and_is_there_when_it_can_be(
     reporting.close(PATIENCE)
 
 
+@pytest.mark.machine
 def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
     reporting = Reporting(aside.COMMAND, lambda: False, [f"--results={tmp_path}"])
     reporting.export(3)
@@ -325,8 +343,160 @@ def test_a_zip_that_cannot_be_made_is_told_in_a_line(tmp_path: Path) -> None:
     assert "subject 3 has no runs" in reporting.exported.problem
 
 
+@pytest.mark.machine
 def test_a_file_that_is_cut_short_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "a") as file:  # noqa: PT012
         file.write(b"half")
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
+
+
+class Hang:
+    """A job that is under way until it is let go."""
+
+    def __init__(self) -> None:
+        self.begun = threading.Event()
+        self.over = threading.Event()
+
+    def __call__(self) -> str:
+        self.begun.set()
+        assert self.over.wait(PATIENCE)
+        return "over"
+
+
+class HandClock:
+    """A clock that is set by hand, s."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> HandClock:
+    return HandClock()
+
+
+@pytest.fixture
+def keeper(clock: HandClock) -> Iterator[ThreadKeeper]:
+    keeper = ThreadKeeper("a keeper", most_jobs=3, monotonic=clock)
+    yield keeper
+    keeper.close(PATIENCE)
+
+
+def refuses() -> None:
+    raise MadrobError("the disk refuses")
+
+
+def breaks() -> None:
+    raise ValueError("a bug")
+
+
+def test_jobs_are_done_in_turn_and_told_of_in_the_thread_that_asks_for_it(
+    keeper: ThreadKeeper,
+) -> None:
+    done: list[tuple[int, str, str]] = []
+
+    def told(answer: Future[tuple[int, str]]) -> None:
+        done.append((*answer.result(), threading.current_thread().name))
+
+    for number in range(3):
+        keeper.ask(lambda number=number: (number, threading.current_thread().name), told)  # type: ignore[misc]
+    until(lambda: keeper.settle(0.0))
+    here = threading.current_thread().name
+    assert done == [(number, "a keeper", here) for number in range(3)]
+
+
+def test_nothing_is_told_before_it_is_asked_for(keeper: ThreadKeeper) -> None:
+    done: list[int] = []
+    answer = keeper.ask(lambda: 1, lambda answer: done.append(answer.result()))
+    assert answer.result(PATIENCE) == 1
+    assert done == []
+    until(lambda: keeper.settle(0.0))
+    assert done == [1]
+
+
+def test_a_job_that_fails_is_an_answer_and_ends_no_keeper(keeper: ThreadKeeper) -> None:
+    words: list[str | None] = []
+    keeper.ask(refuses, lambda answer: words.append(why_not(answer)))
+    keeper.ask(breaks, lambda answer: words.append(why_not(answer)))
+    keeper.ask(lambda: 1, lambda answer: words.append(why_not(answer)))
+    until(lambda: keeper.settle(0.0))
+    assert words == ["the disk refuses", "ValueError: a bug", None]
+
+
+def test_one_that_hangs_is_silent_until_it_answers(keeper: ThreadKeeper, clock: HandClock) -> None:
+    hang = Hang()
+    assert keeper.silent == 0.0
+    keeper.ask(hang)
+    assert hang.begun.wait(PATIENCE)
+    clock.now += 7.0
+    assert keeper.silent == 7.0
+    hang.over.set()
+    until(lambda: keeper.silent == 0.0)
+
+
+def test_what_finds_no_room_is_refused_in_words(keeper: ThreadKeeper) -> None:
+    hang, words = Hang(), list[str | None]()
+    keeper.ask(hang)
+    assert hang.begun.wait(PATIENCE)
+    for _ in range(3):
+        keeper.ask(lambda: None)
+    keeper.ask(lambda: None, lambda answer: words.append(why_not(answer)))
+    keeper.deliver()
+    assert words == ["too much waits for the disk: try again when it answers"]
+    hang.over.set()
+
+
+def test_what_is_cancelled_before_its_turn_never_happens(keeper: ThreadKeeper) -> None:
+    hang, done = Hang(), list[str]()
+    keeper.ask(hang)
+    assert hang.begun.wait(PATIENCE)
+    given_up = keeper.ask(lambda: done.append("job"), lambda _: done.append("told"))
+    assert given_up.cancel()
+    hang.over.set()
+    until(lambda: keeper.settle(0.0))
+    assert done == []
+
+
+def test_settling_waits_for_what_answers_ask_for_too(keeper: ThreadKeeper) -> None:
+    done: list[str] = []
+
+    def again(_answer: Future[None]) -> None:
+        keeper.ask(lambda: "second", lambda answer: done.append(answer.result()))
+
+    keeper.ask(lambda: None, again)
+    until(lambda: keeper.settle(0.0))
+    assert done == ["second"]
+
+
+def test_closing_leaves_a_job_that_hangs_to_itself(keeper: ThreadKeeper) -> None:
+    hang, words = Hang(), list[str | None]()
+    keeper.ask(hang, lambda answer: words.append(why_not(answer)))
+    assert hang.begun.wait(PATIENCE)
+    assert not keeper.settle(0.0)
+    keeper.close(0.0)
+    assert words == []
+    with pytest.raises(MadrobError, match="the engine has ended"):
+        keeper.ask(lambda: None).result(0.0)
+    hang.over.set()
+
+
+def test_closing_does_what_was_asked_for_before(clock: HandClock) -> None:
+    keeper, done = ThreadKeeper("another keeper", monotonic=clock), list[int]()
+    for number in range(5):
+        keeper.ask(lambda number=number: number, lambda answer: done.append(answer.result()))  # type: ignore[misc]
+    keeper.close(PATIENCE)
+    assert done == list(range(5))
+
+
+def test_inline_it_is_done_and_told_before_asking_returns() -> None:
+    keeper: Keeper = InlineKeeper()
+    done: list[str | None] = []
+    assert keeper.ask(lambda: 7, lambda answer: done.append(str(answer.result()))).result() == 7
+    keeper.ask(refuses, lambda answer: done.append(why_not(answer)))
+    assert done == ["7", "the disk refuses"]
+    assert keeper.settle(0.0)
+    assert keeper.silent == 0.0

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from concurrent.futures import Future
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,21 +15,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.archive.scored import Scored
+from madrob_console.engine.live.lanes import Lanes
+from madrob_console.engine.process.turns import Turn
+from madrob_console.engine.shown.client import UnsureError, awaited
 from madrob_console.engine.shown.curves import MOST_CURVE_POINTS, Curve, Curves, curves_of
+from madrob_console.engine.shown.requests import NO_ANSWER, UNSURE
+from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
-from scoring.protocol import (
-    Event,
-    EventName,
-    LockDetection,
-    Outcome,
-    Step,
-    Thresholds,
-)
+from scoring.protocol import Event, EventName, LockDetection, Outcome, Step, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows
@@ -106,8 +106,7 @@ def test_times_and_events_count_from_the_start_of_the_run(tmp_path: Path) -> Non
     assert curves.duration < last < curves.duration + 1.1  # the settle time belongs to the rows
 
 
-def test_an_aborted_run_has_no_curves(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_an_aborted_run_has_no_curves(drive: Drive) -> None:
     drive.start(make_setup())
     drive.wait(5.0)
     drive.act(Abort("a person in the doorway"))
@@ -184,7 +183,7 @@ def test_a_long_run_is_thinned_and_keeps_its_extremes(
 @pytest.mark.machine
 def test_the_shapes_come_without_the_numbers_machinery() -> None:
     code = (
-        "import sys, madrob_console.engine.shown.curves\n"
+        "import sys, madrob_console.engine.requests\n"
         "print([name for name in ('numpy', 'scipy', 'pandas') if name in sys.modules])"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -210,3 +209,47 @@ def test_slow_samples_that_are_no_gap_on_this_testbed_make_one_curve() -> None:
     curves = curves_of(*of.result(Ending(Outcome.TIMEOUT, "as told", runs.START + 20)))
     (position,), (force,) = curves.of(Quantity.POSITION), curves.of(Quantity.FORCE)
     assert len(position.time) == len(force.time) == 8 * 20
+
+
+def test_what_goes_first_goes_past_all_that_wait() -> None:
+    lanes: Lanes[str] = Lanes()
+    for word in ("note", "mark"):
+        lanes.put(word, first=False)
+    taken = []
+    for item in lanes.waiting():
+        taken.append(item)
+        if item == "note":
+            lanes.put("abort", first=True)
+            lanes.put("late note", first=False)
+    assert taken == ["note", "abort", "mark"]
+    assert lanes.next() == "late note"
+
+
+def test_a_closed_lane_takes_nothing_and_holds_nobody_up() -> None:
+    lanes: Lanes[str] = Lanes()
+    lanes.put("note", first=False)
+    assert lanes.close() == ["note"]
+    assert not lanes.put("abort", first=True)
+    assert lanes.next() is None
+    assert list(lanes.waiting()) == []
+
+
+def test_what_was_given_up_before_its_turn_never_begins() -> None:
+    turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
+    with pytest.raises(MadrobError, match=NO_ANSWER):
+        awaited(turn.answer, 0.0)
+    assert not turn.begin()
+
+
+def test_what_comes_too_late_never_begins() -> None:
+    turn = Turn(lambda done: done(None), time.monotonic() - 0.001, Future())
+    assert not turn.begin()
+    with pytest.raises(MadrobError, match=NO_ANSWER):
+        turn.answer.result()
+
+
+def test_nobody_is_told_that_nothing_was_done_of_what_has_begun() -> None:
+    turn = Turn(lambda done: done(None), time.monotonic() + 60.0, Future())
+    assert turn.begin()
+    with pytest.raises(UnsureError, match=UNSURE):
+        awaited(turn.answer, 0.0)

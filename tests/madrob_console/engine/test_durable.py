@@ -16,7 +16,8 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
 from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.engine.live.durable import DURABLE_WITHIN
-from madrob_console.messages.codec import REFEREE_STATE_TOPIC, MessageTypes, decode_text
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     Act,
@@ -404,9 +405,7 @@ def test_what_is_put_right_takes_effect_on_disk_or_never(hall: Hall, act: Act) -
     assert hall.told == [TOO_LONG, None]
     assert hall.engine.run != stood
     assert rebuild(hall.journal(), stood.handle_zero, stood.zero_samples) == hall.engine.run
-    folder = hall.engine.folder
-    assert folder is not None
-    assert check_run(RunPath(folder)).found == ()
+    assert check_run(RunPath(hall.drive.folder)).found == ()
 
 
 def test_what_the_disk_refuses_is_no_part_of_the_journal(
@@ -487,8 +486,7 @@ def test_a_result_that_is_slow_to_write_stops_no_clock(hall: Hall) -> None:
     hall.pass_time(0.1)
     assert not hall.engine.busy
     hall.drive.act(SIGNED)
-    folder = hall.engine.folder
-    assert folder is not None
+    folder = hall.drive.folder
     stored = json.loads((folder / "result.json").read_text())
     assert stored["notes"][0]["text"] == "twice"
     assert stored["rulings"][0]["reason"] == "seen"

@@ -41,8 +41,7 @@ def values(path: Path) -> dict[str, object]:
     return {name: i["value"] for name, i in document["indicators"].items()}
 
 
-def test_a_nominal_run_is_completed_recorded_and_scored(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_nominal_run_is_completed_recorded_and_scored(drive: Drive) -> None:
     drive.whole_run(make_setup())
     scored = drive.engine.scored
     assert scored is not None
@@ -61,8 +60,7 @@ def test_a_nominal_run_is_completed_recorded_and_scored(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(drive: Drive) -> None:
     drive.start(make_setup())
     drive.wait(3.0)
     drive.act(Abort("robot on fire"))
@@ -80,8 +78,7 @@ def test_abort_wins_at_once_keeps_the_run_and_opens_a_clean_next_one(tmp_path: P
     assert not clean.run.pose_confirmed
 
 
-def test_an_abort_in_the_countdown_is_kept_as_invalid(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_an_abort_in_the_countdown_is_kept_as_invalid(drive: Drive) -> None:
     drive.prepare(make_setup(countdown=5.0))
     drive.act(Start())
     drive.wait(1.0)
@@ -122,8 +119,7 @@ def test_a_timeout_within_the_settle_time_waits_for_its_end(tmp_path: Path) -> N
     assert late.engine.run.outcome is Outcome.TIMEOUT
 
 
-def test_a_declared_timeout_within_the_settle_time_waits_too(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_declared_timeout_within_the_settle_time_waits_too(drive: Drive) -> None:
     drive.start(make_setup())
     drive.wait_until(lambda: drive.engine.snapshot().settling)
     drive.act(DeclareTimeout("too slow"))
@@ -131,8 +127,7 @@ def test_a_declared_timeout_within_the_settle_time_waits_too(tmp_path: Path) -> 
     assert drive.engine.run.outcome is Outcome.COMPLETED
 
 
-def test_checks_stand_in_the_way_until_they_are_waived(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
     drive.act(SetUp(make_setup()))
     states = {c.name: c.state for c in drive.engine.snapshot().checks}
     assert states[CheckName.DOOR] is CheckState.NO_DATA
@@ -149,8 +144,7 @@ def test_checks_stand_in_the_way_until_they_are_waived(tmp_path: Path) -> None:
     )
 
 
-def test_the_handle_zero_makes_the_touch_right(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_the_handle_zero_makes_the_touch_right(drive: Drive) -> None:
     drive.prepare(make_setup())
     assert drive.engine.run.handle_zero == pytest.approx(5.9, abs=0.05)
     drive.act(Start())
@@ -176,8 +170,7 @@ def test_an_engine_that_was_started_again_says_why_it_wants_a_zero_again(tmp_pat
     assert "zero the handle" not in handle(again)
 
 
-def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_false_start_is_shown_and_decided(drive: Drive) -> None:
     drive.prepare(make_setup(countdown=6.0))
     drive.act(Start())
     early = drive.clock.now_ns() - 2_500_000_000
@@ -194,8 +187,7 @@ def test_a_false_start_is_shown_and_decided(tmp_path: Path) -> None:
     assert next(score(drive.folder)).result == scored.result
 
 
-def test_what_was_up_before_the_countdown_is_no_false_start(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_what_was_up_before_the_countdown_is_no_false_start(drive: Drive) -> None:
     drive.act(SetUp(make_setup(countdown=3.0)))
     drive.wait(1.5)  # the handle is not zeroed: it counts as pressed all the time
     drive.act(Waive(CheckName.HANDLE, "stuck"), ConfirmPose(), Start())
@@ -203,11 +195,9 @@ def test_what_was_up_before_the_countdown_is_no_false_start(tmp_path: Path) -> N
     drive.act(RestartCountdown("again"))
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     assert drive.engine.run.false_starts == ()
-    drive.engine.close()
 
 
-def test_an_accepted_false_start_stands_in_the_result(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_an_accepted_false_start_stands_in_the_result(drive: Drive) -> None:
     drive.prepare(make_setup(countdown=6.0))
     drive.act(Start())
     drive.source.testbed.start(drive.clock.now_ns() - 2_500_000_000)
@@ -255,8 +245,7 @@ def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(tmp_path: Pa
     assert [flag.words for flag in listed.flags] == [flag["words"] for flag in stored()]
 
 
-def test_the_referee_can_stop_a_run_that_only_he_can_judge(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None:
     drive.start(make_setup(lock_detection=LockDetection.REFEREE))
     drive.wait_until(lambda: drive.engine.snapshot().ask_referee is not None)
     drive.wait(2.0)
@@ -277,9 +266,8 @@ def test_the_latch_sensor_decides_where_there_is_one(tmp_path: Path) -> None:
 
 
 def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_found(
-    tmp_path: Path,
+    drive: Drive,
 ) -> None:
-    drive = Drive(tmp_path)
     drive.whole_run(make_setup())
     drive.act(Rule(Step.CROSS, confirmed=False, reason="arm only"))
     document = json.loads((drive.folder / "result.json").read_text())
@@ -290,8 +278,7 @@ def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_f
     assert next(score(drive.folder)).result == drive.engine.scored.result  # type: ignore[union-attr]
 
 
-def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(drive: Drive) -> None:
     drive.source.close()
     drive.act(SetUp(make_setup()))
     drive.wait(1.0)
@@ -320,8 +307,7 @@ def test_zeroing_without_data_is_refused(tmp_path: Path) -> None:
     assert Drive(tmp_path).engine.perform(ZeroHandle()) == "no fresh handle force"
 
 
-def test_the_log_speaks_of_events_as_people_do(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_the_log_speaks_of_events_as_people_do(drive: Drive) -> None:
     drive.whole_run(make_setup())
     said = [line.text for line in drive.engine.log.lines if line.origin == "sensor"]
     assert set(said) == {

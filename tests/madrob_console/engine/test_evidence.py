@@ -13,6 +13,7 @@ import pytest
 
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.live.core import DISK_WAITS, Engine
+from madrob_console.engine.live.evidence_notes import EvidenceNotes
 from madrob_console.engine.live.evidence_room import STEADY_FOR
 from madrob_console.engine.live.recording import Recording
 from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
@@ -493,3 +494,85 @@ def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_n
     plain.engine = engine
     assert plain.check(CheckName.EVIDENCE).startswith("ok: none: a testbed simulated in this")
     assert engine.snapshot().evidence is None
+
+
+START = 1000.0
+
+
+def silent(begin: float, end: float | None = None) -> EvidenceGap:
+    """From when to when, s since the start."""
+    return EvidenceGap(START + begin, None if end is None else START + end, "nothing came")
+
+
+class Journal:
+    """What it says of silences, one status after the other."""
+
+    def __init__(self) -> None:
+        self._notes = EvidenceNotes()
+
+    def says(self, **pauses: list[EvidenceGap]) -> list[str]:
+        told = {f"/{topic}": tuple(each) for topic, each in pauses.items()}
+        return self._notes.due(WitnessStatus(recording=True, pauses=told), START, START + 99.0)
+
+    def hears_first(self, **first: float) -> list[str]:
+        told = {f"/{topic}": START + at for topic, at in first.items()}
+        return self._notes.due(WitnessStatus(recording=True, appeared=told), START, START + 99.0)
+
+
+def test_a_camera_s_silence_is_noted_when_it_begins_and_when_it_comes_again() -> None:
+    journal = Journal()
+    first, second = silent(3.9), silent(20.0)
+    over = silent(3.9, 8.5)
+    assert journal.says() == []
+    assert journal.says(left=[first]) == ["/left: silent since +3.9 s"]
+    assert journal.says(left=[first]) == []
+    assert journal.says(left=[over]) == ["/left: comes again, silent from +3.9 s to +8.5 s"]
+    assert journal.says(left=[over]) == []
+    assert journal.says(left=[over, second]) == ["/left: silent since +20.0 s"]
+    again = silent(20.0, 25.0)
+    assert journal.says(left=[over, again]) == [
+        "/left: comes again, silent from +20.0 s to +25.0 s"
+    ]
+
+
+def test_cameras_of_one_cable_share_a_line() -> None:
+    journal = Journal()
+    hub = {f"c{number}": [silent(3.9 + number / 100)] for number in range(6)}
+    assert journal.says(**hub) == ["/c0, /c1 and 4 more: silent since +3.9 s"]
+    back = {name: [silent(3.9, 8.5)] for name in hub}
+    assert journal.says(**back) == [
+        "/c0, /c1 and 4 more: comes again, silent from +3.9 s to +8.5 s"
+    ]
+
+
+def test_the_first_message_of_a_topic_that_appears_after_the_start_is_noted_once() -> None:
+    journal = Journal()
+    assert journal.hears_first(early=-1.5) == []
+    assert journal.hears_first(early=-1.5, late=14.2) == ["/late: first message at +14.2 s"]
+    assert journal.hears_first(early=-1.5, late=14.2) == []
+
+
+def test_a_camera_s_times_stand_in_journal_and_result_from_the_start_on(tmp_path: Path) -> None:
+    drive = Watched(tmp_path / "runs")
+    drive.start(make_setup())
+    start = drive.engine.run.start
+    assert start is not None
+    drive.wait(2.0)
+    gone = EvidenceGap(start + 1.9, None, "nothing came")
+    drive.witness.status = replace(drive.witness.status, pauses={LEFT: (gone,)})
+    drive.wait(1.0)
+    back = replace(gone, end=start + 6.5)
+    drive.witness.status = replace(
+        drive.witness.status, pauses={LEFT: (back,)}, appeared={"/camera/late": start + 4.2}
+    )
+    drive.wait(1.0)
+    drive.finish()
+    texts = [line.text for line in drive.engine.log.lines]
+    for told in (
+        f"{LEFT}: silent since +1.9 s",
+        f"{LEFT}: comes again, silent from +1.9 s to +6.5 s",
+        "/camera/late: first message at +4.2 s",
+    ):
+        assert texts.count(f"evidence: {told}") == 1
+    (topic,) = json.loads((drive.folder / "result.json").read_text())["evidence"]["topics"]
+    assert topic["problem"] == "silent from +1.9 s to +6.5 s"

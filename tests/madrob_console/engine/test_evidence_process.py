@@ -214,8 +214,8 @@ AILING = (
     "-c",
     """
 import signal, threading, time
-from madrob_console.engine.process.evidence_program import main
-from recorder.mcap_file import McapFile
+from madrob_console.engine.evidence_worker import main
+from recorder.mcap_writer import McapFile
 
 def turn_in_circles(*_):
     while True:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from madrob_console.archive.evidence import settled_account
 from madrob_console.config import Settings, load_settings
@@ -283,3 +286,71 @@ def test_what_a_process_that_was_killed_left_is_whole_and_listed_after_the_run(
     assert set(map(str.strip, (folder / "metadata.yaml").read_text().splitlines())) >= {
         f"- {evidence_file_name('run', number)}" for number in (0, 1)
     }
+
+
+SMALL, LARGE = 10_000, 1_000_000
+
+
+def numbered(topic: str, number: int, size: int = SMALL) -> RawMessage:
+    return RawMessage(topic, "a/msg/B", bytes(size), number, number)
+
+
+def test_messages_come_out_in_the_order_in_which_they_came() -> None:
+    queue = EvidenceQueue(LARGE)
+    for number in range(10):
+        assert queue.put(numbered(f"/{number % 3}", number), 0) == []
+    assert [m.publish_ns for m in queue.take(3 * SMALL)] == [0, 1, 2]
+    assert [m.publish_ns for m in queue.take(LARGE)] == list(range(3, 10))
+    assert queue.take(LARGE) == []
+    assert queue.size == len(queue) == 0
+
+
+def test_the_topic_that_takes_most_room_gives_way_and_no_other_pays_for_it() -> None:
+    queue = EvidenceQueue(4 * LARGE)
+    lost: Counter[str] = Counter()
+    for number in range(100):
+        for topic, size in (("/huge", LARGE), ("/left", SMALL), ("/right", SMALL)):
+            lost.update(m.topic for m in queue.put(numbered(topic, number, size), 0))
+    assert set(lost) == {"/huge"}
+    assert lost["/huge"] > 95
+    taken = queue.take(100 * LARGE)
+    assert Counter(m.topic for m in taken)["/left"] == 100
+    assert [m.publish_ns for m in taken if m.topic == "/huge"][-1] == 99  # the oldest went
+
+
+def test_where_not_all_finds_room_the_higher_priority_stays() -> None:
+    queue = EvidenceQueue(LARGE)
+    for number in range(200):
+        queue.put(numbered("/important", number), 5)
+        queue.put(numbered("/spare", number), -1)
+    topics = Counter(m.topic for m in queue.take(10 * LARGE))
+    assert topics["/spare"] == 0
+    assert topics["/important"] > 90
+    assert queue.put(numbered("/important", 1, LARGE // 2), 5) == []
+    assert [m.topic for m in queue.put(numbered("/spare", 2, LARGE), -1)] == ["/spare"]
+
+
+def test_what_is_larger_than_the_queue_is_refused_and_costs_no_other_topic_anything() -> None:
+    queue = EvidenceQueue(LARGE)
+    queue.put(numbered("/small", 1), 0)
+    assert [m.topic for m in queue.put(numbered("/huge", 2, 2 * LARGE), 0)] == ["/huge"]
+    assert len(queue) == 1
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(1, 300_000), st.integers(-1, 1), st.booleans())
+    )
+)
+def test_every_message_is_taken_gives_way_or_waits_and_memory_is_bounded(
+    steps: list[tuple[int, int, int, bool]],
+) -> None:
+    queue = EvidenceQueue(LARGE)
+    came = left = 0
+    for number, (topic, size, priority, takes) in enumerate(steps):
+        left += len(queue.put(numbered(f"/{topic}", number, size), priority))
+        came += 1
+        assert queue.size <= LARGE
+        if takes:
+            left += len(queue.take(size))
+    assert came == left + len(queue)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import socket
 from dataclasses import replace
 
 import msgspec
@@ -7,7 +8,13 @@ import pytest
 
 from madrob_console.clock import NS
 from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
-from madrob_console.engine.process.evidence_messages import EvidenceNews
+from madrob_console.engine.process.evidence_messages import (
+    EvidenceNews,
+    FinishFile,
+    LeaveDisk,
+    ListenFor,
+)
+from madrob_console.engine.process.evidence_program import OrderLine
 from madrob_console.engine.process.evidence_recorder import EvidenceWritten
 from madrob_console.engine.process.evidence_standing import (
     COMES_BACK,
@@ -15,7 +22,9 @@ from madrob_console.engine.process.evidence_standing import (
     EvidenceRecording,
     standing,
 )
+from madrob_console.engine.shown.wire import frame
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
+from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.evidence_flow import TopicFlow, TopicPause
 
 KILLED = "it was ended by SIGKILL"
@@ -62,8 +71,14 @@ class Recorded:
         return standing(at, news, at, "", self.recording)
 
 
-def test_what_ended_a_recording_is_told_while_it_goes_on_and_holds_up_no_run_after_it() -> None:
-    run = Recorded()
+@pytest.fixture
+def run() -> Recorded:
+    return Recorded()
+
+
+def test_what_ended_a_recording_is_told_while_it_goes_on_and_holds_up_no_run_after_it(
+    run: Recorded,
+) -> None:
     assert run.says(1.0, USED_UP).problem == USED_UP
     run.recording.ended = 2.0
     over = run.says(2.5, USED_UP, finished=True)
@@ -71,16 +86,14 @@ def test_what_ended_a_recording_is_told_while_it_goes_on_and_holds_up_no_run_aft
     assert over.account.problems == (USED_UP,)
 
 
-def test_what_goes_wrong_after_a_recording_is_told_until_the_next_one() -> None:
-    run = Recorded()
+def test_what_goes_wrong_after_a_recording_is_told_until_the_next_one(run: Recorded) -> None:
     assert run.says(1.0, "").problem is None
     run.recording.ended = 2.0
     assert run.says(2.5, "it could not be finished", finished=True).problem is not None
     assert run.says(9.5, "it could not be finished", finished=True).problem is not None
 
 
-def test_what_a_process_that_was_ended_had_on_its_way_is_not_known() -> None:
-    run = Recorded()
+def test_what_a_process_that_was_ended_had_on_its_way_is_not_known(run: Recorded) -> None:
     run.says(1.0, "")
     run.recording.lose_process("it was ended by SIGKILL")
     run.recording.next_file()
@@ -89,8 +102,9 @@ def test_what_a_process_that_was_ended_had_on_its_way_is_not_known() -> None:
     assert account.words.endswith(", not known how many of them are on disk")
 
 
-def test_a_process_that_is_silent_at_the_end_of_a_recording_leaves_open_what_there_is() -> None:
-    run = Recorded()
+def test_a_process_that_is_silent_at_the_end_of_a_recording_leaves_open_what_there_is(
+    run: Recorded,
+) -> None:
     told = run.says(1.0, "")
     assert (told.account.unwritten, told.account.problems) == (0, ())
     run.recording.ended = 14.0
@@ -100,8 +114,7 @@ def test_a_process_that_is_silent_at_the_end_of_a_recording_leaves_open_what_the
     assert "said nothing in the last 13 s of the recording" in problem
 
 
-def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
-    run = Recorded()
+def test_a_process_that_has_counted_all_has_said_what_there_is(run: Recorded) -> None:
     run.says(1.0, "")
     run.recording.ended = 2.0
     news = EvidenceNews(settled=True, recordings={1: replace(WRITTEN, ended=True)})
@@ -110,8 +123,9 @@ def test_a_process_that_has_counted_all_has_said_what_there_is() -> None:
     assert (account.unwritten, account.problems) == (0, ())
 
 
-def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_now() -> None:
-    run = Recorded()
+def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_now(
+    run: Recorded,
+) -> None:
     fresh = run.hears(1.0, {"/left": 0.1}, saved=0.9)
     assert [topic.rate for topic in fresh.topics] == [10.0]
     news = EvidenceNews(settled=True, flows=(TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),))
@@ -129,9 +143,8 @@ def test_what_was_told_before_a_process_fell_silent_is_not_told_as_what_comes_no
     ],
 )
 def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(
-    silent: float, queued: int, said: str | None
+    run: Recorded, silent: float, queued: int, said: str | None
 ) -> None:
-    run = Recorded()
     written = replace(WRITTEN, silent=silent, queued=queued)
     flows = (TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0),)
     news = EvidenceNews(settled=True, flows=flows, recordings={1: written})
@@ -143,8 +156,9 @@ def test_a_disk_that_takes_nothing_is_told_beside_what_still_comes(
     assert standing(2.0, news, 2.0, "", run.recording).trouble(0.0) is None
 
 
-def test_a_file_that_waits_for_its_repair_is_a_fault_and_stands_in_no_start_s_way() -> None:
-    run = Recorded()
+def test_a_file_that_waits_for_its_repair_is_a_fault_and_stands_in_no_start_s_way(
+    run: Recorded,
+) -> None:
     run.recording.ended = 2.0
     waits = "run_evidence_0.mcap is not complete and waits for its repair"
     written = replace(WRITTEN, finished=True, ended=True, unrepaired=waits)
@@ -163,8 +177,7 @@ def camera(*pauses: tuple[float, float | None]) -> TopicFlow:
     return TopicFlow("/left", "a/msg/B", 1, 10.0, 1e6, 0, pauses=told)
 
 
-def test_the_silence_of_a_camera_is_told_from_the_start_of_the_run_on() -> None:
-    run = Recorded()
+def test_the_silence_of_a_camera_is_told_from_the_start_of_the_run_on(run: Recorded) -> None:
     start = 10.0
     silent = run.finds(20.0, camera((13.9, None)))
     assert silent.topics_since(start)[0].problem == "silent since +3.9 s"
@@ -183,8 +196,7 @@ def test_the_silence_of_a_camera_is_told_from_the_start_of_the_run_on() -> None:
     ]  # what comes after the recording is none of it
 
 
-def test_a_camera_that_comes_again_by_a_new_process_was_silent_until_then() -> None:
-    run = Recorded()
+def test_a_camera_that_comes_again_by_a_new_process_was_silent_until_then(run: Recorded) -> None:
     run.finds(20.0, camera((13.9, None)))
     run.is_killed(21.0)
     assert run.finds(23.0).pauses["/left"][-1].end is None
@@ -192,8 +204,7 @@ def test_a_camera_that_comes_again_by_a_new_process_was_silent_until_then() -> N
     assert back.account_since(10.0).remarks()[1:] == ["/left: silent from +3.9 s to +15.2 s"]
 
 
-def test_a_topic_that_appears_after_the_start_is_told_with_its_first_message() -> None:
-    run = Recorded()
+def test_a_topic_that_appears_after_the_start_is_told_with_its_first_message(run: Recorded) -> None:
     run.finds(8.0)
     late = run.finds(25.0, camera(), first={"/left": 24.2})
     assert late.account_since(10.0).remarks() == ["/left: first message at +14.2 s"]
@@ -229,8 +240,7 @@ def test_what_nobody_published_stands_in_the_account_and_a_dead_topic_is_silent(
     assert status.faults(0.1)[1:] == ("/camera/dead: silent since +0.1 s",)
 
 
-def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back() -> None:
-    run = Recorded()
+def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back(run: Recorded) -> None:
     run.hears(6.0, {"/left": 0.1, "/right": 0.2}, saved=5.62)
     run.is_killed(6.5)
     starting = run.hears(8.0, {}, saved=None)
@@ -245,8 +255,7 @@ def test_a_gap_lasts_from_what_is_in_the_file_until_all_that_came_is_back() -> N
     assert back.gaps == (EvidenceGap(5.62, 8.75, KILLED),)
 
 
-def test_what_never_comes_back_keeps_no_gap_open() -> None:
-    run = Recorded()
+def test_what_never_comes_back_keeps_no_gap_open(run: Recorded) -> None:
     run.hears(6.0, {"/left": 0.1, "/gone": 0.2}, saved=5.6)
     run.is_killed(6.5)
     run.hears(7.0, {"/left": 7.0}, saved=None)
@@ -254,8 +263,7 @@ def test_what_never_comes_back_keeps_no_gap_open() -> None:
     assert later.gaps == (EvidenceGap(5.6, 7.0, KILLED),)
 
 
-def test_a_process_that_is_not_back_at_the_end_leaves_a_gap_up_to_the_end() -> None:
-    run = Recorded()
+def test_a_process_that_is_not_back_at_the_end_leaves_a_gap_up_to_the_end(run: Recorded) -> None:
     run.hears(6.0, {"/left": 0.1}, saved=5.6)
     run.is_killed(6.5)
     run.recording.ended = 7.0
@@ -265,8 +273,9 @@ def test_a_process_that_is_not_back_at_the_end_leaves_a_gap_up_to_the_end() -> N
     assert account.words.startswith("1 topic, 0 messages, 0.0 MB, missing from +5.6 s to the end")
 
 
-def test_of_many_ends_one_line_has_the_number_and_the_last_gap_all_that_came_later() -> None:
-    run = Recorded()
+def test_of_many_ends_one_line_has_the_number_and_the_last_gap_all_that_came_later(
+    run: Recorded,
+) -> None:
     kills = MOST_GAPS + 5
     for number in range(kills):
         run.hears(number + 0.5, {"/left": number + 0.3}, saved=number + 0.4)
@@ -282,7 +291,19 @@ def test_of_many_ends_one_line_has_the_number_and_the_last_gap_all_that_came_lat
     assert told_in_short == f"from +0.4 s to +1.3 s and {kills - 1} times more"
 
 
-def test_a_recording_that_begins_before_its_process_listens_says_what_is_missing() -> None:
-    run = Recorded()
+def test_a_recording_that_begins_before_its_process_listens_says_what_is_missing(
+    run: Recorded,
+) -> None:
     run.recording.wait_for_process()
     assert run.hears(2.0, {"/left": 1.5}, saved=None).gaps[0].end == 1.5
+
+
+def test_an_order_that_comes_together_with_the_first_one_is_carried_out_too() -> None:
+    listen = ListenFor(7, EvidenceChoice(("/camera/**",)), (), ())
+    orders = listen, FinishFile(1), LeaveDisk(held=True)
+    engine, process = socket.socketpair()
+    with engine, process:
+        engine.sendall(b"".join(map(frame, orders)))
+        line = OrderLine(process)
+        assert line.first_order() == listen
+        assert line.orders() == [FinishFile(1), LeaveDisk(held=True)]

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from madrob_console.referee.acts import Start
+from madrob_console.engine.live.course import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
+from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.on_record import CheckName
-from scoring.protocol import Outcome, Signal
+from madrob_console.referee.run import Phase
+from scoring.protocol import EventName, Outcome, Signal
+from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
-from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value
 
 SIGNALS = {DOOR: Signal.DOOR, HANDLE: Signal.HANDLE, STRIP: Signal.CW_RIGHT}
 SLOW = r"only \d+ Hz of 50 Hz|silent for|one message in 2 s"
@@ -22,6 +28,13 @@ OFF = r"stamps 5\.\d+ s (ahead of|behind) their reception"
 EMPTY = r"no reading in \d+ of \d+ messages: "
 JUNK = r"\d+ of \d+ messages: not a (sensor|geometry)_msgs/msg/"
 LARGE = r"\d+ of \d+ messages: 40\d+ bytes, not read above \d+"
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Iterator[FaultyDrive]:
+    drive = FaultyDrive(tmp_path)
+    yield drive
+    drive.engine.close()
 
 
 class Case(NamedTuple):
@@ -92,9 +105,8 @@ def slow_but_for_some(topic: str, case: Case) -> object:
 
 @pytest.mark.parametrize(("topic", "case"), TABLE, ids=name_of)
 def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
-    topic: str, case: Case, tmp_path: Path
+    drive: FaultyDrive, topic: str, case: Case
 ) -> None:
-    drive = FaultyDrive(tmp_path)
     drive.set_up()
     assert drive.check(CheckName.TOPICS) == "ok: all fresh and at rate"
     drive.faulty.spoil(topic, case.fault)
@@ -107,9 +119,8 @@ def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
 
 @pytest.mark.parametrize(("topic", "case"), [slow_but_for_some(*row) for row in TABLE], ids=name_of)
 def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop(
-    topic: str, case: Case, tmp_path: Path
+    drive: FaultyDrive, topic: str, case: Case
 ) -> None:
-    drive = FaultyDrive(tmp_path)
     drive.spoilt_run(topic, case.fault)
     assert drive.seen_after(drive.faults, f"{topic}: .*({case.words})") <= 2.0
     result = drive.result()
@@ -132,3 +143,235 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
     else:
         assert drive.recorded(topic) == drive.handed(topic)
         assert drive.rescored() == result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "fault", [Fault.FLOODS, Fault.NAN, Fault.RANDOM, Fault.TWO_PUBLISHERS, Fault.ZERO_STAMPS]
+)
+def test_under_a_fault_an_abort_and_a_declared_timeout_take_effect_at_once(
+    fault: Fault, tmp_path: Path
+) -> None:
+    for act, outcome in (
+        (Abort("enough"), Outcome.ABORTED),
+        (DeclareTimeout("gave up"), Outcome.TIMEOUT),
+    ):
+        drive = FaultyDrive(tmp_path / outcome)
+        drive.spoilt_run(DOOR, fault)
+        drive.wait(1.0)
+        said = drive.engine.now()
+        drive.act(act)
+        result = drive.result()
+        assert (drive.engine.run.outcome, drive.engine.run.stop) == (outcome, said)
+        assert drive.engine.now() < said + 1.2  # the post-roll
+        assert drive.rescored() == result
+
+
+@pytest.mark.slow
+def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(drive: FaultyDrive) -> None:
+    drive.set_up()
+    for topic, fault in ((DOOR, Fault.NAN), (HANDLE, Fault.PLUS_INFINITY), (STRIP, Fault.EMPTY)):
+        drive.faulty.spoil(topic, fault)
+    drive.wait(0.6)
+    shown = drive.engine.snapshot()
+    assert (shown.door.angle, shown.door.is_open, shown.handle.force) == (None, None, None)
+    unknown = {(s.side, s.index) for s in shown.passage if s.occupied is None}
+    assert unknown == {("cw", index) for index in range(4)}
+    for name in (CheckName.DOOR, CheckName.HANDLE, CheckName.DOORWAY):
+        assert drive.check(name).startswith("no data")
+    assert drive.engine.perform(ZeroHandle()) == "no fresh handle force"
+
+
+@pytest.mark.slow
+def test_every_faulty_topic_is_named_and_what_is_healed_is_named_no_more(
+    drive: FaultyDrive,
+) -> None:
+    drive.set_up()
+    topics = drive.topics()
+    for topic in topics:
+        drive.faulty.spoil(topic, Fault.TRUNCATED)
+    drive.wait(2.0)
+    assert [line.split(": ")[0] for line in drive.faults().split("\n")] == topics
+    for topic in topics:
+        drive.faulty.heal(topic)
+    drive.wait(2.1)
+    assert drive.faults() == ""
+    assert drive.check(CheckName.TOPICS) == "ok: all fresh and at rate"
+
+
+@pytest.mark.slow
+def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
+    drive: FaultyDrive,
+) -> None:
+    drive.set_up()
+    assert drive.check(CheckName.REFEREE).startswith("ok: none")
+    words = "/madrob/console_hall_4711_0a1b2c (pid 4711 on hall) publishes the state"
+    drive.faulty.second_referee = words
+    assert drive.check(CheckName.REFEREE) == f"failed: {words}"
+    assert drive.faults() == f"another referee: {words}"
+    assert drive.engine.perform(Start()) == f"another referee: {words}"
+    drive.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
+    drive.begin()
+    drive.wait(3.0)
+    drive.faulty.second_referee = None
+    drive.wait(1.0)
+    assert drive.faults() == ""
+    remarks = drive.result().quality.remarks
+    (told,) = [line for line in remarks if "hall" in line and line.startswith("fault at")]
+    assert told.endswith(f"/madrob/referee/state: {words}")
+    assert drive.rescored().quality == drive.result().quality
+
+
+@pytest.mark.slow
+def test_bad_messages_among_good_ones_are_named_all_the_time(drive: FaultyDrive) -> None:
+    drive.wait(2.0)
+    good_and_bad = [Fault.STRAYS_BACK, Fault.TRUNCATED]
+    drive.faulty.alternate(HANDLE, good_and_bad)
+    drive.wait(0.5)
+    for _ in range(100):
+        drive.wait(0.02)
+        assert re.search(rf"{HANDLE}: .*\d+ of \d+ messages: not a ", drive.faults())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [Fault.AHEAD, Fault.BEHIND])
+def test_a_clock_that_is_5_s_off_from_before_the_start_ends_no_run_and_is_marked(
+    drive: FaultyDrive, fault: Fault
+) -> None:
+    for topic in drive.topics():
+        drive.faulty.spoil(topic, fault)
+    drive.set_up()
+    assert re.search(r"^failed: stamps differ by 5\d{3} ms", drive.check(CheckName.CLOCK))
+    drive.act(Waive(CheckName.TOPICS, "no time server"), Waive(CheckName.CLOCK, "no time server"))
+    drive.begin()
+    result = drive.result()
+    assert result.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT)
+    off = r"stamps differ from reception by up to 5\.0\d\d s"
+    assert len(re.findall(off, "\n".join(result.quality.remarks))) == len(drive.topics())
+    assert drive.rescored() == result
+
+
+@pytest.mark.slow
+def test_a_stamp_that_stood_still_for_a_while_shifts_nothing_afterwards(tmp_path: Path) -> None:
+    undisturbed, drive = FaultyDrive(tmp_path / "undisturbed"), FaultyDrive(tmp_path / "spoilt")
+    undisturbed.start(make_setup(countdown=1.0))
+    drive.start(make_setup(countdown=1.0))
+    for topic in (DOOR, HANDLE, STRIP):
+        drive.faulty.spoil(topic, Fault.REPEATS_STAMPS)
+    drive.wait(2.0)
+    for topic in (DOOR, HANDLE, STRIP):
+        drive.faulty.heal(topic)
+    wanted, found = undisturbed.result(), drive.result()
+    assert found.outcome is Outcome.COMPLETED
+    assert [(e.event, e.time) for e in found.events] == [(e.event, e.time) for e in wanted.events]
+    assert not any("clock stepped" in remark for remark in found.quality.remarks)
+    assert any("stamps dropped" in remark for remark in found.quality.remarks)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("topic", [DOOR, HANDLE, STRIP])
+def test_numbers_at_the_end_of_what_a_float_holds_break_nothing(
+    drive: FaultyDrive, topic: str
+) -> None:
+    drive.spoilt_run(topic, Fault.ENORMOUS)
+    result = drive.result()
+    assert drive.recorded(topic) == drive.handed(topic)
+    assert drive.rescored() == result
+    drive.act(SetUp(make_setup(run_number=2)))
+    drive.wait(1.0)
+    if topic == HANDLE:
+        assert drive.engine.perform(ZeroHandle()) == "no fresh handle force"
+
+
+@pytest.mark.slow
+@given(st.sampled_from([DOOR, HANDLE, STRIP]), st.lists(st.binary(max_size=200), max_size=20))
+def test_whatever_bytes_come_the_engine_goes_on_and_says_so(topic: str, junk: list[bytes]) -> None:
+    drive = FaultyDrive(Path("no folder is needed before a start"))
+    drive.faulty.replace_data(topic, junk)
+    drive.wait(0.6)
+    assert topic in drive.faults()
+
+
+@pytest.mark.slow
+def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: FaultyDrive) -> None:
+    drive.spoilt_run(DOOR, Fault.TWO_PUBLISHERS)
+    angles = cycle([0.0, 0.4])
+    drive.faulty.fake(DOOR, lambda message: set_value(message, next(angles)))
+    result = drive.result()
+    assert len(result.events) > MOST_NOTED + 100
+    assert any(FLICKERS in remark for remark in result.quality.remarks)
+    lines = (drive.folder / "journal.jsonl").read_text().splitlines()
+    assert len(lines) < MOST_NOTED + 20
+    assert drive.rescored() == result
+
+
+@pytest.mark.slow
+def test_a_door_that_flickers_in_the_countdown_is_no_end_of_false_starts(
+    drive: FaultyDrive,
+) -> None:
+    drive.set_up()
+    drive.begin()
+    drive.faulty.spoil(DOOR, Fault.TWO_PUBLISHERS)
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    assert len(drive.engine.run.false_starts) == MOST_FALSE_STARTS
+
+
+class Before(NamedTuple):
+    """A state of the testbed before the start.
+
+    Attributes:
+        topic, value: the topic that says it.
+        check: the check that fails.
+        words: what the check says.
+        event: what happens at the start when the check is waived.
+    """
+
+    topic: str
+    value: float
+    check: CheckName
+    words: str
+    event: EventName
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "before",
+    [
+        Before(DOOR, 0.4, CheckName.DOOR, r"angle \+0\.400 rad", EventName.DOOR_OPENS),
+        Before(
+            HANDLE,
+            20.0,
+            CheckName.HANDLE,
+            r"\+14\.\d+ N from zero, at rest up to 0.98 N: zero the handle",
+            EventName.HANDLE_IS_TOUCHED,
+        ),
+        Before(
+            STRIP,
+            1.0,
+            CheckName.DOORWAY,
+            "something under cw 0, cw 1, cw 2, cw 3",
+            EventName.APPROACHES_CW,
+        ),
+    ],
+    ids=lambda before: before.check.name,
+)
+def test_what_is_up_before_the_start_fails_a_check_and_when_waived_happens_at_the_start(
+    drive: FaultyDrive, before: Before
+) -> None:
+    drive.set_up()
+    assert drive.check(before.check).startswith("ok")
+    drive.faulty.fake(before.topic, lambda message: set_value(message, before.value))
+    words = f"^failed: {before.words}"
+    assert drive.seen_after(lambda: drive.check(before.check), words) <= 2.0
+    refusal = drive.engine.perform(Start())
+    assert refusal is not None
+    assert refusal.startswith(f"{before.check}: ")
+    drive.act(Waive(before.check, "the team knows"))
+    drive.begin()
+    drive.wait(2.0)
+    drive.faulty.heal(before.topic)
+    result = drive.result()
+    assert drive.engine.run.false_starts == ()
+    assert next(e.time for e in result.events if e.event is before.event) == result.start
+    assert f"check waived: {before.check}: the team knows" in result.quality.remarks
+    assert drive.rescored() == result

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from io import BytesIO, StringIO
 from pathlib import Path
+from types import FrameType
 
 import pytest
 from msgspec.structs import replace
@@ -13,10 +19,18 @@ from madrob_console.archive import score
 from madrob_console.engine.live.core import Engine
 from madrob_console.engine.live.engine_config import EngineConfig
 from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.process.local import LocalEngine
+from madrob_console.engine.process.scoring_process import ScoringProcess
+from madrob_console.engine.shown.requests import NextRunNumber, OpenRun
 from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes, referee_topics
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
+    Abort,
+    Act,
+    AddNote,
     ConfirmPose,
+    Correct,
     Finalise,
     MarkIncident,
     Reissue,
@@ -24,8 +38,11 @@ from madrob_console.referee.acts import (
     Rule,
     SetUp,
     Start,
+    TakeBack,
+    Void,
     ZeroHandle,
 )
+from madrob_console.referee.acts.take_back import last_decision
 from madrob_console.referee.journal import HOLD_FILE, read_journal
 from madrob_console.referee.on_record import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
@@ -33,20 +50,21 @@ from madrob_console.testbeds.simulated import Scenario
 from recorder.message import RawMessage
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome, Step
+from scoring.protocol import Condition, Outcome, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.served import act, simulated, start
 from tests.slowly import slow_but_for
+from tests.watching import until
 
 
 def snapshot_faults(snapshot: Snapshot) -> str:
     return "\n".join(snapshot.faults)
 
 
-def test_the_recording_has_a_second_before_the_start_and_after_the_stop(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_the_recording_has_a_second_before_the_start_and_after_the_stop(drive: Drive) -> None:
     drive.whole_run(make_setup(countdown=0.0))
     run = drive.engine.run
     assert run.start is not None
@@ -80,8 +98,7 @@ def test_bag_replay_and_live_run_give_the_same_digits(
     assert replayed(bag_alone) == live.result
 
 
-def test_a_reissue_gets_a_number_and_the_old_result_stays(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_reissue_gets_a_number_and_the_old_result_stays(drive: Drive) -> None:
     drive.whole_run(make_setup())
     drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
     first = (drive.folder / "result.json").read_bytes()
@@ -92,8 +109,7 @@ def test_a_reissue_gets_a_number_and_the_old_result_stays(tmp_path: Path) -> Non
     assert (second["issue"], second["closure"]["team_word"]) == (2, "acknowledged")
 
 
-def test_every_act_and_change_is_in_the_journal_and_in_the_bag(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_every_act_and_change_is_in_the_journal_and_in_the_bag(drive: Drive) -> None:
     drive.start(make_setup())
     drive.act(MarkIncident(IncidentKind.COLLISION, "door frame"))
     drive.finish()
@@ -111,8 +127,7 @@ def test_every_act_and_change_is_in_the_journal_and_in_the_bag(tmp_path: Path) -
     assert {"/madrob/referee/state", "/madrob/referee/start_pose"} <= topics
 
 
-def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(drive: Drive) -> None:
     drive.whole_run(make_setup(timeout=5.0))
     again = SetUp(make_setup(run_number=2, timeout=5.0))
     drive.act(again)
@@ -135,8 +150,7 @@ def test_robot_and_bag_hear_of_every_set_up_and_of_every_countdown(tmp_path: Pat
 def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) -> None:
     drive = FaultyDrive(tmp_path)
     drive.whole_run(make_setup())
-    assert drive.engine.folder is not None
-    recorded = [m for m in read_bag(drive.engine.folder).messages() if "/referee/" in m.topic]
+    recorded = [m for m in read_bag(drive.folder).messages() if "/referee/" in m.topic]
     published = drive.faulty.published
     in_bag = [(m.topic, m.type, m.data) for m in recorded]
     said = [(m.topic, m.type, m.data) for m in published]
@@ -146,8 +160,7 @@ def test_what_is_recorded_of_the_console_is_what_it_published(tmp_path: Path) ->
     assert all(m.publish_ns <= m.receive_ns for m in recorded)
 
 
-def test_a_used_run_number_is_refused_and_nothing_is_overwritten(tmp_path: Path) -> None:
-    drive = Drive(tmp_path)
+def test_a_used_run_number_is_refused_and_nothing_is_overwritten(drive: Drive) -> None:
     drive.whole_run(make_setup(timeout=5.0))
     before = {p.name: p.stat().st_size for p in drive.folder.iterdir()}
     first = drive.folder
@@ -252,3 +265,112 @@ def test_undecodable_bytes_are_recorded_named_and_counted(tmp_path: Path) -> Non
     junk = [m for m in read_bag(drive.folder).messages() if m.data.endswith(b"junk")]
     assert len(junk) > 100
     assert next(score(drive.folder)).result.indicators == (drive.engine.scored.result.indicators)
+
+
+SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
+_CORE, _KEEPERS = "engine", ("keeper", "reader 0", "reader 1", "reader 2")
+_FRAMES = 6
+SPEED, PATIENCE = 1.0, 120.0  # a core that is watched is slow, and the machine may be busy
+_FILES = ("posix", "fcntl", "_io")
+_NO_FILE = {"fspath", "eventfd_write"}  # the latter: the bell of the scorer's thread
+_EVENTS = ("open", "os.", "fcntl.", "shutil.", "glob.", "pathlib.", "tempfile.")
+
+
+class Watch:
+    """What threads of an engine do.
+
+    Attributes:
+        calls: of built-in functions by the core.
+        found: what it did that it should not, and the keepers, too.
+    """
+
+    def __init__(self) -> None:
+        self.calls = 0
+        self.found: set[str] = set()
+
+    def audited(self, event: str, arguments: tuple[object, ...]) -> None:
+        """Python reports something."""
+        thread = threading.current_thread().name
+        imports = event == "import" and thread in (_CORE, *_KEEPERS)
+        if imports or (thread == _CORE and event.startswith(_EVENTS)):
+            self._tell(f"{thread}: {event} {arguments[:1]}", sys._getframe(2))
+
+    def profiled(self, frame: FrameType, event: str, function: object) -> None:
+        """Something is called."""
+        if event != "c_call" or threading.current_thread().name != _CORE:
+            return
+        self.calls += 1
+        owner = getattr(function, "__self__", None)
+        if isinstance(owner, BytesIO | StringIO):
+            return
+        module = getattr(function, "__module__", None) or type(owner).__module__
+        name = getattr(function, "__name__", "")
+        if module in _FILES and name not in _NO_FILE:
+            self._tell(f"{module}.{name}", frame)
+
+    def _tell(self, what: str, frame: FrameType | None) -> None:
+        where = list[str]()
+        while frame is not None and len(where) < _FRAMES:
+            where.append(f"{frame.f_code.co_filename.rpartition('/')[2]}:{frame.f_lineno}")
+            frame = frame.f_back
+        self.found.add(f"{what}: {' < '.join(where)}")
+
+
+_watch: Watch | None = None
+
+
+def _audited(event: str, arguments: tuple[object, ...]) -> None:
+    if _watch is not None:
+        _watch.audited(event, arguments)
+
+
+sys.addaudithook(_audited)  # for good: it cannot be taken away again
+
+
+@contextmanager
+def watched() -> Iterator[Watch]:
+    """Watch each engine that is made inside."""
+    global _watch  # noqa: PLW0603  so is the hook that reads it
+    _watch = Watch()
+    threading.setprofile(_watch.profiled)
+    try:
+        yield _watch
+    finally:
+        threading.setprofile(None)
+        _watch = None
+
+
+@pytest.mark.machine
+@pytest.mark.timeout(240)
+def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
+    engine = simulated(tmp_path / "runs", SPEED, scorer=ScoringProcess())
+    with watched() as watch, closing(LocalEngine(engine)) as local:
+
+        def done(*acts: Act) -> None:
+            for one in acts:
+                until(lambda one=one: act(local, one) is None)  # type: ignore[misc]
+
+        start(local)
+        done(AddNote("all is well"), MarkIncident(IncidentKind.COLLISION, "door frame"))
+        until(lambda: local.snapshot().result is not None, PATIENCE)
+        assert local.snapshot().run.outcome is Outcome.COMPLETED
+        first = f"practice/{Path(local.snapshot().folder or '').name}"
+        done(Rule(Step.TOUCH, confirmed=False, reason="video"), SIGNED, Reissue("appeal"), SIGNED)
+        done(Void("unsafe"), Correct(3, Condition.from_number(11), "typed wrongly"))
+        last = last_decision(local.snapshot().run)
+        assert last is not None
+        done(TakeBack(last.kind, last.time, "my mistake"), SIGNED)
+        number = local.ask(NextRunNumber(3, 1, practice=True))
+        done(SetUp(make_setup(run_number=number, countdown=5.0)))
+        until(lambda: local.snapshot().run.phase is Phase.READY)
+        done(ZeroHandle(), ConfirmPose(), Start(), RestartCountdown("robot not ready"))
+        until(lambda: local.snapshot().run.phase is Phase.RUNNING)
+        done(Abort("enough"))
+        until(lambda: local.snapshot().result is not None)
+        assert local.ask(OpenRun(first)) is None
+        until(lambda: local.snapshot().opened)
+        done(Reissue("once more"), AddNote("afterwards"), SIGNED)
+        until(lambda: local.snapshot().run.issue == 4 and local.snapshot().result is not None)
+        assert local.snapshot().run.phase is Phase.FINAL
+        assert watch.calls > 10_000
+        assert not watch.found, "\n".join(sorted(watch.found))

@@ -42,8 +42,7 @@ def cut_off(results: Path) -> Path:
     drive = Drive(results)
     drive.start(make_setup())
     drive.wait(6.0)
-    folder = drive.engine.folder
-    assert folder is not None
+    folder = drive.folder
     drive.wait_for_disk()
     copy = results / "copy"
     shutil.copytree(folder, copy)

@@ -8,24 +8,26 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.history import PROTEST_OPEN, History, time_words
+from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary, time_words
 from madrob_console.archive.run_journal import ever_protested
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.main import main
 from madrob_console.engine.live.replay import Replay
+from madrob_console.engine.process.protest_watch import LOOKING_PERIOD, ProtestWatch
 from madrob_console.engine.shown.playback import JumpTo, Skip
 from madrob_console.errors import MadrobError
 from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
 from madrob_console.export.readme import README_FILE
 from madrob_console.export.zip_file import SUMS_FILE
-from madrob_console.messages.codec import MessageTypes
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
@@ -48,9 +50,10 @@ from madrob_console.standings.web_page import standings_html
 from madrob_console.tidy.run_rows import rows_of
 from madrob_console.tidy.run_tables import RUNS
 from scoring.protocol import Step
-from tests.madrob_console.cameras.frames import film
+from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
+from tests.madrob_console.run_folders import EPOCH, summary
 from tests.recorder.samples import add_evidence, strings
 
 CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
@@ -366,3 +369,75 @@ def test_the_help_says_as_the_refusal_does_that_one_run_is_packed_as_a_dossier(
     told = " ".join(capsys.readouterr().out.split())
     assert "--run RUN with --dossier one run instead" in told
     assert "--dossier with --run, all of that run" in told
+
+
+DUE = EPOCH + 600.0
+PROTESTED = summary(4, 7, 2, protest_due=DUE)
+OTHER = summary(5, protest_due=DUE + 60.0)
+QUIET = summary(6)
+
+
+class Archive:
+    """Runs that are read when a test says so."""
+
+    def __init__(self, *runs: RunSummary) -> None:
+        self.runs: Sequence[RunSummary] = runs
+        self.asked: list[Future[Sequence[RunSummary]]] = []
+        self.now = 0.0
+        self.watch = ProtestWatch(lambda: self.runs, self.read, lambda: self.now)
+
+    def read(self, job: Callable[[], Sequence[RunSummary]]) -> Future[Sequence[RunSummary]]:
+        self.asked.append(Future())
+        return self.asked[-1]
+
+    def answer(self) -> None:
+        self.asked[-1].set_result(self.runs)
+
+
+def known(*runs: RunSummary) -> Archive:
+    archive = Archive(*runs)
+    archive.watch.look("a result")
+    archive.answer()
+    archive.watch.look("a result")
+    return archive
+
+
+def test_protests_that_should_have_been_decided_are_told_with_the_keys_that_lead_there() -> None:
+    watch = known(QUIET, OTHER, PROTESTED).watch
+    assert list(watch.overdue(DUE - 1.0, "")) == []
+    (words,) = watch.overdue(DUE + 30.0, "")
+    which = "protest against run 2 of subject 4 in condition 7"
+    assert words == f"{which}: OVERDUE since {time_words(DUE)}; h opens it, P decides it"
+    assert list(watch.overdue(DUE + 31.0, "")) == [words]  # a new fault rings the bell
+    assert list(watch.open(DUE - 600.0)) == [
+        "protest against run 2 of subject 4 in condition 7: 10 min left",
+        "protest against run 1 of subject 5 in condition 7: 11 min left",
+    ]
+
+
+def test_the_run_at_hand_tells_its_own() -> None:
+    assert list(known(PROTESTED).watch.overdue(DUE + 30.0, PROTESTED.folder)) == []
+
+
+def test_it_reads_again_when_a_result_has_come_and_after_a_while_and_waits_for_nothing() -> None:
+    archive = known(PROTESTED)
+    archive.watch.look("a result")
+    assert len(archive.asked) == 1
+    archive.watch.look("another")
+    archive.watch.look("a third")  # the reading before goes on
+    assert len(archive.asked) == 2
+    archive.runs = ()
+    archive.answer()
+    archive.watch.look("another")
+    assert list(archive.watch.open(DUE)) == []
+    archive.now += LOOKING_PERIOD
+    archive.watch.look("another")
+    assert len(archive.asked) == 3
+
+
+def test_what_cannot_be_read_leaves_what_is_known() -> None:
+    archive = known(PROTESTED)
+    archive.watch.look("another")
+    archive.asked[-1].set_exception(MadrobError("the disk is away"))
+    archive.watch.look("another")
+    assert len(list(archive.watch.open(DUE))) == 1

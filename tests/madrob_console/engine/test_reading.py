@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
+import json
+import os
 import threading
+from collections.abc import Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import pytest
 
+from madrob_console.archive.history import History
+from madrob_console.cli.unattended import UnattendedRun
 from madrob_console.engine.live.reading import BUSY, MOST_WAITING, THREADS, ThreadReader
+from madrob_console.engine.process.list_watch import ListWatch
 from madrob_console.errors import MadrobError
+from madrob_console.referee.acts import SetUp, Start, Waive
+from madrob_console.referee.flags import FlagKind
+from madrob_console.referee.journal import read_journal
+from madrob_console.referee.on_record import CheckName
+from madrob_console.referee.preflight import Check, CheckState
+from madrob_console.referee.teams import TeamList, TeamSource
+from madrob_console.standings.tally import overall
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
 from tests.watching import PATIENCE, until
-
-pytestmark = pytest.mark.machine
 
 
 def breaks() -> None:
     raise ValueError("a bug")
 
 
+@pytest.mark.machine
 def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it() -> None:
     reader, told = ThreadReader(), list[str]()
     answer = reader.ask(lambda: 7, lambda _: told.append(threading.current_thread().name))
@@ -33,6 +51,7 @@ def test_what_the_core_asked_is_told_in_its_thread_and_not_before_it_asks_for_it
     reader.close()
 
 
+@pytest.mark.machine
 def test_a_bug_is_an_answer_in_words_and_ends_no_thread() -> None:
     reader = ThreadReader()
     for _ in range(THREADS + 1):
@@ -42,6 +61,7 @@ def test_a_bug_is_an_answer_in_words_and_ends_no_thread() -> None:
     reader.close()
 
 
+@pytest.mark.machine
 def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
     """A screen that waits long, as for the bag of a run, says nothing of the disk."""
     reader, go_on, begun = ThreadReader(), threading.Event(), list[int]()
@@ -63,6 +83,7 @@ def test_the_disk_is_silent_while_it_owes_the_core_an_answer() -> None:
     reader.close()
 
 
+@pytest.mark.machine
 def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
     reader, go_on, order = ThreadReader(), threading.Event(), list[int]()
 
@@ -90,3 +111,208 @@ def test_a_disk_that_hangs_holds_up_so_many_readings_and_refuses_more() -> None:
     reader.close()
     with pytest.raises(MadrobError, match="the engine has ended"):
         asked(300).result()
+
+
+NEVER = 1e6
+"""A period in which nothing is looked at but by the test, s."""
+
+
+@contextmanager
+def watching(
+    file: Path | None, told: list[TeamList], period: float = NEVER
+) -> Iterator[ListWatch[TeamList]]:
+    watch = ListWatch(TeamSource({9: "Own"}, file), told.append, period)
+    try:
+        yield watch
+    finally:
+        watch.close()
+
+
+def test_the_list_is_there_before_the_engine_goes_on(tmp_path: Path) -> None:
+    file, told = tmp_path / "teams.csv", list[TeamList]()
+    file.write_text("3,Walkers\n")
+    with watching(file, told):
+        assert [teams.names for teams in told] == [{3: "Walkers", 9: "Own"}]
+
+
+def test_without_a_file_the_settings_are_the_list() -> None:
+    told = list[TeamList]()
+    with watching(None, told):
+        assert told == [TeamList({9: "Own"})]
+
+
+def test_a_list_that_changes_is_told_on_and_the_first_one_is_not(tmp_path: Path) -> None:
+    file, told, changes = tmp_path / "teams.csv", list[TeamList](), list[int]()
+    file.write_text("3,Walkers\n")
+    source = TeamSource({}, file)
+    watch = ListWatch(source, told.append, NEVER, lambda: changes.append(len(told)))
+    try:
+        assert (len(told), changes) == (1, [])
+        file.write_text("3,Runners\n")
+        watch.look()
+        watch.look()
+        assert (len(told), changes) == (2, [2])  # the engine knows it first
+    finally:
+        watch.close()
+
+
+def test_a_file_that_is_being_written_is_read_when_it_rests(tmp_path: Path) -> None:
+    file, told = tmp_path / "teams.csv", list[TeamList]()
+    file.write_text("3,Walkers\n")
+    with watching(file, told) as watch:
+        file.write_text("3,Wal")
+        watch.look()  # it has changed: it may change again
+        file.write_text("3,Walkers\n4,Runn")
+        watch.look()
+        file.write_text("3,Walkers\n4,Runners\n")
+        watch.look()
+        assert len(told) == 1
+        watch.look()
+        assert told[1:] == [TeamList({3: "Walkers", 4: "Runners", 9: "Own"}, (), str(file))]
+        watch.look()
+        assert len(told) == 2
+
+
+def test_a_file_that_goes_and_comes_back_is_told_and_the_list_stays(tmp_path: Path) -> None:
+    file, told = tmp_path / "teams.csv", list[TeamList]()
+    file.write_text("3,Walkers\n")
+    with watching(file, told) as watch:
+        file.unlink()
+        for _ in range(5):
+            watch.look()
+        assert len(told) == 2
+        assert told[1].names == told[0].names
+        assert "the list stays as it was" in told[1].problems[0]
+        file.write_text("3,Walkers\n4,Late\n")
+        watch.look()
+        watch.look()
+        assert told[2].names == {3: "Walkers", 4: "Late", 9: "Own"}
+        assert told[2].problems == ()
+
+
+def test_a_link_to_the_list_is_followed_to_another_list(tmp_path: Path) -> None:
+    day1, day2, file = tmp_path / "day1.csv", tmp_path / "day2.csv", tmp_path / "teams.csv"
+    day1.write_text("3,Walkers\n")
+    day2.write_text("4,Runners of day 2\n")
+    file.symlink_to(day1)
+    told = list[TeamList]()
+    with watching(file, told) as watch:
+        (tmp_path / "new").symlink_to(day2)
+        os.replace(tmp_path / "new", file)  # noqa: PTH105  as `ln -sf` does
+        watch.look()
+        watch.look()
+        assert told[-1].names == {4: "Runners of day 2", 9: "Own"}
+
+
+@pytest.mark.machine
+def test_its_thread_looks_by_itself(tmp_path: Path) -> None:
+    file, told = tmp_path / "teams.csv", list[TeamList]()
+    file.write_text("3,Walkers\n")
+    with watching(file, told, 0.02):
+        file.write_text("3,Walkers\n4,Late\n")
+        until(lambda: told[-1].names.get(4) == "Late")
+
+
+REASON = "renamed since"
+
+
+def test_the_engine_takes_no_name_beside_the_list_without_a_reason(tmp_path: Path) -> None:
+    drive, setup = Drive(tmp_path), make_setup()
+    assert drive.engine.perform(SetUp(setup)) is None  # no list: names are free
+    teams = TeamList({setup.subject: "Delft Walkers"})
+    drive.engine.hear_of_teams(teams)
+    assert drive.engine.snapshot().teams == teams
+    refused = drive.engine.perform(SetUp(setup))
+    assert refused is not None
+    assert "'Delft Walkers' in the list of teams: another name needs a reason" in refused
+    assert drive.engine.perform(SetUp(replace(setup, team="Delft Walkers"))) is None
+    assert drive.engine.perform(SetUp(replace(setup, subject=9, team=""))) is None
+    assert drive.engine.perform(SetUp(replace(setup, subject=9))) is not None
+    assert drive.engine.perform(SetUp(replace(setup, team_reason=REASON))) is None
+    drive.engine.close()
+
+
+def test_the_reason_for_another_name_stands_with_the_run(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    setup = replace(make_setup(), team="Runners", team_reason=REASON)
+    listed = {setup.subject: "Delft Walkers"}
+    drive.engine.hear_of_teams(TeamList(listed))
+    drive.start(setup)
+    drive.finish()
+    drive.engine.close()
+    first, *_ = read_journal(drive.folder / "journal.jsonl")[0]
+    assert (first.what, first.reason) == (SetUp.name, REASON)
+    result = json.loads((drive.folder / "result.json").read_text())
+    assert (result["team"], result["setup"]["team_reason"]) == ("Runners", REASON)
+    (run,) = History(tmp_path).refresh()
+    (flag,) = (flag for flag in run.flags if flag.kind is FlagKind.OTHER_NAME)
+    assert flag.words == f"team's name other than the list's: {REASON}"
+    (team,) = overall([run], official=run.official, listed=listed)
+    assert (team.team, team.other_names) == ("Delft Walkers", ("Runners",))
+
+
+def team_check(drive: Drive) -> Check | None:
+    checks = drive.engine.snapshot().checks
+    return next((check for check in checks if check.name is CheckName.TEAM), None)
+
+
+UNLISTED = "start refused: team: 9 is not in the list: F2 corrects it, w waives"
+
+
+def test_an_official_run_of_a_team_that_does_not_exist_starts_only_waived(hall: Rehearsal) -> None:
+    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
+    hall.prepare(replace(make_setup(), subject=9, team=""))
+    assert f"start refused: {hall.engine.perform(Start())}" == UNLISTED
+    hall.act(Waive(CheckName.TEAM, "a guest"), Start())
+    hall.finish()
+    result = json.loads((hall.folder / "result.json").read_text())
+    (waived,) = result["waivers"]
+    assert (waived["check"], waived["reason"]) == ("team", "a guest")
+
+
+@pytest.mark.parametrize("waive", [None, "a guest"])
+def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
+    hall: Rehearsal, monkeypatch: pytest.MonkeyPatch, waive: str | None
+) -> None:
+    monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
+    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
+    run, began = UnattendedRun(hall.engine, None), hall.engine.now()
+    go = partial(
+        run.go, lambda *, simulated: replace(make_setup(), subject=9, team=""), 20.0, waive
+    )
+    if waive is None:
+        with pytest.raises(MadrobError, match=UNLISTED):
+            go()
+        assert hall.engine.now() < began + 10.0
+    else:
+        assert go() is Outcome.COMPLETED
+
+
+def test_practice_and_a_competition_without_a_list_need_no_team(hall: Rehearsal) -> None:
+    unlisted = replace(make_setup(), subject=9, team="")
+    hall.prepare(unlisted)
+    assert team_check(hall) is None
+    hall.engine.hear_of_teams(TeamList({3: "Delft Walkers"}))
+    assert team_check(hall) is not None
+    hall.prepare(replace(unlisted, practice=True))
+    assert team_check(hall) is None
+    hall.act(Start())
+
+
+def test_the_list_counts_as_it_is_now(hall: Rehearsal) -> None:
+    without, having = TeamList({3: "Delft Walkers"}), TeamList({3: "Delft Walkers", 9: "Ghent"})
+    hall.prepare(replace(make_setup(), subject=9, team=""))
+    for teams, blocks in ((without, True), (having, False), (without, True)):
+        hall.engine.hear_of_teams(teams)
+        assert (team_check(hall) is not None) is blocks
+
+
+def test_a_run_out_of_plan_starts_only_waived(hall: Rehearsal) -> None:
+    hall.prepare(replace(make_setup(), out_of_plan=True))
+    refused = hall.engine.perform(Start())
+    assert refused == "team: out of plan: F2 corrects it, w waives"
+    hall.act(Waive(CheckName.TEAM, "the organiser agrees"))
+    check = team_check(hall)
+    assert check is not None
+    assert check.state is CheckState.WAIVED
+    hall.act(Start())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import pickle
 import re
 import shutil
+import threading
 import time
 from contextlib import closing, suppress
 from dataclasses import replace
@@ -18,8 +20,13 @@ from madrob_console.archive.scored import score_opened
 from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
+from madrob_console.engine.process import troubles as server_socket
+from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.process.reporting import Reporting
+from madrob_console.engine.process.troubles import AGAIN, FallenThreads, Troubles
+from madrob_console.engine.shown.diagnoses import diagnoses
 from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Role
+from madrob_console.engine.shown.snapshot import Pulse, Snapshot
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
@@ -36,15 +43,17 @@ from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.preflight import blocking
 from madrob_console.report.page import report_html
 from madrob_console.report.surroundings import Surroundings
+from madrob_console.testbeds.outside import Diagnosis, Level
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.version import software_version
 from scoring.protocol import Step
-from tests.madrob_console.cameras.frames import film
+from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
+from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
-from tests.madrob_console.publishing.competition_runs import put_recorded
+from tests.madrob_console.pages.competition_runs import put_recorded
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import until
@@ -69,8 +78,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     )
     assert told[1:] == [(first, 1), (first, 1), (first, 2), (first, 2)]
     drive.start(make_setup(run_number=2))
-    running = drive.engine.folder
-    assert running is not None
+    running = drive.folder
     left = tmp_path / "of a machine that failed" / running.name
     shutil.copytree(running, left)
     drive.engine.close()
@@ -148,8 +156,7 @@ def test_an_engines_page_is_the_one_that_madrob_report_makes(tmp_path: Path) -> 
     assert reporting.wait(60.0)
     assert reporting.problem is None
     reporting.close()
-    assert drive.engine.folder is not None
-    folder = drive.engine.folder
+    folder = drive.folder
     scored = score_opened(folder)
     place = Surroundings().place_of(folder, scored)
     assert place.files
@@ -397,3 +404,159 @@ def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_p
     assert cut_off.exists()
     assert all("</html>" in path.read_text() for path in tmp_path.rglob("report.html"))
     assert not [p for p in tmp_path.rglob(".*") if p.parent != tmp_path]
+
+
+DOOR = "/madrob/door/angle"
+
+
+def told(snapshot: Snapshot) -> dict[str, Diagnosis]:
+    return {diagnosis.name: diagnosis for diagnosis in diagnoses(snapshot, 50.0)}
+
+
+@pytest.fixture
+def snapshot(tmp_path: Path) -> Snapshot:
+    """Of a healthy testbed."""
+    drive = Drive(tmp_path)
+    drive.wait(3.0)
+    snapshot = drive.engine.snapshot()
+    drive.engine.close()
+    return snapshot
+
+
+def test_where_all_is_well_everything_is_ok_and_has_its_numbers(snapshot: Snapshot) -> None:
+    heard = told(snapshot)
+    assert {diagnosis.level for diagnosis in heard.values()} == {Level.OK}
+    assert heard["engine"].message == heard["engine"].values["phase"] == "idle"
+    assert heard["recorder"].message == "closed"
+    assert heard["disk"].message.endswith("needed")  # the pre-start check's words
+    door = heard[DOOR]
+    assert door.message == "fresh"
+    assert float(door.values["rate, Hz"]) == pytest.approx(50, abs=1)
+    assert door.values["expected, Hz"] == "50"
+    assert heard["/madrob/door/locked"].message == "never seen (optional)"
+
+
+def test_a_topic_that_falls_silent_is_stale_in_the_words_of_the_screens(tmp_path: Path) -> None:
+    drive = FaultyDrive(tmp_path)
+    drive.wait(3.0)
+    drive.faulty.replace_data(DOOR, [])
+    drive.wait(3.0)
+    snapshot = drive.engine.snapshot()
+    heard = told(snapshot)
+    view = next(view for view in snapshot.topics if view.topic == DOOR)
+    assert (heard[DOOR].level, heard[DOOR].message) == (Level.STALE, view.problem)
+    assert heard["engine"].level is Level.OK  # what the topic says is not said again
+    drive.engine.close()
+
+
+def test_what_is_wrong_with_engine_recorder_and_disk_is_an_error_of_its_own(
+    snapshot: Snapshot,
+) -> None:
+    recorder = replace(snapshot.recorder, state="failed", dropped=3, queued=77)
+    faults = ("recorder: disk full", "recorder: 3 messages dropped", "another referee: ada")
+    snapshot = replace(snapshot, recorder=recorder, faults=faults, pulse=Pulse(disk=4))
+    heard = told(snapshot)
+    assert heard["recorder"].level is Level.ERROR
+    assert heard["recorder"].message == "disk full; 3 messages dropped"
+    assert heard["recorder"].values["queue, bytes"] == "77"
+    assert (heard["disk"].level, heard["disk"].message) == (Level.ERROR, "silent for 4 s")
+    assert (heard["engine"].level, heard["engine"].message) == (Level.WARN, "another referee: ada")
+    hung = told(replace(snapshot, pulse=Pulse(core=3)))["engine"]
+    assert hung.level is Level.ERROR
+    assert hung.message == "the engine has not moved for 3 s: what you see is old"
+    assert hung.values["core silent, s"] == "3"
+
+
+NO_HANDLES = OSError(24, "Too many open files")
+
+
+class Passing:
+    """Time that passes when it is told to."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_each_kind_of_trouble_is_a_line_and_is_said_again_only_after_a_while(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    time = Passing()
+    found = Troubles(time)
+    for _ in range(1000):
+        found.tell("new screens must wait", NO_HANDLES)
+        found.tell("new screens must wait", OSError(23, "Too many open files in system"))
+        found.tell("a screen was let go", MemoryError())
+    assert capsys.readouterr().err.splitlines() == [
+        "madrob: new screens must wait ([Errno 24] Too many open files)",
+        "madrob: a screen was let go (MemoryError)",
+    ]
+    time.now += AGAIN
+    found.tell("new screens must wait", NO_HANDLES)
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_what_others_say_neither_fills_the_log_nor_reaches_a_terminal_raw(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = Troubles(Passing())
+    for number in range(1000):
+        found.tell(f"\x1b[2Jscreen {number}\n", ValueError("\x1b]0;owned\x07"))
+    lines = capsys.readouterr().err
+    assert len(lines.splitlines()) <= 50
+    assert "\x1b" not in lines
+    assert lines.startswith("madrob: screen 0  ()\n")
+
+
+def test_a_loop_says_its_troubles_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    async def fail() -> None:
+        raise ValueError("lost")
+
+    async def forget_a_task() -> None:
+        asyncio.get_running_loop().set_exception_handler(Troubles().of_loop)
+        task = asyncio.create_task(fail())
+        await asyncio.wait([task])
+        del task
+
+    asyncio.run(forget_a_task())
+    said = capsys.readouterr().err
+    assert said == "madrob: Task exception was never retrieved (lost)\n"
+
+
+def test_what_must_go_on_is_begun_again_whatever_ends_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(server_socket, "_PAUSE", 0.0)
+    begun = 0
+
+    async def work() -> None:
+        nonlocal begun
+        begun += 1
+        if begun < 5:
+            raise MemoryError
+
+    asyncio.run(Troubles().lasting(work))
+    assert begun == 5
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.machine
+def test_a_thread_that_falls_is_a_fault_on_the_screens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        raise ValueError("\x1b[2Ja bug")
+
+    fallen = FallenThreads()
+    monkeypatch.setattr(threading, "excepthook", fallen.note)
+    local = LocalEngine(simulated(tmp_path), fallen=lambda: fallen.problem)
+    with closing(local):
+        assert not any("has ended" in fault for fault in local.snapshot().faults)
+        thread = threading.Thread(target=fail, name="intake")
+        thread.start()
+        thread.join()
+        words = "a part of the engine has ended (intake: a bug): start it again after the run"
+        until(lambda: words in local.snapshot().faults)
+    assert "ValueError" in capsys.readouterr().err

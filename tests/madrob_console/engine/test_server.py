@@ -37,7 +37,8 @@ from madrob_console.engine.shown.requests import (
 )
 from madrob_console.engine.shown.snapshot import Pulse, RightToAct
 from madrob_console.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, Finalise, SetUp, Start
 from madrob_console.referee.on_record import TeamWord
 from madrob_console.referee.run import Phase
@@ -134,10 +135,9 @@ def replayed(tmp_path: Path) -> Iterator[Served]:
     drive.act(Abort("robot on fire"))
     drive.finish()
     drive.engine.close()
-    assert drive.engine.folder is not None
     config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS, disk_needed=0)
     types = MessageTypes()
-    engine = Engine.of_recording(Replay(drive.engine.folder, types), config, types)
+    engine = Engine.of_recording(Replay(drive.folder, types), config, types)
     served = Served(tmp_path, engine=engine)
     yield served
     served.close()
@@ -325,9 +325,8 @@ BEGIN = RemoteEngine.begin.__code__
 
 @pytest.mark.parametrize("lines", range(7))
 def test_a_connection_that_ends_at_any_line_of_a_request_is_told_at_once(
-    tmp_path: Path, lines: int
+    drive: Drive, tmp_path: Path, lines: int
 ) -> None:
-    drive = Drive(tmp_path)
     outgoing = Outgoing()
     outgoing.show(drive.engine.snapshot(), 0.0)
     with socket.socket(socket.AF_UNIX) as listening, ThreadPoolExecutor() as pool:

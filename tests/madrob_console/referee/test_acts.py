@@ -6,8 +6,12 @@ import importlib
 import json
 import pkgutil
 from dataclasses import dataclass, replace
+from random import Random
+from uuid import NAMESPACE_URL, RFC_4122, UUID, uuid5
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from madrob_console.engine.live.event_log import EventLog
 from madrob_console.engine.shown.snapshot import Weight
@@ -42,7 +46,10 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
+from madrob_console.referee.amounts import counted, listed, size_words, span_words
 from madrob_console.referee.doubt_answers import Doubts
+from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
+from madrob_console.referee.health import Freshness, Health
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.on_record import (
     CheckName,
@@ -57,6 +64,7 @@ from madrob_console.referee.preflight import Check, CheckState
 from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.questions import Ask, Option, Pick
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_identity import derived_run_id, new_run_id
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList
 from madrob_console.referee.transitions import begin_countdown, begin_run, stop
@@ -421,3 +429,158 @@ def test_only_what_the_referee_has_ended_as_invalid_is_left_without_a_question(
     view = Seen(Run(Phase.STOPPED, SETUP, outcome=outcome, voided=void), scored=True)
     asked = isinstance(SetUp(SETUP).unless_final(view), Ask)
     assert asked is (outcome is not Outcome.ABORTED and not voided)
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (730_000, "730 kB"),
+        (2_200_000, "2.2 MB"),
+        (5_000_000, "5.0 MB"),
+        (999_960_000, "1.0 GB"),
+        (500_000_000, "500 MB"),
+        (1_234_000_000_000, "1234 GB"),
+    ],
+)
+def test_a_size_is_told_in_the_unit_that_says_something(size: int, words: str) -> None:
+    assert size_words(size) == words
+
+
+@given(st.integers(1, 10**15))
+def test_no_size_is_told_as_nothing(size: int) -> None:
+    number, _ = size_words(size).split()
+    assert float(number) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("span", "words"),
+    [
+        (0.3, "1 s"),
+        (59.9, "59 s"),
+        (60, "1 min"),
+        (68.4, "1 min 8 s"),
+        (299.9, "4 min 59 s"),
+        (300, "5 min"),
+        (3599, "59 min"),
+        (3900, "1 h 05 min"),
+        (47 * 3600 + 3599, "47 h 59 min"),
+        (3 * 86400 - 1, "2 days"),
+    ],
+)
+def test_a_span_is_told_in_units_that_say_something(span: float, words: str) -> None:
+    assert span_words(span) == words
+
+
+def test_of_many_names_the_first_are_told() -> None:
+    assert [listed("abcd"[:n]) for n in (1, 2, 4)] == ["a", "a, b", "a, b and 2 more"]
+
+
+def test_one_is_one() -> None:
+    assert [counted(number, "topic") for number in (0, 1, 2)] == ["0 topics", "1 topic", "2 topics"]
+
+
+DIGEST = "488b9290a49c12afaffc94fef48b19fbdcbd1ed80ef910c4e48a25f192b08ac9"
+
+
+@given(milliseconds=st.integers(0, 2**48 - 1), seed=st.integers())
+def test_a_new_identity_is_a_uuid_of_version_7_with_the_time_of_the_set_up(
+    milliseconds: int, seed: int
+) -> None:
+    found = UUID(new_run_id(milliseconds * 1_000_000, Random(seed).randbytes))
+    assert (found.version, found.variant) == (7, RFC_4122)
+    assert found.int >> 80 == milliseconds
+
+
+def test_the_example_of_rfc_9562_comes_of_its_time_and_its_chance() -> None:
+    chance = 0xCC3 << 62 | 0x18C4DC0C0C07398F
+    made = new_run_id(0x017F22E279B0 * 1_000_000, lambda count: chance.to_bytes(count, "big"))
+    assert made == "017f22e2-79b0-7cc3-98c4-dc0c0c07398f"
+
+
+def test_clock_and_chance_are_given_so_that_the_identity_is_known_beforehand() -> None:
+    assert new_run_id(5, Random(1).randbytes) == new_run_id(5, Random(1).randbytes)
+    assert new_run_id(5, Random(1).randbytes) != new_run_id(5, Random(2).randbytes)
+
+
+def test_the_identity_of_an_older_run_hangs_on_its_recording_alone() -> None:
+    assert derived_run_id(DIGEST) == str(uuid5(NAMESPACE_URL, f"urn:sha256:{DIGEST}"))
+    assert UUID(derived_run_id(DIGEST)).version == 5
+
+
+@pytest.mark.parametrize(
+    ("told", "spans", "found"),
+    [
+        # from the last message of the file before it
+        ((3.0, 5.0), [(0.0, 3.4), (4.8, 9.0)], (3.4, 5.0)),
+        # to the first message after it, which came later than expected
+        ((3.0, 5.0), [(0.0, 3.4), (5.9, 9.0)], (3.4, 5.9)),
+        # nothing came after it
+        ((3.0, 5.0), [(0.0, 3.4)], (3.4, 5.0)),
+        ((3.0, None), [(0.0, 3.4)], (3.4, None)),
+    ],
+)
+def test_a_gap_is_at_least_what_lies_between_two_files(
+    told: tuple[float, float | None],
+    spans: list[tuple[float, float]],
+    found: tuple[float, float | None],
+) -> None:
+    account = EvidenceAccount(gaps=(EvidenceGap(*told, "ended by SIGKILL"),))
+    (gap,) = account.settled({}, spans=spans).gaps
+    assert (gap.begin, gap.end) == found
+
+
+def health(rate: float = 50.0, duration: float = 3.0, begin: float = 100.0) -> Health:
+    found = Health()
+    for i in range(int(rate * duration)):
+        found.seen(begin + i / rate)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("silence", "state"),
+    [
+        (0.5, Freshness.FRESH),
+        (0.51, Freshness.STALE),
+        (2.0, Freshness.STALE),
+        (2.01, Freshness.LOST),
+    ],
+)
+def test_a_topic_ages(silence: float, state: Freshness) -> None:
+    found = Health()
+    found.seen(100.0)
+    assert found.freshness(100.0 + silence) is state
+
+
+def test_a_topic_that_never_spoke_has_neither_age_nor_rate() -> None:
+    found = Health()
+    assert found.freshness(1.0) is Freshness.NEVER
+    assert (found.age(1.0), found.rate(1.0)) == (None, None)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 1500.0])
+def test_the_rate_is_that_of_the_last_two_seconds(rate: float) -> None:
+    assert health(rate).rate(103.0) == pytest.approx(rate, rel=0.06)
+
+
+def test_a_silent_topic_loses_its_rate() -> None:
+    assert health().rate(110.0) is None
+
+
+def test_after_the_clock_was_stepped_back_nothing_old_is_fresh() -> None:
+    found = health()
+    assert found.freshness(103.0 - 3600) is Freshness.LOST
+    for i in range(200):
+        found.seen(103.0 - 3600 + i / 50)
+    assert found.freshness(107.0 - 3600) is Freshness.FRESH
+    assert found.rate(107.0 - 3600) == pytest.approx(50, rel=0.05)
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=50), st.floats(0, 1e6))
+def test_fresh_means_a_message_within_half_a_second(times: list[float], now: float) -> None:
+    found = Health()
+    for time in times:
+        found.seen(time)
+    if found.freshness(now) is Freshness.FRESH:
+        assert abs(now - times[-1]) <= 0.5

@@ -13,7 +13,7 @@ from madrob_console.names import LONGEST_NAME, clean_name
 from madrob_console.referee.list_file import LARGEST_FILE, MOST_PROBLEMS
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import TeamList, TeamSource, merge_teams, read_teams
-from tests.madrob_console.ui.setups import a_setup
+from tests.madrob_console.ui.fake_engine import a_setup
 
 
 @pytest.fixture

@@ -16,11 +16,11 @@ from madrob_console.kinds import SourceKind
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_EVENT_TOPIC,
-    MessageTypes,
     describe_topic,
     encode_text,
     referee_topics,
 )
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change

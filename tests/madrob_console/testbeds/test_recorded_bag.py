@@ -1,22 +1,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from madrob_console.clock import VirtualClock, nanoseconds, seconds
+from madrob_console.clock import NS, VirtualClock, nanoseconds, seconds
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    Decoder,
-    MessageTypes,
-    describe_topic,
-    referee_topics,
-)
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, describe_topic, referee_topics
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds import recorded_bag
 from madrob_console.testbeds.recorded_bag import RecordedBag
+from madrob_console.testbeds.recorded_clock import TICK, RecordedClock
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import Topic
@@ -28,6 +25,11 @@ from tests.madrob_console import said
 START_NS = 1_700_000_000_000_000_000
 CONDITION = Condition.from_number(1)
 RECORDS = {"madrob_run": {"run": "{}"}}
+
+
+@pytest.fixture
+def types() -> MessageTypes:
+    return MessageTypes()
 
 
 @pytest.fixture(scope="module")
@@ -160,8 +162,7 @@ def test_status_tells_what_the_recording_holds(bag: Path) -> None:
     assert all_of(source) == []
 
 
-def test_a_topic_that_was_not_recorded_is_named(tmp_path: Path) -> None:
-    types = MessageTypes()
+def test_a_topic_that_was_not_recorded_is_named(types: MessageTypes, tmp_path: Path) -> None:
     door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
     data = types.encode(door.type, types.make(door.type))
     message = RawMessage(door.name, door.type, data, START_NS, START_NS)
@@ -174,8 +175,7 @@ def test_a_topic_that_was_not_recorded_is_named(tmp_path: Path) -> None:
     assert problems["/madrob/door/locked"] is None  # not every testbed has a latch sensor
 
 
-def test_types_come_with_the_bag(tmp_path: Path) -> None:
-    types = MessageTypes()
+def test_types_come_with_the_bag(types: MessageTypes, tmp_path: Path) -> None:
     types.register("own_msgs/msg/Angle", "float64 angle\n")
     topic = describe_topic(types, "/own", "own_msgs/msg/Angle")
     data = types.encode(topic.type, types.make(topic.type, angle=0.5))
@@ -189,8 +189,9 @@ def test_types_come_with_the_bag(tmp_path: Path) -> None:
     assert others.decode(message.type, message.data).angle == 0.5
 
 
-def test_a_type_that_is_another_here_is_a_problem_of_its_topic(tmp_path: Path) -> None:
-    types = MessageTypes()
+def test_a_type_that_is_another_here_is_a_problem_of_its_topic(
+    types: MessageTypes, tmp_path: Path
+) -> None:
     types.register("own_msgs/msg/Angle", "float64 angle\n")
     topic = describe_topic(types, "/own", "own_msgs/msg/Angle")
     path = write(
@@ -217,8 +218,9 @@ def test_a_torn_bag_is_played_as_far_as_it_goes(
     assert messages == of_the_testbed(recorded)[: len(messages)]
 
 
-def test_a_journal_line_that_cannot_be_read_is_set_aside(tmp_path: Path) -> None:
-    types = MessageTypes()
+def test_a_journal_line_that_cannot_be_read_is_set_aside(
+    types: MessageTypes, tmp_path: Path
+) -> None:
     line = RawMessage("/madrob/referee/event", "std_msgs/msg/String", b"\xff", START_NS, START_NS)
     source = RecordedBag(write(tmp_path / "bag", [line], [], types), types)
     assert source.journal_lines == ()
@@ -240,8 +242,7 @@ def test_a_bag_without_messages_is_refused(tmp_path: Path) -> None:
         RecordedBag(path, MessageTypes())
 
 
-def test_a_bag_whose_times_make_no_sense_is_refused(tmp_path: Path) -> None:
-    types = MessageTypes()
+def test_a_bag_whose_times_make_no_sense_is_refused(types: MessageTypes, tmp_path: Path) -> None:
     door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
     data = types.encode(door.type, types.make(door.type))
     messages = [RawMessage(door.name, door.type, data, at, at) for at in (0, START_NS)]
@@ -257,3 +258,69 @@ def test_a_replayed_bag_decodes_to_the_same_samples(bag: Path, recorded: list[Ra
     again = Decoder(DEFAULT_MAPPINGS, types)
     samples = [live.decode(message) for message in of_the_testbed(recorded)]
     assert [again.decode(message) for message in all_of(source)] == samples
+
+
+BEGIN_NS = 1_700_000_000_000_000_000
+STOPS = [BEGIN_NS - 5, BEGIN_NS + 7, BEGIN_NS + 7, BEGIN_NS + nanoseconds(0.31), BEGIN_NS + 9 * NS]
+
+
+class Player:
+    """A recording of two seconds, in real time that passes only where somebody waits."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self.real = 50.0
+        self.clock = RecordedClock(
+            BEGIN_NS, BEGIN_NS + 2 * NS, speed, lambda: self.real, self._wait
+        )
+        self.clock.stop_at(STOPS)
+
+    def _wait(self, duration: float) -> None:
+        self.real += duration
+
+    def until(self, done: Callable[[], bool]) -> list[int]:
+        """The instants on the way, as ns from the beginning, each once."""
+        instants: list[int] = []
+        while not done():
+            self.clock.sleep(TICK)
+            instant = self.clock.now_ns() - BEGIN_NS
+            if instants[-1:] != [instant]:
+                instants.append(instant)
+        return instants
+
+
+EVERY = sorted({*(n * nanoseconds(TICK) for n in range(101)), 7, nanoseconds(0.31)})
+"""The instants of the recording; what lies before or behind it is none."""
+
+
+@pytest.mark.parametrize("speed", [0, 0.3, 1, 40, 1000])
+def test_the_instants_are_the_same_at_any_speed(speed: float) -> None:
+    player = Player(speed)
+    assert player.until(lambda: player.clock.ended) == EVERY
+
+
+def test_a_jump_passes_every_instant_and_waits_for_none() -> None:
+    player = Player()
+    player.clock.go_to(60)
+    before = player.real
+    passed = player.until(lambda: player.clock.target is None)
+    assert passed == [instant for instant in EVERY if instant <= 60 * nanoseconds(TICK)]
+    assert player.real == before
+
+
+def test_a_jump_back_begins_anew() -> None:
+    player = Player(0)
+    player.until(lambda: player.clock.ended)
+    player.clock.go_to(10)
+    assert player.clock.now_ns() == BEGIN_NS
+    passed = player.until(lambda: player.clock.target is None)
+    assert passed == [instant for instant in EVERY if instant <= 10 * nanoseconds(TICK)]
+
+
+def test_what_was_not_done_at_a_high_speed_is_not_caught_up_with_at_another() -> None:
+    player = Player(1000)
+    for _ in range(5):
+        player.clock.sleep(TICK)
+    assert player.clock.set_speed(1) is None
+    ticks, before = player.clock.ticks, player.real
+    player.until(lambda: player.real - before > 0.5)
+    assert player.clock.ticks - ticks == pytest.approx(25, abs=2)

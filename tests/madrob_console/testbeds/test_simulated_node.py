@@ -15,12 +15,8 @@ import pytest
 
 from madrob_console.clock import SystemClock
 from madrob_console.errors import MadrobError
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    REFEREE_STATE_TOPIC,
-    Decoder,
-    MessageTypes,
-)
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, Decoder
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated import Network, Scenario, SensorSettings, SimulatedTestbed
 from madrob_console.testbeds.simulated.referee_state import parse_state

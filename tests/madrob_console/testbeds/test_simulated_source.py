@@ -1,22 +1,27 @@
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from itertools import pairwise
 from math import pi, sqrt
+from random import Random
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from madrob_console.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    Decoder,
-    MessageTypes,
-    TopicMapping,
-)
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
+from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.testbeds.evidence_flow import MOST_PAUSES, FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.simulated import (
+    DoorGeometry,
     Network,
     RobotBody,
     RobotSettings,
@@ -24,14 +29,27 @@ from madrob_console.testbeds.simulated import (
     SensorSettings,
     SimulatedTestbed,
 )
+from madrob_console.testbeds.simulated.frames import FRAMES_TOPIC
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source
+from recorder.bag import Durability
 from recorder.message import RawMessage
+from recorder.reader import read_bag
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure
-from scoring.protocol import Condition, Event, LockDetection, Outcome, Signal, StartPose, Thresholds
+from scoring.protocol import (
+    Condition,
+    Event,
+    LockDetection,
+    Outcome,
+    Signal,
+    StartPose,
+    Strip,
+    Thresholds,
+)
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
 from tests.madrob_console import said
+from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.testbeds.truth import truth_of_testbed
 
 TYPES = MessageTypes()
@@ -462,3 +480,164 @@ def test_simulating_is_a_hundred_times_faster_than_living() -> None:
     began = time.process_time()
     source.take(20.0)
     assert time.process_time() - began < 1.0
+
+
+STRIPS = {m.topic: strip for strip in Strip for m in DEFAULT_MAPPINGS
+          if m.signal is Signal.of_strip(strip)}  # fmt: skip
+Vector = NDArray[np.float64]
+
+
+def turned(rotation: Message, vector: Vector) -> Vector:
+    """A vector turned by a quaternion."""
+    axis = np.array([rotation.x, rotation.y, rotation.z])
+    twice = 2 * np.cross(axis, vector)
+    return np.asarray(vector + rotation.w * twice + np.cross(axis, twice), float)
+
+
+def transforms(messages: list[Message]) -> dict[str, Message]:
+    """The transforms of the only message of them, by frame."""
+    (message,) = messages
+    return {stamped.child_frame_id: stamped for stamped in message.transforms}
+
+
+@pytest.mark.parametrize("hinge_left", [True, False])
+def test_each_ray_of_a_scan_meets_the_ground_below_its_sensor(hinge_left: bool) -> None:
+    geometry = DoorGeometry(hinge_left=hinge_left)
+    source = SimulatedSource(SimulatedTestbed(geometry=geometry), VirtualClock(START_NS), TYPES)
+    source.open()
+    found = transforms([TYPES.decode(m.type, m.data) for m in source.announcement.messages])
+    scans = {m.topic: TYPES.decode(m.type, m.data) for m in source.take(0.1) if m.topic in STRIPS}
+    assert set(scans) == set(STRIPS)
+    for topic, scan in scans.items():
+        stamped = found[scan.header.frame_id]
+        assert stamped.header.frame_id == "madrob_door"
+        assert scan.angle_max == pytest.approx(scan.angle_min + 3 * scan.angle_increment)
+        place = stamped.transform.translation
+        origin = np.array([place.x, place.y, place.z])
+        for mount in (m for m in geometry.mounts if m.strip is STRIPS[topic]):
+            angle = scan.angle_min + mount.element * scan.angle_increment
+            ray = turned(
+                stamped.transform.rotation, np.array([math.cos(angle), math.sin(angle), 0.0])
+            )
+            ground = origin + ray * (geometry.lintel_height / -ray[2])
+            y = geometry.doorway_width / 2 - mount.reach
+            expected = [mount.x, y if hinge_left else -y, 0.0]
+            assert ground == pytest.approx(expected, abs=0.002)
+
+
+def test_a_recording_has_a_frame_in_every_message_and_all_of_them_hang_on_the_door() -> None:
+    bag = read_bag(completed())
+    messages = [(m.topic, m.receive_ns, TYPES.decode(m.type, m.data)) for m in bag.messages()]
+    found = transforms([message for topic, _, message in messages if topic == FRAMES_TOPIC])
+    assert {stamped.header.frame_id for stamped in found.values()} == {"madrob_door"}
+    named = {message.header.frame_id for _, _, message in messages if hasattr(message, "header")}
+    assert named == {"madrob_door", *found}
+    (topic,) = (topic for topic in bag.topics() if topic.name == FRAMES_TOPIC)
+    assert topic.qos.durability is Durability.TRANSIENT_LOCAL
+    assert topic.type_hash.startswith("RIHS01_")
+    begin = min(received for _, received, _ in messages)
+    told = next(received for topic, received, _ in messages if topic == FRAMES_TOPIC)
+    assert seconds(told - begin) < 0.1
+
+
+@pytest.mark.parametrize(("sent", "most"), [(30.0, 10.0), (30.0, 20.0), (1000.0, 15.0), (16, 15)])
+def test_a_faster_topic_is_thinned_to_the_rate_of_the_settings(sent: float, most: float) -> None:
+    rate_limit = RateLimit(most)
+    passed = [rate_limit.passes(round(number / sent * NS)) for number in range(round(sent * 60))]
+    assert sum(passed) / 60 == pytest.approx(most, rel=0.04)
+    later = passed[round(sent * 30) :]
+    assert sum(later) / 30 == pytest.approx(most, rel=0.025)
+
+
+@given(
+    most=st.floats(0.1, 200),
+    part=st.floats(0.1, 1.0),
+    unevenness=st.lists(st.floats(-0.49, 0.49), min_size=1, max_size=400),
+)
+def test_a_topic_that_is_no_faster_than_its_limit_loses_nothing(
+    most: float, part: float, unevenness: list[float]
+) -> None:
+    rate_limit = RateLimit(most)
+    came = sorted(number / (most * part) + off for number, off in enumerate(unevenness))
+    assert all(rate_limit.passes(round((100 + at) * NS)) for at in came)
+
+
+def test_a_camera_of_15_hz_with_jitter_loses_nothing_by_a_limit_of_15() -> None:
+    random = Random(7)
+    rate_limit = RateLimit(15.0)
+    came = sorted(number / 15.01 + random.gauss(0, 0.01) for number in range(15 * 3600))
+    assert all(rate_limit.passes(round((1 + at) * NS)) for at in came)
+
+
+def test_without_a_rate_everything_passes_and_a_clock_that_goes_back_stops_nothing() -> None:
+    assert all(RateLimit(None).passes(at) for at in (5, 5, 4, 9))
+    rate_limit = RateLimit(1.0)
+    passed = [at for at in range(100, 110) for _ in range(3) if rate_limit.passes(at * NS)]
+    assert len(passed) == 11
+    passed = [at for at in range(7, 17) for _ in range(3) if rate_limit.passes(at * NS)]
+    assert len(passed) == 11
+
+
+def test_rates_are_those_of_the_last_seconds() -> None:
+    meter = FlowMeter(0.0)
+    for number in range(300):
+        meter.count([RawMessage("/a", "a/msg/B", bytes(1000), 0, 0)], number / 30)
+    rate, byte_rate = meter.rates(10.0)
+    assert rate == pytest.approx(30, rel=0.05)
+    assert byte_rate == pytest.approx(30_000, rel=0.05)
+    assert meter.rates(12.5)[0] == pytest.approx(15, rel=0.05)
+    assert meter.rates(20.0) == (0.0, 0.0)
+
+
+def pauses(
+    came: Sequence[float], now: float, begin: float | None = None
+) -> list[tuple[float, float | None]]:
+    """Of a topic on which messages came at these times, s, in a recording from `begin` on."""
+    watch = SilenceWatch()
+    for at in came:
+        if begin is not None and at >= begin:
+            watch.begin()
+            begin = None
+        watch.came(round(at * NS))
+    told = watch.pauses(round(now * NS))
+    return [(p.begin_ns / NS, None if p.end_ns is None else p.end_ns / NS) for p in told]
+
+
+STEADY = [number / 10 for number in range(50)]  # until 4.9 s
+
+
+def test_a_camera_that_stops_is_silent_since_then_and_was_so_when_it_comes_again() -> None:
+    assert pauses(STEADY, 6.8) == []
+    assert pauses(STEADY, 7.0) == [(4.9, None)]
+    again = [*STEADY, *(9 + at for at in STEADY)]
+    assert pauses(again, 14.0) == [(4.9, 9.0)]
+    assert pauses([*again, 20.0], 20.1) == [(4.9, 9.0), (13.9, 20.0)]
+    assert pauses([*again, 20.0], 22.1) == [(4.9, 9.0), (13.9, 20.0), (20.0, None)]
+    assert pauses(again, 14.0, begin=9.05) == []
+
+
+def test_of_many_silences_the_last_one_told_has_all_that_came_later() -> None:
+    watch = SilenceWatch()
+    for number in range(MOST_PAUSES + 5):
+        for at in STEADY:
+            watch.came(round((10 * number + at) * NS))
+    told = watch.pauses(round((10 * number + 5.0) * NS))
+    assert len(told) == MOST_PAUSES
+    assert (told[-1].number, told[-1].end_ns) == (5, 10 * number * NS)
+
+
+@pytest.mark.parametrize("came", [[], [0.0], [0.1 * n for n in range(15)], [0.0, 30.0, 60.0, 90.0]])
+def test_what_comes_now_and_then_may_be_silent(came: Sequence[float]) -> None:
+    assert pauses(came, 1000.0) == []
+
+
+def test_what_the_settings_name_may_not_be_silent_from_the_first() -> None:
+    for named, problem in ((True, "nothing has come"), (False, "")):
+        watch = SilenceWatch(named=named)
+        assert watch.problem(9 * NS) == ""  # nobody listens yet
+        for at in range(4, 9):
+            watch.listen(at * NS)
+        assert watch.problem(6 * NS) == ""
+        assert watch.problem(7 * NS) == problem
+        watch.came(7 * NS)
+        assert watch.problem(100 * NS) == ""

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
+from textual.app import App, ComposeResult
+from textual.containers import Container
 from textual.events import Event
+from textual.message import Message
 from textual.pilot import Pilot
+from textual.screen import Screen
 
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.cells.lines import TONE_CLASSES
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.type_ahead import TypeAhead
-from tests.madrob_console.ui.drawn import drawn
+from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.runs_pane import RunsPane
+from madrob_console.ui.panes.standings_pane import StandingsPane
+from scoring.protocol import Outcome
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
 SMALL = (80, 24)
@@ -98,11 +108,23 @@ class Driver:
             self.console.poll()
         await drawn(self.pilot)
 
+    async def answered(self, *keys: str) -> None:
+        """Press keys; what waits for the engine has its answer."""
+        await self.pilot.press(*keys)
+        await self.settle()
+        await self.app.workers.wait_for_complete()
+        await self.settle()
+
+    async def finish(
+        self, outcome: Outcome = Outcome.COMPLETED, reason: str = "step 6 is done"
+    ) -> None:
+        """The run ends by itself."""
+        self.engine.finish(outcome, reason)
+        await self.settle()
+
     def rows(self) -> Sequence[str]:
         """The screen as text."""
-        width, height = self.app.size
-        strips = self.app.screen._compositor.render_strips()
-        return [strip.text[:width].rstrip() for strip in strips[:height]]
+        return rows_of(self.app)
 
     @property
     def text(self) -> str:
@@ -130,3 +152,113 @@ async def driving(
         await app.workers.wait_for_complete()
         await driver.settle()
         yield driver
+
+
+def rows_of(app: App[None]) -> list[str]:
+    """What an app shows, as text."""
+    width, height = app.size
+    strips = app.screen._compositor.render_strips()
+    return [strip.text[:width].rstrip() for strip in strips[:height]]
+
+
+async def drawn(pilot: Pilot[None]) -> None:
+    """Until nothing is left to be drawn.
+
+    A pilot pauses until the process takes little of the processor, which on a busy machine says
+    nothing: other programs may have it.
+    """
+    await pilot.pause()
+    while pilot.app.is_running and _owes(pilot.app.screen):  # one that has ended draws no more
+        await asyncio.sleep(0.005)
+        await pilot.pause()
+
+
+def _owes(screen: Screen[object]) -> bool:
+    shown = screen._compositor.visible_widgets
+    return (
+        screen._layout_required
+        or bool(screen._dirty_widgets)
+        or any(widget._layout_required or widget._repaint_required for widget in shown)
+    )
+
+
+PANE = (80, 19)
+"""What a terminal of 80x24 leaves to a pane."""
+
+
+class PaneScreen(Screen[None]):
+    """Holds the pane."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+    AUTO_FOCUS = ""
+
+    def __init__(self, pane: HistoryPane | StandingsPane) -> None:
+        super().__init__()
+        self.pane = pane
+
+    def compose(self) -> ComposeResult:
+        yield Container(self.pane, id="body")
+
+
+class PaneApp(App[None]):
+    """Keeps the messages that a pane sends to the console."""
+
+    CSS_PATH = MadrobApp.CSS_PATH
+    HORIZONTAL_BREAKPOINTS = MadrobApp.HORIZONTAL_BREAKPOINTS
+    VERTICAL_BREAKPOINTS = MadrobApp.VERTICAL_BREAKPOINTS
+
+    def __init__(self, pane: HistoryPane | StandingsPane) -> None:
+        super().__init__()
+        self.pane_screen = PaneScreen(pane)
+        self.sent: list[Message] = []
+
+    def get_default_screen(self) -> Screen[None]:
+        return self.pane_screen
+
+    def on_runs_pane_opened(self, event: RunsPane.Opened) -> None:
+        self.sent.append(event)
+
+
+@dataclass
+class Shown:
+    """A pane that has been entered."""
+
+    app: PaneApp
+    pilot: Pilot[None]
+
+    async def settle(self) -> None:
+        """What is being read is shown."""
+        await self.app.workers.wait_for_complete()
+        await self.pilot.pause()
+        await drawn(self.pilot)
+
+    async def press(self, *keys: str) -> None:
+        """Press keys and let the pane follow."""
+        await self.pilot.press(*keys)
+        await self.settle()
+
+    def rows(self) -> list[str]:
+        """The screen as text."""
+        return rows_of(self.app)
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.rows())
+
+    @property
+    def marked(self) -> str:
+        """The row under the mark."""
+        return next(row for row in self.rows() if row.lstrip().startswith("> "))
+
+
+@asynccontextmanager
+async def showing(
+    pane: HistoryPane | StandingsPane, size: tuple[int, int] = PANE
+) -> AsyncIterator[Shown]:
+    """The pane, entered."""
+    app = PaneApp(pane)
+    async with app.run_test(size=size) as pilot:
+        pane.enter()
+        shown = Shown(app, pilot)
+        await shown.settle()
+        yield shown

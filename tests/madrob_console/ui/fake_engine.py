@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
@@ -10,7 +11,7 @@ from typing import Any, cast
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.unfinished import Unfinished
 from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
-from madrob_console.engine.shown.curves import Curves
+from madrob_console.engine.shown.curves import Curve, Curves
 from madrob_console.engine.shown.playback import PlaybackCommand, PlaybackView
 from madrob_console.engine.shown.requests import (
     ExportDossier,
@@ -41,30 +42,44 @@ from madrob_console.engine.shown.snapshot import (
 )
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
-from madrob_console.referee.acts import Act, Situation, Start, act_named, refusals
+from madrob_console.referee.acts import (
+    Act,
+    ConfirmPose,
+    SetUp,
+    Situation,
+    Start,
+    act_named,
+    refusals,
+)
 from madrob_console.referee.competition_plan import NO_PLAN, Plan, plan_progress
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.on_record import FalseStart
 from madrob_console.referee.preflight import Check, Readings, preflight
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.teams import NO_TEAMS, TeamList
 from madrob_console.referee.transitions import begin_run, stop
+from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,
+    BenchmarkType,
+    Condition,
     EventName,
     LockDetection,
     Outcome,
     Side,
     Signal,
+    StartPose,
     Step,
     Thresholds,
 )
 from scoring.quality import Quality, SignalQuality
 from scoring.rest import HandleRest
 from scoring.result import Indicator, Result
+from scoring.rulesets import RulesetName
 from tests.scoring.runs import resting
 
 EPOCH = 1_700_000_000.0
@@ -401,3 +416,64 @@ def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:
 def quality(signal: Signal) -> SignalQuality:
     """A good signal."""
     return SignalQuality(signal, 1221, 50.0, 0.0213, 0, 0.0008, 0, 0, 0, 0.004)
+
+
+def a_setup(run_number: int = 1) -> RunSetup:
+    """Condition 1, as the screens propose it at first."""
+    return RunSetup(
+        subject=1,
+        team="Door Bots",
+        run_number=run_number,
+        condition=Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW),
+        start_pose=StartPose(1.5, 0.0, 180.0),
+        referee="Ada",
+        timeout=300.0,
+        countdown=5.0,
+        ruleset=RulesetName.PROTOCOL,
+        lock_detection=LockDetection.AUTO,
+    )
+
+
+DURATION = 14.0
+
+
+def wave(height: float, count: int = 752) -> tuple[Curve, ...]:
+    """15 s; the largest value, `height`, at 3.75 s."""
+    times = [15.0 * i / count for i in range(count)]
+    heights = [height * math.sin(t / 15 * math.tau) for t in times]
+    return (Curve(tuple(times), tuple(heights)),)
+
+
+CURVES = Curves(
+    DURATION,
+    stretches={
+        Quantity.POSITION: wave(1.2),
+        Quantity.ACCELERATION: wave(-0.68),
+        Quantity.JERK: wave(12.5),
+        Quantity.FORCE: wave(18.1),
+    },
+    events=(
+        (0.0, EventName.BENCHMARK_START),
+        (2.25, EventName.HANDLE_IS_TOUCHED),
+        (3.22, EventName.DOOR_OPENS),
+        (8.97, EventName.MOVES_TO_CW),
+        (13.86, EventName.DOOR_CLOSES),
+        (14.0, EventName.BENCHMARK_STOP),
+    ),
+)
+
+
+def prepared() -> FakeEngine:
+    """A run goes on."""
+    engine = FakeEngine()
+    for act in (SetUp(a_setup()), ConfirmPose(), Start()):
+        assert engine.act(act) is None
+    engine.tick(19.0)
+    return engine
+
+
+def finished(outcome: Outcome = Outcome.COMPLETED) -> FakeEngine:
+    """A run with a result."""
+    engine = prepared()
+    engine.finish(outcome)
+    return engine

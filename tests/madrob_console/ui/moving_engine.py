@@ -12,8 +12,7 @@ from madrob_console.referee.acts import ConfirmPose, SetUp, Start
 from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.terminal import run_console
 from scoring.protocol import Side, Step
-from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine
-from tests.madrob_console.ui.setups import a_setup
+from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine, a_setup
 
 
 class MovingEngine(FakeEngine):

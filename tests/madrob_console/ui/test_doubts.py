@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +24,8 @@ from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.run_folders import VALUES, summary, write
-from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
+from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, showing
 from tests.madrob_console.ui.fake_engine import FakeEngine, indicators
-from tests.madrob_console.ui.pane_app import showing
 from tests.madrob_console.ui.test_wall import hall
 
 TOUCH = "the touch rests on 1 sample"
@@ -60,29 +58,25 @@ async def doubted(driver: Driver) -> None:
 
 
 @pytest.mark.parametrize("size", [(60, 18), SMALL, LARGE, (160, 50)])
-def test_values_stand_with_uncertainty_and_doubt(engine: FakeEngine, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await doubted(driver)
-            text = driver.text
-            for _ in range(4):
-                await driver.press("pagedown")
-                text += "\n" + driver.text
-            shown = " ".join(text.split())
-            for words in (
-                "doubted: time to handle, passage time (2 doubts UNDECIDED): d accepts it",
-                "17.43 +- 0.02 s",
-                "3.21? +- 0.02 s",
-                "none: door never closed?",
-                "0.0625 +- 0.0004 s^3/rad",
-                "6 steps",
-                f"doubt {TOUCH} (time to handle, passage time)",
-                "doubt the door flickers (passage time)",
-                "? doubted, see below",
-            ):
-                assert words in shown, (words, text)
-
-    asyncio.run(drive())
+async def test_values_stand_with_uncertainty_and_doubt(driver: Driver) -> None:
+    await doubted(driver)
+    text = driver.text
+    for _ in range(4):
+        await driver.press("pagedown")
+        text += "\n" + driver.text
+    shown = " ".join(text.split())
+    for words in (
+        "doubted: time to handle, passage time (2 doubts UNDECIDED): d accepts it",
+        "17.43 +- 0.02 s",
+        "3.21? +- 0.02 s",
+        "none: door never closed?",
+        "0.0625 +- 0.0004 s^3/rad",
+        "6 steps",
+        f"doubt {TOUCH} (time to handle, passage time)",
+        "doubt the door flickers (passage time)",
+        "? doubted, see below",
+    ):
+        assert words in shown, (words, text)
 
 
 def earlier(time: float) -> RunSummary:
@@ -90,26 +84,25 @@ def earlier(time: float) -> RunSummary:
 
 
 @pytest.mark.parametrize("width", [58, 77, 78, 85, 110])
-def test_no_two_columns_touch_and_all_of_them_are_there(engine: FakeEngine, width: int) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await doubted(driver)
-            table = driver.console.panes.results.query_one(IndicatorTable)
-            table.earlier = [earlier(17.4), earlier(17.45), earlier(17.42)]
-            rows = table.draw(engine.snapshot(), width)
-            text = plain(rows)
-            assert max(map(cell_len, text.splitlines())) <= width
-            row = next(one for one in text.splitlines() if one.startswith("execution time"))
-            parts = row.removeprefix("execution time *").split()
-            assert parts[:5] == ["17.43", "+-", "0.02", "s", "+0.01"]
-            assert parts[5] == "="
-            assert parts[6:] == (["17.42"] if width >= 77 else [])
-            assert "= differs by less than the uncertainties" in " ".join(text.split())
-            smooth = next(one for one in text.splitlines() if one.startswith("smoothness"))
-            assert "0.0625 " in smooth
-            assert "+- 0.0004 s^3/rad " in smooth
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [LARGE])
+async def test_no_two_columns_touch_and_all_of_them_are_there(
+    driver: Driver, engine: FakeEngine, width: int
+) -> None:
+    await doubted(driver)
+    table = driver.console.panes.results.query_one(IndicatorTable)
+    table.earlier = [earlier(17.4), earlier(17.45), earlier(17.42)]
+    rows = table.draw(engine.snapshot(), width)
+    text = plain(rows)
+    assert max(map(cell_len, text.splitlines())) <= width
+    row = next(one for one in text.splitlines() if one.startswith("execution time"))
+    parts = row.removeprefix("execution time *").split()
+    assert parts[:5] == ["17.43", "+-", "0.02", "s", "+0.01"]
+    assert parts[5] == "="
+    assert parts[6:] == (["17.42"] if width >= 77 else [])
+    assert "= differs by less than the uncertainties" in " ".join(text.split())
+    smooth = next(one for one in text.splitlines() if one.startswith("smoothness"))
+    assert "0.0625 " in smooth
+    assert "+- 0.0004 s^3/rad " in smooth
 
 
 @pytest.mark.parametrize(
@@ -135,142 +128,118 @@ def test_a_difference_within_the_uncertainties_is_neither_better_nor_worse(
     assert " ".join("".join(span.text for span in spans).split()) == words
 
 
-def test_the_mean_of_earlier_runs_without_uncertainties_tells_nothing_apart(
-    engine: FakeEngine,
+@pytest.mark.parametrize("size", [LARGE])
+async def test_the_mean_of_earlier_runs_without_uncertainties_tells_nothing_apart(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await doubted(driver)
-            table = driver.console.panes.results.query_one(IndicatorTable)
-            table.earlier = [earlier(17.4), summary(values={TIME: 17.43})]
-            row = next(
-                one
-                for one in plain(table.draw(engine.snapshot(), 110)).splitlines()
-                if one.startswith("execution time")
-            )
-            assert "worse" in row
-
-    asyncio.run(drive())
+    await doubted(driver)
+    table = driver.console.panes.results.query_one(IndicatorTable)
+    table.earlier = [earlier(17.4), summary(values={TIME: 17.43})]
+    row = next(
+        one
+        for one in plain(table.draw(engine.snapshot(), 110)).splitlines()
+        if one.startswith("execution time")
+    )
+    assert "worse" in row
 
 
-def test_a_difference_within_the_scatter_of_the_earlier_runs_is_neither_better_nor_worse(
-    engine: FakeEngine,
+@pytest.mark.parametrize("size", [LARGE])
+async def test_a_difference_within_the_scatter_of_the_earlier_runs_is_neither_better_nor_worse(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await doubted(driver)
-            table = driver.console.panes.results.query_one(IndicatorTable)
-            rows = []
-            for times in ((16.0, 16.0, 16.0), (14.0, 16.0, 18.0)):
-                table.earlier = [earlier(time) for time in times]
-                text = plain(table.draw(engine.snapshot(), 110)).splitlines()
-                rows.append(next(one for one in text if one.startswith("execution time")))
-            assert rows[0].split()[-3:] == ["+1.43", "worse", "16.00"]
-            assert rows[1].split()[-3:] == ["+1", "=", "16"]
-
-    asyncio.run(drive())
+    await doubted(driver)
+    table = driver.console.panes.results.query_one(IndicatorTable)
+    rows = []
+    for times in ((16.0, 16.0, 16.0), (14.0, 16.0, 18.0)):
+        table.earlier = [earlier(time) for time in times]
+        text = plain(table.draw(engine.snapshot(), 110)).splitlines()
+        rows.append(next(one for one in text if one.startswith("execution time")))
+    assert rows[0].split()[-3:] == ["+1.43", "worse", "16.00"]
+    assert rows[1].split()[-3:] == ["+1", "=", "16"]
 
 
-def test_a_run_that_failed_or_is_void_is_compared_with_nothing(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await doubted(driver)
-            table = driver.console.panes.results.query_one(IndicatorTable)
-            table.earlier = [earlier(16.0)]
-            snapshot = engine.snapshot()
-            run = snapshot.run
-            void = replace(run, voided=Voiding(1.0, "wrong door", "Ada"))
-            failed = replace(run, outcome=Outcome.TIMEOUT)
-            for each, words in ((run, True), (void, False), (failed, False)):
-                text = plain(table.draw(replace(snapshot, run=each), 110))
-                assert ("against mean of 1 earlier" in text) is words
-                assert ("worse" in text) is words
-                assert ("compared with no other run" in text) is not words
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [LARGE])
+async def test_a_run_that_failed_or_is_void_is_compared_with_nothing(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await doubted(driver)
+    table = driver.console.panes.results.query_one(IndicatorTable)
+    table.earlier = [earlier(16.0)]
+    snapshot = engine.snapshot()
+    run = snapshot.run
+    void = replace(run, voided=Voiding(1.0, "wrong door", "Ada"))
+    failed = replace(run, outcome=Outcome.TIMEOUT)
+    for each, words in ((run, True), (void, False), (failed, False)):
+        text = plain(table.draw(replace(snapshot, run=each), 110))
+        assert ("against mean of 1 earlier" in text) is words
+        assert ("worse" in text) is words
+        assert ("compared with no other run" in text) is not words
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_d_accepts_doubts_and_they_stay_beside_the_answer(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_d_accepts_doubts_and_they_stay_beside_the_answer(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await doubted(driver)
-            await driver.press("d")
-            assert "a on all of them" in driver.text
-            assert "2 passage time: 2 doubts" in driver.text
-            await driver.press("1")
-            assert f"? {TOUCH}" in driver.text
-            await driver.press("1")
-            act = AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")
-            assert engine.acts[-1] == act
-            assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
-            assert "3.21?" in driver.text
-            await driver.press("d", "2")
-            assert "doubt accepted: time to handle (seen on video: right)" in " ".join(
-                driver.text.split()
-            )
-            await driver.press("d")
-            assert "no doubt waits for the referee" in driver.console.status
-            copied = driver.console.panes.results.copied
-            assert "time to handle: seen on video: right" in copied
-            await driver.press("z", "1", "y")
-            assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
-
-    asyncio.run(drive())
+    await doubted(driver)
+    await driver.press("d")
+    assert "a on all of them" in driver.text
+    assert "2 passage time: 2 doubts" in driver.text
+    await driver.press("1")
+    assert f"? {TOUCH}" in driver.text
+    await driver.press("1")
+    act = AcceptDoubts({HANDLE: (TOUCH,)}, "seen on video: right")
+    assert engine.acts[-1] == act
+    assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
+    assert "3.21?" in driver.text
+    await driver.press("d", "2")
+    assert "doubt accepted: time to handle (seen on video: right)" in " ".join(driver.text.split())
+    await driver.press("d")
+    assert "no doubt waits for the referee" in driver.console.status
+    copied = driver.console.panes.results.copied
+    assert "time to handle: seen on video: right" in copied
+    await driver.press("z", "1", "y")
+    assert "doubted: passage time (2 doubts UNDECIDED)" in " ".join(driver.text.split())
 
 
-def test_a_result_all_of_which_is_doubted_is_asked_about_on_a_small_screen(
-    engine: FakeEngine,
+async def test_a_result_all_of_which_is_doubted_is_asked_about_on_a_small_screen(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await doubted(driver)
-            assert engine.result is not None
-            words = "stamps of door and handle differ in delay by over one sampling interval, no {}"
-            doubts = tuple(words.format(number) for number in range(9))
-            everything = {name: replace(one, doubts=doubts) for name, one in measured().items()}
-            engine.result = replace(engine.result, indicators=everything)
-            await driver.settle()
-            await driver.press("d")
-            for name in IndicatorName:
-                assert f"{name.words}: 9 doubts" in driver.text
-            await driver.press("a")
-            assert "over one sampling interval," in driver.text
-            assert "? and 5 more: the result has all of them" in driver.text
-            assert "o other: type it" in driver.text
-            await driver.press("2")
-            assert engine.acts[-1] == AcceptDoubts(
-                dict.fromkeys(IndicatorName, doubts), "no effect on the ranking"
-            )
-
-    asyncio.run(drive())
+    await doubted(driver)
+    assert engine.result is not None
+    words = "stamps of door and handle differ in delay by over one sampling interval, no {}"
+    doubts = tuple(words.format(number) for number in range(9))
+    everything = {name: replace(one, doubts=doubts) for name, one in measured().items()}
+    engine.result = replace(engine.result, indicators=everything)
+    await driver.settle()
+    await driver.press("d")
+    for name in IndicatorName:
+        assert f"{name.words}: 9 doubts" in driver.text
+    await driver.press("a")
+    assert "over one sampling interval," in driver.text
+    assert "? and 5 more: the result has all of them" in driver.text
+    assert "o other: type it" in driver.text
+    await driver.press("2")
+    assert engine.acts[-1] == AcceptDoubts(
+        dict.fromkeys(IndicatorName, doubts), "no effect on the ranking"
+    )
 
 
-def test_before_a_result_is_doubted_the_key_says_why_not(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.finish()
-            await driver.settle()
-            await driver.press("d")
-            assert "no doubt waits for the referee" in driver.console.status
-
-    asyncio.run(drive())
+async def test_before_a_result_is_doubted_the_key_says_why_not(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.finish()
+    await running.press("d")
+    assert "no doubt waits for the referee" in running.console.status
 
 
-def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -> None:
+async def test_the_history_marks_a_doubted_value_with_the_digits_that_it_has() -> None:
     run = summary(uncertainties=dict(KNOWN), doubts={TIME: 1, PASSAGE: 2}, values={
         name: value for name, value in VALUES.items() if name != PASSAGE
     })  # fmt: skip
 
-    async def drive() -> None:
-        async with showing(HistoryPane(lambda: [run]), (160, 24)) as shown:
-            row = next(" ".join(one.split()) for one in shown.rows() if "Team 3" in one)
-            assert " 6 17.43? 3.21 4.50 -? 1.88 0.0625 14.8" in row
-
-    asyncio.run(drive())
+    async with showing(HistoryPane(lambda: [run]), (160, 24)) as shown:
+        row = next(" ".join(one.split()) for one in shown.rows() if "Team 3" in one)
+        assert " 6 17.43? 3.21 4.50 -? 1.88 0.0625 14.8" in row
 
 
 ALIKE = [
@@ -279,43 +248,37 @@ ALIKE = [
 ]
 
 
-def test_the_standings_mark_teams_that_do_not_differ() -> None:
-    async def drive() -> None:
-        async with showing(StandingsPane(lambda: ALIKE, 0, "Autumn Cup")) as shown:
-            rows = [" ".join(row.split()) for row in shown.rows()]
-            assert any("17.43~ " in row and row.startswith("> 1 ") for row in rows)
-            assert any("17.44?~ " in row for row in rows)
-            assert any("19.00 " in row for row in rows)
-            assert " ".join(SIGNS.split()) in " ".join(rows)
-            assert "execution time ~ 2;" in " ".join(rows)
-
-    asyncio.run(drive())
+async def test_the_standings_mark_teams_that_do_not_differ() -> None:
+    async with showing(StandingsPane(lambda: ALIKE, 0, "Autumn Cup")) as shown:
+        rows = [" ".join(row.split()) for row in shown.rows()]
+        assert any("17.43~ " in row and row.startswith("> 1 ") for row in rows)
+        assert any("17.44?~ " in row for row in rows)
+        assert any("19.00 " in row for row in rows)
+        assert " ".join(SIGNS.split()) in " ".join(rows)
+        assert "execution time ~ 2;" in " ".join(rows)
 
 
-def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
-    async def drive() -> None:
-        async with showing(StandingsPane(lambda: [summary()], 0, "Autumn Cup")) as shown:
-            assert "doubted" not in shown.text
-
-    asyncio.run(drive())
+async def test_without_a_sign_no_row_is_lost_to_their_meaning() -> None:
+    async with showing(StandingsPane(lambda: [summary()], 0, "Autumn Cup")) as shown:
+        assert "doubted" not in shown.text
 
 
 @pytest.mark.parametrize("size", [(60, 18), (80, 24), (160, 50)])
-def test_the_wall_shows_them_too(engine: FakeEngine, tmp_path: Path, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        engine.kind, engine.label = SourceKind.ROS, "LIVE ros"
-        for run in ALIKE[::-1]:
-            write(tmp_path, run)
-        async with hall(engine, tmp_path, size) as wall:
-            pages = []
-            for _ in range(3):
-                pages.append(wall.text)
-                await wall.let_pass(PAGE_TIME)
-            text = "\n".join(pages)
-            assert re.search(r"execution time +17\.44\? +\+- 0\.02 +s", text) or (
-                re.search(r"execution time +1\d\.\d\d", text)
-            )
-            assert re.search(r"2 Team 2 .* 17\.44\?~", text)
-            assert "~ not distinguish" in text
+async def test_the_wall_shows_them_too(
+    engine: FakeEngine, tmp_path: Path, size: tuple[int, int]
+) -> None:
 
-    asyncio.run(drive())
+    engine.kind, engine.label = SourceKind.ROS, "LIVE ros"
+    for run in ALIKE[::-1]:
+        write(tmp_path, run)
+    async with hall(engine, tmp_path, size) as wall:
+        pages = []
+        for _ in range(3):
+            pages.append(wall.text)
+            await wall.let_pass(PAGE_TIME)
+        text = "\n".join(pages)
+        assert re.search(r"execution time +17\.44\? +\+- 0\.02 +s", text) or (
+            re.search(r"execution time +1\d\.\d\d", text)
+        )
+        assert re.search(r"2 Team 2 .* 17\.44\?~", text)
+        assert "~ not distinguish" in text

@@ -1,30 +1,40 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
-from itertools import cycle
+from itertools import cycle, pairwise
 from pathlib import Path, PurePath
 from typing import ClassVar
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from madrob_console.engine.shown.curves import Curves
+from madrob_console.engine.shown.curves import Curve, Curves
 from madrob_console.engine.shown.snapshot import Snapshot
 from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort
-from madrob_console.ui.cells import lines as lines_module
-from madrob_console.ui.cells.lines import TONE_CLASSES
-from madrob_console.ui.cells.plot import ASCII, BRAILLE
-from madrob_console.ui.panes import figures_pane as figures
-from madrob_console.ui.panes.figure import FIGURES
+from madrob_console.ui.cells import choice as lines_module
+from madrob_console.ui.cells.axes import Axis, Window
+from madrob_console.ui.cells.lines import TONE_CLASSES, Line
+from madrob_console.ui.cells.plot import ASCII, BRAILLE, Extreme, Frame, Ink, Mark, Plot
+from madrob_console.ui.panes import figure as figures
+from madrob_console.ui.panes.figure import FIGURES, Sheet
 from madrob_console.ui.panes.figures_pane import FiguresPane
-from tests.madrob_console.ui.figure_data import CURVES, finished, prepared
+from scoring.figure_table import Quantity
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import EventName
+from scoring.result import Indicator, Uncertainty
+from tests.madrob_console.ui.driver import rows_of
+from tests.madrob_console.ui.fake_engine import CURVES, finished, prepared
 
 
 class Page(Screen[None]):
@@ -75,9 +85,7 @@ class Viewer:
 
     @property
     def rows(self) -> list[str]:
-        width, height = self.app.size
-        strips = self.app.screen._compositor.render_strips()
-        return [strip.text[:width].strip() for strip in strips[:height]]
+        return [row.strip() for row in rows_of(self.app)]
 
     @property
     def title(self) -> str:
@@ -104,99 +112,87 @@ def run(drive: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(main())
 
 
-def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
-    async def drive() -> None:
-        async with viewing(lambda: CURVES, finished().snapshot()) as viewer:
-            assert viewer.title.endswith("0.00 to 14.98 s, all")
-            count = len(FIGURES)
-            keys = cycle(("tab", "right_square_bracket", "space"))
-            for number, key in zip((*range(2, count + 1), 1), keys, strict=False):
-                assert f"figure {number} of {count}" in await viewer.press(key)
-            assert f"figure {count} of {count}" in await viewer.press("left_square_bracket")
-            assert (await viewer.press("plus")).endswith("2.50 to 12.48 s, part")
-            assert (await viewer.press("up")).endswith("4.16 to 10.82 s, part")
-            assert (await viewer.press("right")).endswith("5.83 to 12.48 s, part")
-            assert (await viewer.press(*["right"] * 5)).endswith("8.32 to 14.98 s, part")
-            assert (await viewer.press(*["left"] * 9)).endswith("0.00 to 6.66 s, part")
-            assert (await viewer.press("minus")).endswith("0.00 to 9.99 s, part")
-            assert (await viewer.press("down")).endswith("0.00 to 14.98 s, all")
-            assert (await viewer.press(*["plus"] * 14)).endswith("7.39 to 7.59 s, part")
-            assert (await viewer.press("home")).endswith("0.00 to 14.98 s, all")
-            assert (await viewer.press("left", "down")).endswith("0.00 to 14.98 s, all")
-
-    run(drive)
+async def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
+    async with viewing(lambda: CURVES, finished().snapshot()) as viewer:
+        assert viewer.title.endswith("0.00 to 14.98 s, all")
+        count = len(FIGURES)
+        keys = cycle(("tab", "right_square_bracket", "space"))
+        for number, key in zip((*range(2, count + 1), 1), keys, strict=False):
+            assert f"figure {number} of {count}" in await viewer.press(key)
+        assert f"figure {count} of {count}" in await viewer.press("left_square_bracket")
+        assert (await viewer.press("plus")).endswith("2.50 to 12.48 s, part")
+        assert (await viewer.press("up")).endswith("4.16 to 10.82 s, part")
+        assert (await viewer.press("right")).endswith("5.83 to 12.48 s, part")
+        assert (await viewer.press(*["right"] * 5)).endswith("8.32 to 14.98 s, part")
+        assert (await viewer.press(*["left"] * 9)).endswith("0.00 to 6.66 s, part")
+        assert (await viewer.press("minus")).endswith("0.00 to 9.99 s, part")
+        assert (await viewer.press("down")).endswith("0.00 to 14.98 s, all")
+        assert (await viewer.press(*["plus"] * 14)).endswith("7.39 to 7.59 s, part")
+        assert (await viewer.press("home")).endswith("0.00 to 14.98 s, all")
+        assert (await viewer.press("left", "down")).endswith("0.00 to 14.98 s, all")
 
 
 @pytest.mark.parametrize("plain", [False, True])
-def test_the_pane_draws_with_the_characters_that_the_terminal_has(plain: bool) -> None:
-    async def drive() -> None:
-        async with viewing(lambda: CURVES, finished().snapshot(), plain=plain) as viewer:
-            assert len(viewer.rows) == 19
-            assert "".join(viewer.rows).isascii() == plain
-            assert any((ASCII if plain else BRAILLE).top in row for row in viewer.rows)
-
-    run(drive)
+async def test_the_pane_draws_with_the_characters_that_the_terminal_has(plain: bool) -> None:
+    async with viewing(lambda: CURVES, finished().snapshot(), plain=plain) as viewer:
+        assert len(viewer.rows) == 19
+        assert "".join(viewer.rows).isascii() == plain
+        assert any((ASCII if plain else BRAILLE).top in row for row in viewer.rows)
 
 
-def test_what_cannot_be_drawn_is_said_in_words() -> None:
+async def test_what_cannot_be_drawn_is_said_in_words() -> None:
     silent = MadrobError("the engine does not answer: leave and start again")
     no_handles = OSError(24, "Too many open files")
 
-    async def drive() -> None:
-        ended = finished().snapshot()
-        for error in (silent, no_handles):
+    ended = finished().snapshot()
+    for error in (silent, no_handles):
 
-            def fail(error: Exception = error) -> Curves | None:
-                raise error
+        def fail(error: Exception = error) -> Curves | None:
+            raise error
 
-            async with viewing(fail, ended) as viewer:
-                assert viewer.rows[0] == str(error)
-                await viewer.press("plus", "tab", "left")
-                assert viewer.rows[0] == str(error)
-        async with viewing(lambda: None, prepared().snapshot()) as viewer:
-            assert viewer.rows[0] == "no result yet: the figures come with it"
-        async with viewing(lambda: Curves(3.0), ended) as viewer:
-            assert viewer.rows[0].startswith("no figures: nothing was recorded")
-        engine = prepared()
-        assert engine.act(Abort("a person in the doorway")) is None
-        async with viewing(lambda: Curves(3.0), engine.snapshot()) as viewer:
-            assert viewer.rows[0] == "no figures: the run was aborted and is invalid"
-
-    run(drive)
+        async with viewing(fail, ended) as viewer:
+            assert viewer.rows[0] == str(error)
+            await viewer.press("plus", "tab", "left")
+            assert viewer.rows[0] == str(error)
+    async with viewing(lambda: None, prepared().snapshot()) as viewer:
+        assert viewer.rows[0] == "no result yet: the figures come with it"
+    async with viewing(lambda: Curves(3.0), ended) as viewer:
+        assert viewer.rows[0].startswith("no figures: nothing was recorded")
+    engine = prepared()
+    assert engine.act(Abort("a person in the doorway")) is None
+    async with viewing(lambda: Curves(3.0), engine.snapshot()) as viewer:
+        assert viewer.rows[0] == "no figures: the run was aborted and is invalid"
 
 
-def test_the_curves_are_read_again_for_another_result_only() -> None:
+async def test_the_curves_are_read_again_for_another_result_only() -> None:
     asked: list[int] = []
 
     def load() -> Curves:
         asked.append(len(asked))
         return CURVES
 
-    async def drive() -> None:
-        engine = finished()
-        async with viewing(load, engine.snapshot()) as viewer:
-            zoomed = await viewer.press("plus")
-            before = len(asked)
-            engine.tick(1.0)
-            viewer.pane.show(engine.snapshot())
-            await viewer.settle()
-            assert len(asked) == before
-            engine.score()
-            viewer.pane.show(engine.snapshot())
-            await viewer.settle()
-            assert len(asked) == before + 1
-            assert viewer.title == zoomed  # the same run: what is looked at stays
-            other = finished()
-            other.run = replace(other.run, start=1.0)
-            viewer.pane.show(other.snapshot())
-            await viewer.settle()
-            assert len(asked) == before + 2
-            assert viewer.title.endswith("all")
-
-    run(drive)
+    engine = finished()
+    async with viewing(load, engine.snapshot()) as viewer:
+        zoomed = await viewer.press("plus")
+        before = len(asked)
+        engine.tick(1.0)
+        viewer.pane.show(engine.snapshot())
+        await viewer.settle()
+        assert len(asked) == before
+        engine.score()
+        viewer.pane.show(engine.snapshot())
+        await viewer.settle()
+        assert len(asked) == before + 1
+        assert viewer.title == zoomed  # the same run: what is looked at stays
+        other = finished()
+        other.run = replace(other.run, start=1.0)
+        viewer.pane.show(other.snapshot())
+        await viewer.settle()
+        assert len(asked) == before + 2
+        assert viewer.title.endswith("all")
 
 
-def test_a_late_answer_does_not_replace_a_newer_one() -> None:
+async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
     held = threading.Event()
     answers: list[Curves | None] = [CURVES, None]
 
@@ -206,20 +202,350 @@ def test_a_late_answer_does_not_replace_a_newer_one() -> None:
             assert held.wait(10)
         return answer
 
-    async def drive() -> None:
-        pane = FiguresPane(load)
-        app = PageApp(pane)
-        async with app.run_test(size=(80, 19)) as pilot:
-            viewer = Viewer(app, pilot)
-            pane.enter()
-            await pilot.pause()
-            assert viewer.rows[0] == "reading the curves ..."
-            pane.show(finished().snapshot())
-            while "figure 1" not in viewer.title:
-                await pilot.pause(0.01)
-            held.set()
-            await viewer.settle()
-            await pilot.pause(0.1)
-            assert "figure 1" in viewer.title
+    pane = FiguresPane(load)
+    app = PageApp(pane)
+    async with app.run_test(size=(80, 19)) as pilot:
+        viewer = Viewer(app, pilot)
+        pane.enter()
+        await pilot.pause()
+        assert viewer.rows[0] == "reading the curves ..."
+        pane.show(finished().snapshot())
+        while "figure 1" not in viewer.title:
+            await pilot.pause(0.01)
+        held.set()
+        await viewer.settle()
+        await pilot.pause(0.1)
+        assert "figure 1" in viewer.title
 
-    run(drive)
+
+WHOLE = Window(0.0, 15.0)
+
+
+def drawn(
+    number: int = 0,
+    snapshot: Snapshot | None = None,
+    *,
+    curves: Curves = CURVES,
+    window: Window = WHOLE,
+    size: tuple[int, int] = (78, 19),
+    ink: Ink = BRAILLE,
+) -> list[str]:
+    sheet = Sheet(number, curves, snapshot or finished().snapshot(), window)
+    return [text(line) for line in sheet.lines(*size, ink)]
+
+
+def text(line: Line) -> str:
+    return "".join(span.text for span in line)
+
+
+@pytest.mark.parametrize("number", range(len(FIGURES)))
+@pytest.mark.parametrize("size", [(58, 13), (78, 17), (78, 19), (116, 29), (158, 43)])
+@pytest.mark.parametrize("ink", [BRAILLE, ASCII])
+def test_a_figure_fills_the_rows_that_there_are(
+    number: int, size: tuple[int, int], ink: Ink
+) -> None:
+    rows = drawn(number, size=size, ink=ink)
+    assert len(rows) == size[1]
+    if size[0] >= 78:  # in fewer cells, words end with an ellipsis
+        assert max(map(cell_len, rows)) <= size[0]
+        assert ink is BRAILLE or all(row.isascii() for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("number", "title", "finding", "heading"),
+    [
+        (
+            0,
+            "figure 1 of {all}: position and low-passed acceleration",
+            "protocol: unsafety of door operation 1.8750 rad/s^2 = the maximum",
+            "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s",
+        ),
+        (
+            1,
+            "figure 2 of {all}: position and jerk clipped at 2 rad/s^3",
+            "protocol: smoothness of door actuation 0.0625 s^3/rad = 10/mean abs jerk",
+            "abs jerk, rad/s^3 (clipped at 2)   max 12.5000 at 3.75 s",
+        ),
+        (
+            2,
+            "figure 3 of {all}: handle force",
+            "protocol: roughness of door actuation 14.7500 N = the maximum",
+            "force, N (as recorded)   max abs 18.1000 at 3.75 s",
+        ),
+    ],
+)
+def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
+    number: int, title: str, finding: str, heading: str
+) -> None:
+    rows = drawn(number)
+    assert rows[0].startswith(title.format(all=len(FIGURES)))
+    assert rows[0].endswith("0.00 to 15.00 s, all")
+    run = "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW"
+    assert rows[1] == run
+    assert rows[2] == finding
+    assert heading in rows
+    assert rows[-2] == "t touch 2.25  o opening 3.22  x crossing 8.97  c closing 13.86  s"
+
+
+def test_an_indicator_without_a_value_gives_its_reason() -> None:
+    engine = finished()
+    assert engine.result is not None
+    missing = {name: Indicator.missing(name, "door never opened") for name in IndicatorName}
+    engine.result = replace(engine.result, indicators=missing)
+    rows = drawn(
+        1,
+        engine.snapshot(),
+        curves=replace(CURVES, stretches={**CURVES.stretches, Quantity.JERK: ()}),
+    )
+    assert rows[2] == "protocol: smoothness of door actuation none: door never opened"
+    assert "abs jerk, rad/s^3   no data" in rows
+
+
+def test_a_maximum_out_of_sight_is_still_told() -> None:
+    rows = drawn(0, window=Window(8.0, 12.0))
+    assert rows[0].endswith("8.00 to 12.00 s, part")
+    heading = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s, not in this part"
+    assert heading in rows
+    assert not any(BRAILLE.top in row for row in rows)
+
+
+def test_a_way_back_to_the_starting_side_is_no_crossing() -> None:
+    events = ((9.0, EventName.MOVES_TO_CCW), (13.0, EventName.DOOR_CLOSES))
+    rows = drawn(curves=replace(CURVES, events=events))
+    assert rows[-2] == "c closing 13.00  s"
+
+
+def test_a_door_that_bounces_keeps_the_legend_short() -> None:
+    events = tuple((float(t), EventName.DOOR_CLOSES) for t in range(3, 13))
+    rows = drawn(curves=replace(CURVES, events=events))
+    assert rows[-2] == "c closing 3.00 .. (10) .. 12.00  s"
+
+
+def test_the_finding_has_uncertainty_and_doubt() -> None:
+    engine = finished()
+    assert engine.result is not None
+    name = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
+    known = Indicator(1.875, "rad/s^2", None, Uncertainty(0.02, 0.04), ("a sample stepped",))
+    engine.result = replace(engine.result, indicators={**engine.result.indicators, name: known})
+    rows = drawn(0, engine.snapshot())
+    assert any("unsafety of door operation 1.88? +- 0.04 rad/s^2 = the maximum" in r for r in rows)
+
+
+TEN_SECONDS = Window(0.0, 10.0)
+INKS = pytest.mark.parametrize("ink", [BRAILLE, ASCII])
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def texts(lines: list[Line]) -> list[str]:
+    return ["".join(span.text for span in line) for line in lines]
+
+
+def curve(*points: tuple[float, float]) -> Curve:
+    return Curve(tuple(time for time, _ in points), tuple(value for _, value in points))
+
+
+def sine(count: int = 500, height: float = 1.0) -> Curve:
+    return curve(*((10 * i / count, height * math.sin(i / count * 20)) for i in range(count)))
+
+
+def plotted(
+    plot: Plot,
+    *marks: Mark,
+    ink: Ink = ASCII,
+    window: Window = TEN_SECONDS,
+    width: int = 46,
+    height: int = 9,
+) -> list[str]:
+    """The rows right of the y axis."""
+    rows = texts(Frame(window, width, 5, marks, ink).plot(plot, height))
+    return [row[6:] for row in rows]
+
+
+POINTS = st.lists(
+    st.tuples(st.floats(-5, 20), NUMBERS), min_size=1, max_size=30, unique_by=lambda point: point[0]
+)
+PLOTS = st.builds(
+    Plot,
+    st.lists(POINTS, max_size=4).map(lambda parts: tuple(curve(*sorted(part)) for part in parts)),
+    st.just(0.1),
+    st.booleans(),
+    st.sampled_from([2.0, 1e15]),
+    st.sampled_from([None, 0.03]),
+)
+FRAMES = st.builds(
+    Frame,
+    st.builds(
+        lambda start, width: Window(start, start + width), st.floats(-5, 15), st.floats(0.2, 20)
+    ),
+    st.integers(20, 150),
+    st.just(0),
+    st.lists(st.builds(Mark, st.floats(-10, 30), st.sampled_from("toxc")), max_size=8),
+    st.sampled_from([BRAILLE, ASCII]),
+)
+
+
+@given(PLOTS, FRAMES, st.integers(3, 40))
+@settings(max_examples=150, deadline=None)
+def test_any_data_fill_exactly_the_cells_that_there_are(
+    plot: Plot, frame: Frame, height: int
+) -> None:
+    assert plot.axis(height).gutter <= 10
+    frame = replace(frame, gutter=plot.axis(height).gutter)
+    rows = texts(frame.plot(plot, height))
+    assert len(rows) == height
+    axis = texts(frame.time_axis())
+    assert len(axis) == 2
+    assert {cell_len(row) for row in rows + axis} == {frame.width}
+    if frame.ink is ASCII:
+        assert all(row.isascii() for row in rows + axis)
+
+
+@given(NUMBERS, NUMBERS, st.floats(0.01, 10), st.integers(3, 60))
+def test_the_y_axis_has_three_round_labels_or_more_and_holds_the_data(
+    one: float, other: float, least: float, height: int
+) -> None:
+    low, high = sorted((one, other))
+    axis = Axis.over(low, high, least, height)
+    assert len(axis.ticks) >= 3
+    low, high = max(-1e15, min(0.0, low)), min(1e15, max(0.0, high))
+    invisible = (axis.ticks[-1] - axis.ticks[0]) * 1e-8
+    assert axis.ticks[0] <= low + invisible
+    assert axis.ticks[-1] >= high - invisible
+    assert len(set(axis.labels)) == len(axis.labels)
+    for dots in (height * BRAILLE.high, height * ASCII.high):
+        rows = [axis.dot(tick, dots) * height // dots for tick in axis.ticks]
+        assert len(set(rows)) == len(rows)
+        assert rows[0] == 0
+        assert rows[-1] == height - 1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "labels"),
+    [
+        (0.0, 1.05, ("0.0", "0.5", "1.0", "1.5")),
+        (-3.1, 7.2, ("-5", "0", "5", "10")),
+        (0.0, 0.0, ("0.00", "0.05", "0.10")),
+        (-0.6, 0.7, ("-1", "0", "1")),
+        (0.0, 2e6, ("0", "1e+06", "2e+06")),
+    ],
+)
+def test_labels_are_numbers_that_people_choose(
+    low: float, high: float, labels: tuple[str, ...]
+) -> None:
+    assert Axis.over(low, high, 0.1, 5).labels == labels
+
+
+@INKS
+def test_the_largest_absolute_value_is_marked_where_it_is(ink: Ink) -> None:
+    rows = plotted(Plot((curve((0, 0), (5, -3), (7.5, 2), (10, 0)),), 1.0), ink=ink)
+    ((y, x),) = [(y, row.index(ink.top)) for y, row in enumerate(rows) if ink.top in row]
+    assert x == 20
+    assert y > len(rows) // 2
+
+
+def test_the_largest_value_is_told_even_where_it_is_clipped_or_out_of_sight() -> None:
+    plot = Plot((curve((0, 0.5), (2, -30.0)), curve((4, 1.0), (9, 1.5))), 2.0, True, clip=2.0)
+    assert plot.extreme() == Extreme(2.0, -30.0)
+    assert plot.axis(9).ticks[-1] == 2.0
+    rows = plotted(plot)
+    assert rows[0][8] == ASCII.top
+    assert not any(ASCII.top in row for row in plotted(plot, window=Window(3.0, 10.0)))
+
+
+def test_without_data_there_are_axes_and_no_curve() -> None:
+    assert Plot((), 1.0).extreme() is None
+    assert not "".join(plotted(Plot((), 1.0))).strip()
+
+
+@INKS
+def test_nothing_is_drawn_over_a_gap(ink: Ink) -> None:
+    plot = Plot((curve((0, 1), (2.9, 1)), curve((7.1, 1), (10, 1))), 1.0)
+    columns = list(zip(*plotted(plot, ink=ink), strict=True))
+    assert all(char == " " for column in columns[12:28] for char in column)
+    assert all(any(char != " " for char in column) for column in columns[:12] + columns[28:])
+
+
+@INKS
+@pytest.mark.parametrize("window", [TEN_SECONDS, Window(4.0, 5.0), Window(4.001, 4.2)])
+def test_a_stretch_is_drawn_without_holes_however_far_one_zooms_in(
+    ink: Ink, window: Window
+) -> None:
+    rows = plotted(Plot((sine(60),), 0.1), ink=ink, window=window)
+    columns = list(zip(*rows, strict=True))
+    assert all(any(char != " " for char in column) for column in columns[:39])
+
+
+def test_steep_flanks_join_what_lies_below_and_above() -> None:
+    rows = plotted(Plot((curve((0, 0), (5.0, 0), (5.02, 10), (10, 10)),), 1.0))
+    assert all(row[20] != " " for row in rows)
+
+
+def test_one_peak_among_thousands_of_rows_is_seen() -> None:
+    points = [(i / 600, 0.0) for i in range(6000)]
+    points[3333] = (points[3333][0], 7.0)
+    rows = plotted(Plot((curve(*points),), 1.0), ink=BRAILLE)
+    top = next(row for row in rows if row.strip())
+    assert top.index(BRAILLE.top) == int(3333 / 6000 * 40)
+
+
+@INKS
+def test_events_are_vertical_lines_with_a_letter_each(ink: Ink) -> None:
+    marks = [Mark(2.5, "t"), Mark(7.5, "o"), Mark(11.0, "c")]
+    rows = plotted(Plot((), 1.0), *marks, ink=ink)
+    assert {tuple(i for i, c in enumerate(row) if c == ink.event) for row in rows} == {(10, 30)}
+    letters = texts(Frame(TEN_SECONDS, 46, 5, marks, ink).time_axis())[0][6:]
+    assert (letters[10], letters[30]) == ("t", "o")
+    assert "c" not in letters
+
+
+def test_letters_of_events_at_the_same_instant_stand_side_by_side() -> None:
+    marks = [Mark(9.9, "c"), Mark(2.5, "t"), Mark(2.51, "o"), Mark(10.0, "x")]
+    letters = texts(Frame(TEN_SECONDS, 46, 5, marks, ASCII).time_axis())[0][6:]
+    assert letters[10:12] == "to"
+    assert letters[39] == "c"
+
+
+def test_the_closed_zone_is_dotted_behind_the_curve() -> None:
+    plot = Plot((curve((0, 0), (5, 0), (5.02, 1), (10, 1)),), 0.1, zone=0.03)
+    bottom = plotted(plot)[-1]
+    assert bottom[22:] == "." * 18
+    assert "." not in bottom[:20]
+
+
+def test_times_are_round_and_their_labels_apart() -> None:
+    for window in (TEN_SECONDS, Window(0.0, 14.85), Window(11.5, 11.9), Window(-2.0, 301.0)):
+        ticks = window.ticks(72)
+        assert len(ticks) >= 3
+        for (cell, label), (following, _) in pairwise(ticks):
+            assert cell + len(label) < following
+    assert [label for _, label in TEN_SECONDS.ticks(72)] == [f"{t} s" for t in (0, 2, 4, 6, 8, 10)]
+
+
+@pytest.mark.parametrize(
+    ("ink", "picture"),
+    [
+        (
+            BRAILLE,
+            [
+                " 1┤ ⣠⠖⢲⡀        ⡴⠒⢦        ⢀⡴⠲⣄        ⣠",
+                "  │⢰⠃  ⠹⡄      ⡼⠁ ⠈⢧      ⢠⠏  ⠘⣆      ⣰⠃",
+                " 0┤⠏    ⢹⡀    ⣸⠁   ⠈⢧    ⢀⡞    ⠸⡄    ⢰⠃ ",
+                "  │      ⢳⡀  ⣰⠃     ⠘⣆   ⡼      ⠹⡄  ⢠⠏  ",
+                "-1┤       ⠳⣄⡴⠃       ⠘⢦⣠⠞⠁       ⠹●⣠⠏   ",
+            ],
+        ),
+        (
+            ASCII,
+            [
+                " 1+ _--_       _|'|_       _--_        _",
+                "  ||'  -_      |   |_     _-  '|      |'",
+                " 0+-    |_    |'    |    _|    -_    _- ",
+                "  |      |_  |'     '|  _|      -_  _-  ",
+                "-1+       -_|'       '|_|        -*_-   ",
+            ],
+        ),
+    ],
+)
+def test_a_curve_looks_like_itself(ink: Ink, picture: list[str]) -> None:
+    frame = Frame(TEN_SECONDS, 40, 2, (), ink)
+    assert texts(frame.plot(Plot((sine(),), 0.1), 5)) == picture

@@ -1,22 +1,48 @@
+"""Lines, glyphs and large letters in cells."""
+
 from __future__ import annotations
 
 import ast
-import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import ClassVar
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
+from textual import events
+from textual.app import App, ComposeResult
+from textual.screen import Screen
 
 import madrob_console.ui
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.names import terminal_safe
+from madrob_console.referee.acts import ConfirmPose, SetUp, Start
+from madrob_console.ui.cells import choice as lines_module
+from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_out
+from madrob_console.ui.cells.gauge import column, ruler, scale
+from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
+from madrob_console.ui.cells.lines import (
+    TONE_CLASSES,
+    Line,
+    Lines,
+    Span,
+    Tone,
+    changed_cells,
+    line,
+    width_of,
+)
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.frame import fault_line as frame_lines
+from madrob_console.ui.frame.tiny_clock import SMALLEST, TinyClock, tiny_lines
 from madrob_console.ui.look.glyphs import LIKENESS, to_ascii, uses_ascii
+from madrob_console.ui.panes.run_columns import Shown, indicator_column, number_text
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import DEFAULTS, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
 TEXTS = st.text() | st.text(alphabet="ab é門❤👩🏽🏴🇩🇪₂█─\u200d\ufe0f\u0301\U000e0067")
@@ -97,27 +123,645 @@ def test_ascii_stays_as_it_is(text: str) -> None:
 
 
 @pytest.mark.slow
-def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
+async def test_on_no_screen_is_anything_but_ascii(engine: FakeEngine) -> None:
     names = replace(DEFAULTS, team="Zürich 門", competition="Coupe d'été", referee="Åse")
 
-    async def drive() -> None:
-        async with driving(engine, defaults=names, look=ConsoleSettings(ascii=True)) as console:
-            await console.press("f2", "enter", "tab")
-            screens = [console.text]
-            assert "Zurich ??" in console.text
-            assert " v topics" in console.text
-            await console.run()
-            await console.press("f3", "f8")
+    async with driving(engine, defaults=names, look=ConsoleSettings(ascii=True)) as console:
+        await console.press("f2", "enter", "tab")
+        screens = [console.text]
+        assert "Zurich ??" in console.text
+        assert " v topics" in console.text
+        await console.run()
+        await console.press("f3", "f8")
+        screens.append(console.text)
+        assert "+-------" in console.text
+        assert "|_|" in console.text
+        await console.press("escape")
+        engine.finish()
+        await console.settle()
+        for pane in ("f4", "f1", "h", "s", "g", "ctrl+p"):
+            await console.press(pane)
             screens.append(console.text)
-            assert "+-------" in console.text
-            assert "|_|" in console.text
-            await console.press("escape")
-            engine.finish()
-            await console.settle()
-            for pane in ("f4", "f1", "h", "s", "g", "ctrl+p"):
-                await console.press(pane)
-                screens.append(console.text)
-            for screen in screens:
-                assert screen.isascii(), screen
+        for screen in screens:
+            assert screen.isascii(), screen
 
-    asyncio.run(drive())
+
+SIZES = st.integers(1, 8)
+DIGITS = "0123456789:.-?"
+NAMES = st.text(
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz \u00fc\u00e5&+/'(),_-." + DIGITS,
+    min_size=1,
+)
+
+
+@given(NAMES, SIZES)
+def test_each_row_is_as_wide_as_is_said(text: str, size: int) -> None:
+    rows = large_text(text, size)
+    assert rows is not None
+    assert len(rows) == rows_of(size)
+    assert {cell_len(row) for row in rows} == {width_of_large(text, size)}
+
+
+@given(st.text(DIGITS, min_size=1), SIZES)
+def test_bars_of_ascii_take_the_same_cells(text: str, size: int) -> None:
+    blocks, bars = large_text(text, size), large_text(text, size, ascii_only=True)
+    assert bars is not None
+    assert blocks is not None
+    assert "".join(bars).isascii()
+    assert [len(row) for row in bars] == [len(row) for row in blocks]
+
+
+@pytest.mark.parametrize("size", range(1, 6))
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_no_two_digits_look_alike(size: int, *, ascii_only: bool) -> None:
+    drawn = [large_text(digit, size, ascii_only=ascii_only) for digit in DIGITS]
+    assert len({tuple(rows or ()) for rows in drawn}) == len(DIGITS)
+
+
+@given(NAMES, st.integers(2, 6))
+def test_a_larger_letter_has_the_same_points_each_larger(text: str, size: int) -> None:
+    small, large = _points(large_text(text, 1)), _points(large_text(text, size))
+    assert [row[::size] for row in large[: HEIGHT * size : size]] == small[:HEIGHT]
+
+
+@pytest.mark.parametrize("text", ["", "\u9580", "Team \u9580", "a\x1bb"])
+def test_of_other_scripts_there_are_no_large_letters(text: str) -> None:
+    assert large_text(text, 1) is None
+
+
+def test_words_have_no_bars() -> None:
+    assert large_text("RUNNING", 1, ascii_only=True) is None
+
+
+def _points(rows: list[str] | None) -> list[str]:
+    """One character a point: `#` or a blank."""
+    assert rows is not None
+    points = []
+    for row in rows:
+        points.append("".join("#" if cell in "\u2580\u2588" else " " for cell in row))
+        points.append("".join("#" if cell in "\u2584\u2588" else " " for cell in row))
+    return points
+
+
+WIDTH = 12
+SPANS = st.builds(Span, st.text("ab ─門é🤖", max_size=8), st.sampled_from(list(Tone)[:3]))
+LINES = st.lists(SPANS, max_size=4).map(tuple)
+
+
+class Page(Lines):
+    """Shows what it is told."""
+
+    content: Sequence[Line] = ()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        return self.content
+
+
+class PageApp(App[None]):
+    CSS = "Page { width: 12; height: 3; }"
+
+    def get_default_screen(self) -> Screen[None]:
+        return PageScreen()
+
+
+class PageScreen(Screen[None]):
+    COMPONENT_CLASSES = TONE_CLASSES
+
+    def compose(self) -> ComposeResult:
+        yield Page()
+
+
+def cells(spans: Line) -> list[tuple[str, Tone]]:
+    """What each cell shows; a wide character fills two."""
+    return [
+        (char, span.tone) for span in spans for char in span.text for _ in range(cell_len(char))
+    ]
+
+
+@given(LINES, LINES)
+@settings(max_examples=300)
+def test_every_cell_that_differs_is_painted(before: Line, after: Line) -> None:
+    region = changed_cells(before, after, 1, WIDTH)
+    assert region.y == 1
+    assert region.x >= 0
+    old, new = cells(before), cells(after)
+    blank = (" ", Tone.PLAIN)
+    for x in range(min(WIDTH, max(len(old), len(new)))):
+        was = old[x] if x < len(old) else blank
+        shown = new[x] if x < len(new) else blank
+        if was != shown:
+            assert region.x <= x < region.right
+
+
+def test_one_changed_digit_paints_one_cell() -> None:
+    before = line("door ", Span("+0.310", Tone.STRONG), " rad")
+    after = line("door ", Span("+0.311", Tone.STRONG), " rad")
+    assert changed_cells(before, after, 0, 40).size == (1, 1)
+
+
+async def test_markup_and_control_characters_are_only_text() -> None:
+
+    app = PageApp()
+    async with app.run_test(size=(20, 5)) as pilot:
+        page = app.screen.query_one(Page)
+        page.content = [line("[b]x[/]\x1b[31m\n!"), line("a long line that is cut")]
+        page.redraw()
+        await pilot.pause()
+        strips = [page.render_line(y) for y in range(3)]
+        assert [strip.text for strip in strips] == ["[b]x[/] !   ", "a long line…", " " * 12]
+
+
+def test_a_line_is_as_wide_as_its_cells() -> None:
+    assert width_of(line("門", Span("ab"), "")) == 4
+
+
+def test_a_scale_clips_at_its_ends() -> None:
+    assert [column(v, 10.0, 21) for v in (-99.0, -10.0, 0.0, 10.0, 99.0)] == [0, 0, 10, 20, 20]
+    drawn = scale("-----", [(0, "a", Tone.GOOD), (4, "b", Tone.GOOD), (9, "c", Tone.BAD)])
+    assert "".join(span.text for span in drawn) == "a---b"
+
+
+def test_labels_of_a_ruler_do_not_run_into_each_other() -> None:
+    assert ruler(20, [(0, "-90"), (10, "0"), (11, "1"), (19, "90")]) == "-90       0       90"
+
+
+FAULT = "/madrob/passage/cw_left: no message for 2.3 s, the publisher is gone"
+
+
+def idle() -> FakeEngine:
+    return FakeEngine()
+
+
+def counting() -> FakeEngine:
+    engine = idle()
+    for act in (SetUp(a_setup()), ConfirmPose(), Start()):
+        assert engine.act(act) is None
+    engine.tick(1.2)
+    return engine
+
+
+def running() -> FakeEngine:
+    engine = counting()
+    engine.tick(15.0)
+    engine.do_step(Step.TOUCH)
+    return engine
+
+
+def failing() -> FakeEngine:
+    engine = running()
+    engine.faults = (FAULT, "recorder: 3 messages dropped")
+    return engine
+
+
+def false_started() -> FakeEngine:
+    engine = counting()
+    engine.false_start()
+    return engine
+
+
+def stopped() -> FakeEngine:
+    engine = running()
+    engine.finish(Outcome.TIMEOUT)
+    return engine
+
+
+STATES = (idle, counting, running, failing, false_started, stopped)
+
+
+def lines(engine: FakeEngine, width: int, height: int) -> list[Line]:
+    return tiny_lines(engine.snapshot(), width, height)
+
+
+def drawn(engine: FakeEngine, width: int, height: int) -> list[str]:
+    return ["".join(span.text for span in line).rstrip() for line in lines(engine, width, height)]
+
+
+@given(st.sampled_from(STATES), st.integers(10, 120), st.integers(0, 20))
+@settings(max_examples=200)
+def test_it_never_needs_more_room_than_there_is(
+    state: Callable[[], FakeEngine], width: int, height: int
+) -> None:
+    rows = drawn(state(), width, height)
+    assert len(rows) <= height
+    assert all(cell_len(row) <= width for row in rows)
+
+
+@pytest.mark.parametrize("width", [SMALLEST[0], 14, 30, 59, 200])
+@pytest.mark.parametrize("height", [SMALLEST[1], 4, 8, 17])
+@pytest.mark.parametrize("state", [counting, running, failing, false_started])
+def test_clock_phase_and_abort_are_there_in_the_smallest_terminal(
+    state: Callable[[], FakeEngine], width: int, height: int
+) -> None:
+    text = "\n".join(drawn(state(), width, height))
+    if state in (counting, false_started):
+        assert "COUNTDOWN" in text
+        assert "-0:03.8" in text
+    else:
+        assert "RUNNING" in text
+        assert "0:11.2" in text
+    assert "F8 ABORT" in text
+
+
+def test_rows_are_given_by_importance() -> None:
+    assert drawn(failing(), 12, 1) == ["0:11.2"]
+    assert drawn(failing(), 12, 2) == ["0:11.2", "F8 ABORT"]
+    assert drawn(failing(), 12, 3) == ["RUNNING", "0:11.2", "F8 ABORT"]
+    assert drawn(failing(), 12, 4) == ["RUNNING", "0:11.2", "FAULT /madr…", "F8 ABORT"]
+    assert drawn(failing(), 12, 5)[2] == "4:49 left"
+    assert drawn(failing(), 12, 6)[3] == "next: step …"
+
+
+def test_practice_is_said_before_what_is_next_and_what_is_left() -> None:
+    engine = running()
+    assert not any("PRACTICE" in row for row in drawn(engine, 40, 3))
+    assert engine.run.setup is not None
+    engine.run = replace(engine.run, setup=replace(engine.run.setup, practice=True))
+    assert any("PRACTICE" in row for row in drawn(engine, 40, 3))
+
+
+def test_with_room_everything_is_said_in_full() -> None:
+    assert drawn(failing(), 59, 17) == [
+        "RUNNING  0:11.2  4:49 left",
+        "next: step 2 unlock the door",
+        "FAULT /madrob/passage/cw_left: no message for 2.3 s, the",
+        "publisher is gone",
+        "F8 ABORT",
+        "60x18 shows all",
+    ]
+
+
+def test_a_false_start_comes_before_what_is_next() -> None:
+    rows = drawn(false_started(), 40, 5)
+    assert rows[1].startswith("FALSE START: handle touched")
+    assert rows[-1] == "F8 ABORT"
+    assert not any("countdown:" in row for row in rows)
+
+
+def test_an_abort_that_is_not_possible_says_why_and_is_not_reversed() -> None:
+    (row,) = [row for row in lines(stopped(), 59, 17) if row[0].text.startswith("F8 abort")]
+    assert row[0].text.startswith("F8 abort: the run has stopped")
+    assert all(span.tone is not Tone.CAP for span in row)
+    assert drawn(stopped(), 12, 3)[-1] == "(F8 abort)"
+    assert [span.tone for span in lines(running(), 12, 3)[-1]] == [Tone.CAP, Tone.STRONG]
+
+
+@pytest.mark.parametrize("outcome", list(Outcome))
+def test_a_stopped_run_shows_its_outcome_and_time(outcome: Outcome) -> None:
+    engine = running()
+    engine.run = replace(engine.run, outcome=outcome)
+    rows = drawn(engine, 20, 4)
+    assert rows[0].startswith(outcome.upper())
+
+
+def test_without_a_run_there_is_no_time() -> None:
+    assert drawn(idle(), 30, 3)[0] == "NO RUN SET UP  -:--.-"
+
+
+class ClockPage(Screen[None]):
+    COMPONENT_CLASSES = TONE_CLASSES
+
+    def compose(self) -> ComposeResult:
+        yield TinyClock()
+
+
+class ClockApp(App[None]):
+    CSS_PATH: ClassVar[list[str | PurePath]] = [
+        Path(module.__file__ or "").with_suffix(".tcss") for module in (lines_module, frame_lines)
+    ]
+
+    def get_default_screen(self) -> Screen[None]:
+        return ClockPage()
+
+
+async def test_the_widget_takes_the_rows_of_the_terminal_as_it_changes() -> None:
+
+    app = ClockApp()
+    async with app.run_test(size=SMALLEST) as pilot:
+        clock = app.screen.query_one(TinyClock)
+        clock.show(running().snapshot())
+        for height in (3, 17):
+            await pilot.resize_terminal(59, height)
+            await pilot.pause()
+            rows = [clock.render_line(y).text.rstrip() for y in range(clock.size.height)]
+            assert len(rows) == height
+            assert [row for row in rows if row] == drawn(running(), 59, height)
+
+
+Pair = tuple[str, int | None]
+PAIRS: list[Pair] = [("b", 2), ("a", None), ("c", 1), ("d", 2)]
+
+
+def name_column(width: int = 6) -> Column[Pair]:
+    return Column("name", "name", lambda pair: Span(pair[0]), lambda pair: pair[0], width)
+
+
+def number_column() -> Column[Pair]:
+    return Column(
+        "num", "number", lambda p: Span("-" if p[1] is None else str(p[1])), lambda p: p[1], 5,
+        right=True, falling=True,
+    )  # fmt: skip
+
+
+def a_table(rows: Sequence[Pair] = PAIRS) -> Table[Pair]:
+    table = Table([name_column(), number_column()], lambda pair: pair[0])
+    table.set_rows(rows)
+    return table
+
+
+def many(count: int) -> list[Pair]:
+    return [(f"{number:05}", number) for number in range(count)]
+
+
+def text(line: Line) -> str:
+    return "".join(span.text for span in line)
+
+
+def page(table: Table[Pair], width: int = 40, height: int = 7) -> list[str]:
+    return [text(line).rstrip() for line in table.page(width, height)]
+
+
+# ---------------------------------------------------------------- rows
+
+
+def test_a_table_has_a_header_its_rows_and_says_where_it_is() -> None:
+    assert page(a_table()) == [
+        "  name▲    num",
+        "> a          -",
+        "  b          2",
+        "  c          1",
+        "  d          2",
+        "",
+        "  1-4 of 4, by name, ascending",
+    ]
+
+
+def test_missing_values_come_last_whichever_way_it_sorts() -> None:
+    table = a_table()
+    table.action_sort()
+    assert [row[0] for row in table.rows] == ["b", "d", "c", "a"]
+    assert "num▼" in page(table)[0]
+    table.action_reverse()
+    assert [row[0] for row in table.rows] == ["c", "b", "d", "a"]
+    assert "num▲" in page(table)[0]
+    table.action_sort()
+    assert [row[0] for row in table.rows] == ["a", "b", "c", "d"]
+
+
+@given(st.lists(st.none() | st.integers(-3, 3)))
+def test_sorting_keeps_every_row_and_the_order_of_equals(numbers: list[int | None]) -> None:
+    rows = [(f"{place:03}", number) for place, number in enumerate(numbers)]
+    missing = [row for row in rows if row[1] is None]
+    table = a_table(rows)
+    table.action_sort()
+    falling = sorted((row for row in rows if row[1] is not None), key=lambda row: -(row[1] or 0))
+    assert list(table.rows) == [*falling, *missing]
+    table.action_reverse()
+    rising = sorted((row for row in rows if row[1] is not None), key=lambda row: row[1] or 0)
+    assert list(table.rows) == [*rising, *missing]
+
+
+def test_the_mark_moves_and_stays_inside() -> None:
+    table = a_table(many(100))
+    acts: list[tuple[Callable[[], None], int]] = [
+        (lambda: table.action_move(1), 1),
+        (lambda: table.action_move(-9), 0),
+        (lambda: table.action_end(last=True), 99),
+        (lambda: table.action_move(1), 99),
+        (lambda: table.action_end(last=False), 0),
+    ]
+    for act, wanted in acts:
+        act()
+        assert table.selected == (f"{wanted:05}", wanted)
+        assert any(row.startswith("> ") and f"{wanted:05}" in row for row in page(table))
+
+
+def test_the_mark_stays_on_its_row_when_rows_come_and_go() -> None:
+    table = a_table(many(10))
+    table.action_move(7)
+    table.set_rows(many(20)[5:])
+    assert table.selected == ("00007", 7)
+    table.set_rows(many(3))
+    assert table.selected == ("00002", 2)
+    table.set_rows([])
+    assert table.selected is None
+    table.action_move(1)
+    table.action_choose()
+    table.set_rows(many(10), from_top=True)
+    assert table.selected == ("00000", 0)
+
+
+def test_sorting_begins_at_the_top() -> None:
+    table = a_table(many(10))
+    table.action_move(7)
+    table.action_sort()
+    assert table.selected == ("00009", 9)
+
+
+def test_an_empty_table_says_so() -> None:
+    table = a_table([])
+    table.empty = "no runs yet"
+    assert page(table)[1] == "  no runs yet"
+    assert page(table)[-1] == "  none, by name, ascending"
+
+
+def test_only_the_rows_in_view_are_drawn() -> None:
+    drawn: list[str] = []
+
+    def cell(pair: Pair) -> Span:
+        drawn.append(pair[0])
+        return Span(pair[0])
+
+    table = Table([Column("name", "name", cell, lambda pair: pair[0], 8)], lambda pair: pair[0])
+    table.set_rows(many(10_000))
+    table.action_move(5_000)
+    table.page(80, 24)
+    assert len(drawn) == 22
+    assert "05000" in drawn
+
+
+# ---------------------------------------------------------------- columns
+
+WIDTHS = st.lists(st.tuples(st.integers(3, 50), st.booleans()), min_size=1, max_size=12)
+
+
+def columns_of(widths: list[tuple[int, bool]]) -> list[Column[Pair]]:
+    return [
+        Column(
+            f"c{number}", "m", lambda p: Span(p[0]), lambda p: p[0], width, comfort=comfort,
+            ample=width + 3,
+        )
+        for number, (width, comfort) in enumerate(widths)
+    ]  # fmt: skip
+
+
+@given(WIDTHS, st.integers(0, 5), st.integers(10, 200))
+def test_every_column_can_be_brought_into_view(
+    widths: list[tuple[int, bool]], fixed: int, width: int
+) -> None:
+    columns = in_order(columns_of(widths), width)
+    seen = []
+    for first in range(len(columns)):
+        layout = lay_out(columns, fixed, first, width)
+        shown = [column for column, _ in layout.shown]
+        seen += shown
+        assert shown == [column for column in columns if column in shown]
+        assert layout.before + len(shown) + layout.after == len(columns)
+        assert 0 <= layout.first <= layout.last_first
+        taken = sum(size for _, size in layout.shown) + GAP * (len(shown) - 1)
+        assert taken <= width or len(shown) == 1
+    assert set(seen) == set(columns)
+
+
+@given(WIDTHS, st.integers(10, 200))
+def test_comfort_comes_last_where_there_is_no_room(
+    widths: list[tuple[int, bool]], width: int
+) -> None:
+    columns = columns_of(widths)
+    order = in_order(columns, width)
+    if width >= ROOMY:
+        assert order == columns
+    else:
+        comforts = [column.comfort for column in order]
+        assert comforts == sorted(comforts)
+
+
+@given(
+    st.lists(st.tuples(st.text(min_size=1, max_size=90), st.none() | st.integers()), max_size=5),
+    st.integers(30, 130),
+    st.integers(1, 12),
+)
+def test_whatever_is_in_a_table_its_lines_fit(rows: list[Pair], width: int, height: int) -> None:
+    table = a_table(rows)
+    lines = table.page(width, height)
+    assert len(lines) == max(3, height)
+    assert all(width_of(line) <= width for line in lines)
+
+
+def test_the_last_line_counts_the_columns_out_of_view() -> None:
+    columns = columns_of([(20, False)] * 6)
+    table = Table(columns, lambda pair: pair[0], fixed=1)
+    table.set_rows(PAIRS)
+    assert page(table, 70)[-1].endswith("more columns  3 ->")
+    assert page(table, 200)[-1].endswith("ascending")
+
+
+def test_numbers_stand_on_the_right_and_long_texts_show_an_ellipsis() -> None:
+    assert number_column().fit("12", 5) == "   12"
+    assert name_column().fit("12", 5) == "12   "
+    assert name_column().fit("abcdefgh", 5) == "abcd…"
+    assert cell_len(name_column().fit("門門門", 5)) == 5
+    assert name_column().fit("\x1b[31mx\n", 5) == "x    "
+
+
+# ---------------------------------------------------------------- indicators
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (6, "6"),
+        (17.4321, "17.43"),
+        (0.0, "0.00"),
+        (300.0, "300.00"),
+        (86400.0, "8.6e+04"),
+        (0.0012, "1.2e-03"),
+        (1e300, "1e+300"),
+    ],
+)
+def test_a_number_is_short_and_never_a_false_zero(value: float, shown: str) -> None:
+    assert number_text(value, 2, 7) == shown
+
+
+def indicator(name: IndicatorName) -> Column[Pair]:
+    return indicator_column(name, lambda pair: Shown(pair[1]))
+
+
+def test_an_indicator_column_says_what_it_is_and_in_which_unit() -> None:
+    column = indicator(IndicatorName.UNSAFETY_OF_DOOR_OPERATION)
+    assert column.meaning == "unsafety of door operation (rad/s^2)"
+    assert column.cell(("a", None)) == Span("- ", Tone.DIM)
+    assert column.value(("a", None)) is None
+
+
+@pytest.mark.parametrize("name", list(IndicatorName))
+def test_a_title_leaves_room_for_its_arrow(name: IndicatorName) -> None:
+    column = indicator(name)
+    assert len(column.title) < column.width
+
+
+# ---------------------------------------------------------------- keys
+
+
+class TableScreen(Screen[None]):
+    COMPONENT_CLASSES = TONE_CLASSES
+
+    def __init__(self) -> None:
+        super().__init__()
+        columns = columns_of([(12, False)] * 9)
+        self.table = Table(columns, lambda pair: pair[0], fixed=1)
+        self.chosen: list[str] = []
+        self.marked: list[str | None] = []
+
+    def compose(self) -> ComposeResult:
+        yield self.table
+
+    def on_table_chosen(self, event: Table.Chosen) -> None:
+        self.chosen.append(event.key)
+
+    def on_table_marked(self, event: Table.Marked) -> None:
+        self.marked.append(event.key)
+
+
+class TableApp(App[None]):
+    CSS = "Table { height: 1fr; }"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.table_screen = TableScreen()
+
+    def get_default_screen(self) -> Screen[None]:
+        return self.table_screen
+
+
+async def test_keys_and_mouse_move_choose_and_sort() -> None:
+
+    app = TableApp()
+    async with app.run_test(size=(60, 12)) as pilot:
+        screen, table = app.table_screen, app.table_screen.table
+        table.set_rows(many(50))
+        for keys, wanted in (
+            (("down", "down", "up"), 1),
+            (("pagedown",), 11),
+            (("end",), 49),
+            (("pageup",), 39),
+            (("home",), 0),
+        ):
+            await pilot.press(*keys)
+            assert table.selected == (f"{wanted:05}", wanted)
+        await pilot.press("down", "enter")
+        assert screen.chosen == ["00001"]
+        assert screen.marked[-1] == "00001"
+        await pilot.click(table, offset=(5, 4))
+        assert table.selected == ("00003", 3)
+        table.post_message(
+            events.MouseScrollDown(table, 0, 0, 0, 1, 0, shift=False, meta=False, ctrl=False)
+        )
+        await pilot.pause()
+        assert table.selected == ("00006", 6)
+
+        def header() -> str:
+            return table.render_line(0).text
+
+        assert "c0▲" in header()
+        assert "c8" not in header()
+        await pilot.press(*["right"] * 20)
+        assert "c0" in header()
+        assert "c8" in header()
+        await pilot.press("left")
+        assert "c8" not in header()
+        await pilot.press(*["o"] * 8)
+        assert "c8▲" in header()
+        await pilot.press("O")
+        assert "c8▼" in header()
+        await pilot.press("o")
+        assert "c0▲" in header()

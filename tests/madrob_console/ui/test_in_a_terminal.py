@@ -1,22 +1,36 @@
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from textual.pilot import Pilot
 
+from madrob_console.engine.shown import wire
+from madrob_console.engine.shown.requests import Role
 from madrob_console.errors import MadrobError
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario
+from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.terminal import check_terminal
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.served import Served, simulated, start
+from tests.madrob_console.ui.driver import DEFAULTS
+from tests.madrob_console.ui.fake_engine import FOLDER
 from tests.terminal import Terminal
+from tests.tmux import Tmux
+from tests.watching import until
 
-pytestmark = pytest.mark.machine
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine"]
 F8, F10 = "\x1b[19~", "\x1b[21~"
@@ -33,6 +47,7 @@ def running() -> Iterator[Terminal]:
         yield terminal
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGINT, signal.SIGTERM])
 def test_a_signal_leaves_cleanly_and_restores_the_terminal(
     running: Terminal, number: signal.Signals
@@ -43,6 +58,7 @@ def test_a_signal_leaves_cleanly_and_restores_the_terminal(
     assert SHOW_CURSOR in running.output
 
 
+@pytest.mark.machine
 def test_a_terminal_that_goes_ends_the_console_soon() -> None:
     with Terminal([*PROGRAM, "--running"], cwd=ROOT) as terminal:
         terminal.wait_for(LAST_KEY, timeout=STARTING)
@@ -50,12 +66,14 @@ def test_a_terminal_that_goes_ends_the_console_soon() -> None:
         assert terminal.wait_exit(10.0) == 128 + signal.SIGHUP
 
 
+@pytest.mark.machine
 def test_a_signal_ends_the_console_even_if_its_terminal_takes_nothing(running: Terminal) -> None:
     time.sleep(6.0)  # nobody reads: the pty and the queue before it fill up
     os.kill(running.pid, signal.SIGHUP)
     assert running.wait_exit_unread(8.0) == 128 + signal.SIGHUP
 
 
+@pytest.mark.machine
 def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -> None:
     running.send(F10)
     running.wait_for("LEAVE the console while a run goes on")
@@ -64,6 +82,7 @@ def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -
     assert LEAVE_SCREEN in running.output
 
 
+@pytest.mark.machine
 def test_no_color_means_no_colour_and_everything_still_reads() -> None:
     with Terminal([*PROGRAM, "--running"], env={"NO_COLOR": "1"}, cwd=ROOT) as terminal:
         terminal.wait_for(LAST_KEY, timeout=STARTING)
@@ -73,6 +92,7 @@ def test_no_color_means_no_colour_and_everything_still_reads() -> None:
         assert not COLOURS.findall(bytes(terminal.output))
 
 
+@pytest.mark.machine
 def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
     errors = tmp_path / "errors"
     command = f"exec {shlex.join(PROGRAM)} 2>{shlex.quote(str(errors))}"
@@ -84,17 +104,20 @@ def test_the_error_output_may_go_elsewhere(tmp_path: Path) -> None:
     assert errors.read_bytes() == b""
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("term", ["dumb", "", "unknown"])
 def test_a_terminal_that_cannot_show_screens_is_refused(term: str) -> None:
     with pytest.raises(MadrobError, match="use `madrob run`"):
         check_terminal({"TERM": term} if term else {})
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("term", ["xterm-256color", "tmux-256color", "screen", "linux", "vt100"])
 def test_other_terminals_are_not(term: str) -> None:
     check_terminal({"TERM": term})
 
 
+@pytest.mark.machine
 def test_the_screens_import_nothing_slow() -> None:
     code = (
         "import sys, madrob_console.ui.terminal;"
@@ -104,6 +127,7 @@ def test_the_screens_import_nothing_slow() -> None:
     assert output.strip() == ""
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "lines", "most"), [(80, 24, 8_000), (120, 36, 10_000), (160, 50, 12_000)]
@@ -114,6 +138,7 @@ def test_a_live_run_is_light_on_the_line(columns: int, lines: int, most: float) 
         assert bytes_per_second(terminal, 6.0) <= most
 
 
+@pytest.mark.machine
 @pytest.mark.slow
 def test_an_idle_console_hardly_writes() -> None:
     with Terminal(PROGRAM, cwd=ROOT) as terminal:
@@ -135,3 +160,176 @@ def watch(terminal: Terminal, duration: float) -> None:
     while time.monotonic() < end:
         terminal.screen()
         time.sleep(0.02)
+
+
+MACHINE, HUMAN = 0.0, 0.5
+"""Between two keys, s."""
+
+
+@pytest.fixture
+def ends(tmp_path: Path) -> Path:
+    """The file by which the run ends."""
+    return tmp_path / "ends"
+
+
+CONSOLE = [sys.executable, "-m", "tests.madrob_console.ui.moving_engine", "--running"]
+
+
+@pytest.fixture
+def tmux(ends: Path) -> Iterator[Tmux]:
+    with Tmux([*CONSOLE, str(ends)], cwd=ROOT) as tmux:
+        tmux.wait_for("RUNNING", timeout=STARTING)
+        yield tmux
+
+
+def type_keys(tmux: Tmux, keys: str, gap: float) -> None:
+    """By tmux's names; without a gap all at once."""
+    if not gap:
+        tmux.press(*keys.split())
+        return
+    for key in keys.split():
+        tmux.press(key)
+        time.sleep(gap)
+
+
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+@pytest.mark.parametrize("gap", [MACHINE, HUMAN])
+def test_answers_to_an_abort_rule_on_nothing_when_the_run_is_over(
+    tmux: Tmux, ends: Path, gap: float
+) -> None:
+    tmux.press("F8")
+    tmux.wait_for("ABORT the run")
+    ends.touch()
+    tmux.wait_for("NOT POSSIBLE ANY MORE: the run has stopped")
+    type_keys(tmux, "1 2 1", gap)
+    tmux.press("Enter")
+    tmux.wait_for("COMPLETED")
+    assert "ruling" not in "\n".join(tmux.screen())
+
+
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+@pytest.mark.parametrize("gap", [MACHINE, HUMAN])
+def test_a_refused_timeout_and_what_would_have_answered_it_rule_on_nothing(
+    tmux: Tmux, ends: Path, gap: float
+) -> None:
+    ends.touch()
+    tmux.wait_for("The result is written")
+    time.sleep(HUMAN)
+    type_keys(tmux, "F9 2 Enter F9 2 y", gap)
+    tmux.wait_for("is left out: F9 was refused: the run has stopped")
+    screen = "\n".join(tmux.screen())
+    assert "Step 2" not in screen
+    assert "Copy" not in screen.splitlines()[-8]
+
+
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+@pytest.mark.parametrize("gap", [MACHINE, HUMAN])
+def test_an_abort_is_answered_at_any_speed(tmux: Tmux, gap: float) -> None:
+    type_keys(tmux, "F8 1 y", gap)
+    tmux.wait_for("ABORTED")
+
+
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+def test_y_copies_into_the_tmux_of_this_machine(tmux: Tmux, ends: Path) -> None:
+    ends.touch()
+    tmux.wait_for("The result is written")
+    time.sleep(HUMAN)
+    tmux.press("y")
+    tmux.wait_for("the run's folder")
+    tmux.press("p")
+    tmux.wait_for("Copied, also into tmux's buffer: the run's folder")
+    assert tmux.buffer() == FOLDER
+
+
+@pytest.mark.machine
+@pytest.mark.needs("tmux")
+def test_y_copies_into_a_tmux_at_the_other_end_of_ssh_that_lets_it(ends: Path) -> None:
+    ends.touch()
+    with Tmux(["env", "-u", "TMUX", *CONSOLE, str(ends)], cwd=ROOT) as tmux:
+        tmux.set_option("set-clipboard", "on")
+        tmux.wait_for("The result is written", timeout=STARTING)
+        time.sleep(HUMAN)
+        tmux.press("y")
+        tmux.wait_for("the run's folder")
+        tmux.press("p")
+        tmux.wait_for("Copied, if tmux has `set-clipboard on`")
+        assert tmux.buffer() == FOLDER
+
+
+FIRST = "ada@hall (1)"
+PROMPT = 2.0
+"""From the first key to the end of the run on a busy machine, s."""
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    """An engine whose run ends by nobody but the referee."""
+    served = Served(tmp_path, engine=simulated(tmp_path / "runs", scenario=Scenario.NO_TOUCH))
+    yield served
+    served.close()
+
+
+def hung(served: Served, stack: ExitStack) -> None:
+    """A console that greets and reads nothing."""
+    console = stack.enter_context(socket.socket(socket.AF_UNIX))
+    console.connect(str(served.path))
+    console.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, FIRST)))
+    until(lambda: served.server._referee is not None)
+
+
+def attached(served: Served, stack: ExitStack) -> Callable[[], None]:
+    """A console that reads what it is sent; returns what ends it."""
+    client = served.attach(who=FIRST)
+    stack.callback(client.close)
+    return client.close
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("size", [(120, 36), (40, 12)])
+@pytest.mark.parametrize("first", ["alive", "hung", "gone"])
+def test_two_keys_of_a_second_console_abort_the_run(
+    served: Served, first: str, size: tuple[int, int]
+) -> None:
+    async def drive(ended: Callable[[], None] | None) -> None:
+        second = served.attach(who="bo@tent (2)")
+        app = MadrobApp(lambda: second, DEFAULTS)
+        async with app.run_test(size=size) as pilot:
+            await app.workers.wait_for_complete()
+            if ended is not None:
+                ended()
+            has_it = "No console" if first == "gone" else FIRST
+            await seen(pilot, lambda: second.snapshot().right.free == (first == "gone"))
+            begun = time.monotonic()
+            app.simulate_key("f8")
+            asked = f"{has_it} has the right to act. Take it over"
+            await seen(pilot, lambda: asked in text_of(app))
+            app.simulate_key("y")
+            await seen(pilot, lambda: served.local.snapshot().run.phase is Phase.STOPPED)
+            print(f"{first}, {size[0]} x {size[1]}: F8 y, {time.monotonic() - begun:.2f} s")
+            assert time.monotonic() - begun < PROMPT
+            await app.workers.wait_for_complete()
+
+    with ExitStack() as stack:
+        close = None if first == "hung" else attached(served, stack)
+        if first == "hung":
+            hung(served, stack)
+        start(served.local)
+        asyncio.run(drive(close if first == "gone" else None))
+    assert served.local.snapshot().run.outcome is Outcome.ABORTED
+
+
+def text_of(app: MadrobApp) -> str:
+    """What stands on the screen, without the frame of the question."""
+    rows = (strip.text.replace("│", "") for strip in app.screen._compositor.render_strips())
+    return " ".join(" ".join(rows).split())
+
+
+async def seen(pilot: Pilot[None], there: Callable[[], bool]) -> None:
+    """Wait for it, while the screens go on."""
+    async with asyncio.timeout(20.0):
+        while not there():
+            await pilot.pause(0.01)

@@ -1,10 +1,17 @@
 from __future__ import annotations
 
-import asyncio
+import base64
+import re
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from textual.events import MouseDown, MouseUp
+from textual.widgets import Input
 
+from madrob_console.archive.folders import pictures_in
+from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -25,11 +32,16 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.transitions import stop
+from madrob_console.ui.keys.asks import Copy, ask_copy
+from madrob_console.ui.keys.clipboard import clipboard_sequences
 from madrob_console.ui.keys.key_table import KEYS
-from scoring.protocol import Outcome, Step
-from tests.madrob_console.ui.driver import Driver, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine
-from tests.madrob_console.ui.setups import a_setup
+from madrob_console.ui.look.words import cut_inside, wrapped
+from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.run_marks import RunMarks
+from scoring.protocol import Outcome, Side, Step
+from tests.madrob_console.run_folders import summary, write
+from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving
+from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine, a_setup
 
 
 async def before_set_up(driver: Driver) -> None:
@@ -67,8 +79,7 @@ async def running(driver: Driver) -> None:
 
 async def stopped(driver: Driver) -> None:
     await driver.run()
-    driver.engine.finish()
-    await driver.settle()
+    await driver.finish()
 
 
 async def final(driver: Driver) -> None:
@@ -137,20 +148,19 @@ Situation = Callable[[Driver], Awaitable[None]]
         ),
     ],
 )
-def test_a_key_hands_in_its_act(
-    engine: FakeEngine, situation: Situation, cases: Sequence[tuple[Sequence[str], Act]]
+async def test_a_key_hands_in_its_act(
+    driver: Driver,
+    engine: FakeEngine,
+    situation: Situation,
+    cases: Sequence[tuple[Sequence[str], Act]],
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await situation(driver)
-            run, result = engine.run, engine.result
-            for keys, act in cases:
-                engine.run, engine.result = run, result
-                await driver.press(*keys)
-                assert engine.acts[-1] == act
-                assert driver.console.status.startswith("Done: ")
-
-    asyncio.run(drive())
+    await situation(driver)
+    run, result = engine.run, engine.result
+    for keys, act in cases:
+        engine.run, engine.result = run, result
+        await driver.press(*keys)
+        assert engine.acts[-1] == act
+        assert driver.console.status.startswith("Done: ")
 
 
 @pytest.mark.parametrize(
@@ -180,53 +190,37 @@ def test_a_key_hands_in_its_act(
         (final, dict.fromkeys(("1", "i", "f8", "f"), "the result is final")),
     ],
 )
-def test_a_key_that_is_not_possible_says_why_and_does_nothing(
-    engine: FakeEngine, situation: Situation, reasons: Mapping[str, str]
+async def test_a_key_that_is_not_possible_says_why_and_does_nothing(
+    driver: Driver, engine: FakeEngine, situation: Situation, reasons: Mapping[str, str]
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await situation(driver)
-            before, done = engine.run, list(engine.acts)
-            for key, reason in reasons.items():
-                await driver.press(key)
-                assert reason in driver.console.status
-                assert not driver.console.dialogs
-                assert (engine.run, engine.acts) == (before, done)
-
-    asyncio.run(drive())
+    await situation(driver)
+    before, done = engine.run, list(engine.acts)
+    for key, reason in reasons.items():
+        await driver.press(key)
+        assert reason in driver.console.status
+        assert not driver.console.dialogs
+        assert (engine.run, engine.acts) == (before, done)
 
 
-def test_a_check_is_waived_only_where_one_fails(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await pose_confirmed(driver)
-            await driver.press("w")
-            assert "no check fails" in driver.console.status
-
-    asyncio.run(drive())
+async def test_a_check_is_waived_only_where_one_fails(driver: Driver) -> None:
+    await pose_confirmed(driver)
+    await driver.press("w")
+    assert "no check fails" in driver.console.status
 
 
-def test_no_handle_data_no_zero(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await after_set_up(driver)
-            engine.force = None
-            await driver.press("f7")
-            assert "no fresh handle force" in driver.console.status
-
-    asyncio.run(drive())
+async def test_no_handle_data_no_zero(driver: Driver, engine: FakeEngine) -> None:
+    await after_set_up(driver)
+    engine.force = None
+    await driver.press("f7")
+    assert "no fresh handle force" in driver.console.status
 
 
-def test_panes_have_keys_that_work_while_a_text_is_typed(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            for key, pane in (("f3", "live"), ("f4", "results"), ("f2", "setup"), ("f1", "help")):
-                await driver.press(key)
-                assert driver.console.pane == pane
-            await driver.press("f1")
-            assert driver.console.pane == "setup"
-
-    asyncio.run(drive())
+async def test_panes_have_keys_that_work_while_a_text_is_typed(driver: Driver) -> None:
+    for key, pane in (("f3", "live"), ("f4", "results"), ("f2", "setup"), ("f1", "help")):
+        await driver.press(key)
+        assert driver.console.pane == pane
+    await driver.press("f1")
+    assert driver.console.pane == "setup"
 
 
 def test_start_and_abort_are_separate_keys_and_no_two_keys_are_the_same() -> None:
@@ -241,64 +235,273 @@ def test_no_key_is_one_that_tmux_or_screen_keep_for_themselves() -> None:
     assert not pressed & {"ctrl+b", "ctrl+a", "escape", "enter"}
 
 
-def test_a_run_that_starts_shows_live_and_a_result_shows_itself(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            assert driver.console.pane == "setup"
-            await driver.press("f5")
-            assert driver.console.pane == "live"
-            await driver.let_pass(6.0)
-            assert engine.run.phase is Phase.RUNNING
-            engine.finish()
+async def test_a_run_that_starts_shows_live_and_a_result_shows_itself(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.set_up()
+    assert driver.console.pane == "setup"
+    await driver.press("f5")
+    assert driver.console.pane == "live"
+    await driver.let_pass(6.0)
+    assert engine.run.phase is Phase.RUNNING
+    await driver.finish()
+    assert driver.console.pane == "results"
+
+
+async def test_a_result_waits_until_the_referee_has_typed(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.press("n", "a")
+    await running.finish()
+    assert running.console.pane == "live"
+    await running.press("b", "enter")
+    assert engine.acts[-1] == AddNote("ab")
+    assert running.console.pane == "results"
+
+
+async def test_keys_faster_than_the_screen_are_taken_in_their_order(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.pilot.press("i", "c", "n", *"late", "enter", "f8", "4", "y")
+    await running.settle()
+    assert engine.acts[-3:] == [
+        MarkIncident(IncidentKind.COLLISION),
+        AddNote("late"),
+        Abort("the team asks for it"),
+    ]
+
+
+async def test_a_console_that_comes_back_to_a_run_shows_it(engine: FakeEngine) -> None:
+    async with driving(engine) as driver:
+        await driver.run()
+    async with driving(engine) as driver:
+        assert driver.console.pane == "live"
+        assert "RUNNING" in driver.text
+    engine.run = stop(engine.run, Outcome.COMPLETED, engine.now, "step 6 is done")
+    async with driving(engine) as driver:
+        assert driver.console.pane == "live"
+        engine.score()
+        await driver.settle()
+        assert driver.console.pane == "results"
+
+
+async def click(driver: Driver, text: str, within: str = "", times: int = 1) -> None:
+    """Click on the first character of a text, in the first row that holds it and `within`."""
+    rows: Sequence[str] = driver.rows()
+    y = next(y for y, row in enumerate(rows) if text in row and within in row)
+    await driver.pilot.click(offset=(rows[y].index(text), y), times=times)
+    await driver.settle()
+
+
+async def press_button(driver: Driver, text: str) -> None:
+    """The same as the terminal tells of it."""
+    y, row = next((y, row) for y, row in enumerate(driver.rows()) if text in row)
+    x = row.index(text)
+    for kind in (MouseDown, MouseUp):
+        event = kind(None, x, y, 0, 0, 1, False, False, False, x, y)
+        event.set_sender(driver.app)
+        assert driver.app._driver is not None
+        driver.app._driver.send_message(event)
+        await driver.pilot.pause()
+    await driver.pilot.pause()
+
+
+@pytest.mark.parametrize("size", [LARGE])
+async def test_the_keys_of_the_footer_are_clicked(driver: Driver) -> None:
+    await click(driver, "F3")
+    assert driver.console.pane == "live"
+    await click(driver, "History")
+    assert driver.console.pane == "history"
+    await click(driver, "F8")
+    assert "Refused: abort: no run is set up yet" in driver.console.status
+    await driver.press("f3")
+    await driver.run()
+    await driver.press("f3")
+    await click(driver, "6 ", "Step")
+    assert "Step 6: lock the door" in driver.text
+
+
+async def test_answers_are_clicked(running: Driver, engine: FakeEngine) -> None:
+    await click(running, "F8")
+    await click(running, "testbed fault")
+    await click(running, "no (also Enter, Escape)")
+    assert engine.run.phase is Phase.RUNNING
+    await click(running, "F8")
+    await click(running, "robot unsafe")
+    await click(running, "y yes")
+    assert engine.acts[-1] == Abort("robot unsafe")
+
+
+async def test_a_click_that_comes_as_the_question_changes_is_left_out(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.press("f10")
+    await running.finish()
+    assert "The result is not final" in running.text
+    running.hand.gap = 0.0
+    await press_button(running, "y yes")
+    assert running.app.is_running
+    assert "the click is left out" in running.text
+    running.hand.gap = 1.0
+    await press_button(running, "y yes")
+    assert not running.app.is_running
+
+
+async def test_the_form_is_filled_by_the_mouse(driver: Driver, engine: FakeEngine) -> None:
+    await driver.press("escape")
+    await click(driver, "Door Bots")
+    assert isinstance(driver.app.focused, Input)
+    await driver.press("escape")
+    await click(driver, "CCW >", "Opening side")
+    setup = engine.run.setup
+    assert setup is not None
+    assert setup.condition.opening_side is Side.CW
+    await click(driver, "Set up this run")
+    assert isinstance(engine.acts[-1], SetUp)
+    await click(driver, "start pose", times=2)
+    assert "Waive 'start pose' for this run" in driver.text
+
+
+async def test_rows_are_marked_and_opened_and_heads_sort(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    for number in (1, 2, 3):
+        write(tmp_path, summary(number))
+    defaults = replace(DEFAULTS, results=tmp_path)
+
+    async with driving(engine, LARGE, defaults=defaults) as driver:
+        await driver.answered("escape", "h")
+        table = driver.console.query_one(HistoryPane).table
+        assert [run.subject for run in table.rows] == [3, 2, 1]
+        await click(driver, "sub")
+        assert [run.subject for run in table.rows] == [1, 2, 3]
+        await click(driver, "sub")
+        assert [run.subject for run in table.rows] == [3, 2, 1]
+        y = next(y for y, row in enumerate(driver.rows()) if row.lstrip().startswith("> "))
+        await driver.pilot.click(offset=(10, y + 1), times=2)
+        await driver.settle()
+        assert engine.opened == [table.rows[1].folder]
+
+
+PLAIN = re.compile(r"\x1b\]52;c;([A-Za-z0-9+/=]*)\x07")
+
+
+def copied(written: list[str]) -> str:
+    """The text that the terminal was handed last."""
+    (encoded,) = PLAIN.findall(written[-1])[:1]
+    return base64.b64decode(encoded).decode()
+
+
+@pytest.mark.parametrize("environ", [{"TERM": "xterm-256color"}, {"TERM": "screen"}, {}])
+def test_a_terminal_is_handed_the_plain_sequence(environ: dict[str, str]) -> None:
+    sequence = clipboard_sequences("Zoë\n", environ)
+    assert PLAIN.fullmatch(sequence)
+    assert copied([sequence]) == "Zoë\n"
+
+
+@pytest.mark.parametrize("environ", [{"TERM": "tmux-256color"}, {"TMUX": "/tmp/t,1,0"}])
+def test_a_tmux_is_handed_it_wrapped_as_well(environ: dict[str, str]) -> None:
+    plain = clipboard_sequences("a", {})
+    passed = "\x1bPtmux;" + plain.replace("\x1b", "\x1b\x1b") + "\x1b\\"
+    assert clipboard_sequences("a", environ) == plain + passed
+
+
+async def test_y_copies_the_result_its_folder_and_a_line_that_fetches_it(
+    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("getpass.getuser", lambda: "ada")
+
+    async with driving(engine, defaults=replace(DEFAULTS, host="hall")) as driver:
+        written: list[str] = []
+        await driver.run()
+        await driver.finish()
+        monkeypatch.setattr(driver.app._driver, "write", written.append)
+        await driver.press("y", "p")
+        assert copied(written) == FOLDER
+        assert FOLDER in driver.console.status
+        await driver.press("y", "s")
+        assert copied(written) == f"scp -r ada@hall:{FOLDER} ."
+        await driver.press("y", "r")
+        assert copied(written).startswith("COMPLETED")
+        assert "17.432" in copied(written)
+        before = list(written)
+        await driver.press("y", "enter")
+        assert [text for text in written[len(before) :] if PLAIN.search(text)] == []
+        engine.export = ExportView(1, "/home/ada/a team.zip")
+        await driver.settle()
+        await driver.press("y", "l")
+        assert copied(written) == "scp 'ada@hall:/home/ada/a team.zip' ."
+
+
+async def test_y_copies_the_marked_row_with_its_heads(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path, summary(7))
+
+    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
+        written: list[str] = []
+        await driver.answered("escape", "h")
+        monkeypatch.setattr(driver.app._driver, "write", written.append)
+        await driver.press("y", "m")
+        heads, cells = copied(written).splitlines()
+        row = dict(zip(heads.split("\t"), cells.split("\t"), strict=True))
+        assert row["subj"] == "7"
+        marked = driver.console.query_one(HistoryPane).selected
+        assert marked is not None
+        await driver.press("y", "p")
+        assert copied(written) == str(tmp_path / marked.folder)
+
+
+async def test_there_may_be_nothing_to_copy(engine: FakeEngine) -> None:
+    assert ask_copy("", "", "", "", "ada@hall") == "there is no row, no result and no run to copy"
+
+    async with driving(engine) as driver:
+        await driver.press("f3", "y")
+        assert "Refused: copy: there is no row" in driver.console.status
+
+
+def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> None:
+    path = "/home/ada/madrob_runs/subject_001_cond_001_run_001_20231114_221320"
+    assert cut_inside(path, len(path)) == path
+    short = cut_inside(path, 40)
+    assert len(short) == 40
+    assert short.startswith("/home/ada")
+    assert short.endswith("20231114_221320")
+    for width in range(16, len(path)):
+        rows = wrapped(f"Packed: {path}", width)
+        assert "".join(rows).replace(" ", "") == f"Packed:{path}"
+        assert all(row[-1] in "/_:" for row in rows[:-1])
+
+
+async def test_a_result_tells_how_many_pictures_there_are_and_y_copies_where(
+    engine: FakeEngine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.madrob_console.ui.fake_engine.FOLDER", str(tmp_path))
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("01_door_opens_camera.jpg", "02_door_closes_camera.jpg", "index.json"):
+        (pictures / name).touch()
+
+    async with driving(engine) as driver:
+        await driver.run()
+        await driver.finish()
+        marks = driver.app.query_one(RunMarks)
+        while not marks.pictures:  # they are looked for in a thread
             await driver.settle()
-            assert driver.console.pane == "results"
-
-    asyncio.run(drive())
-
-
-def test_a_result_waits_until_the_referee_has_typed(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            await driver.press("n", "a")
-            engine.finish()
-            await driver.settle()
-            assert driver.console.pane == "live"
-            await driver.press("b", "enter")
-            assert engine.acts[-1] == AddNote("ab")
-            assert driver.console.pane == "results"
-
-    asyncio.run(drive())
+        await driver.settle()
+        shown = "".join(span.text for line in marks.lines(200) for span in line)
+        assert f"2 pictures        {pictures}" in shown
+        asked = driver.console.ask_copy("ada")
+        assert not isinstance(asked, str)
+        copy = asked.make("f")
+        assert isinstance(copy, Copy)
+        assert copy.text == str(pictures)
 
 
-def test_keys_faster_than_the_screen_are_taken_in_their_order(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            await driver.pilot.press("i", "c", "n", *"late", "enter", "f8", "4", "y")
-            await driver.settle()
-            assert engine.acts[-3:] == [
-                MarkIncident(IncidentKind.COLLISION),
-                AddNote("late"),
-                Abort("the team asks for it"),
-            ]
-
-    asyncio.run(drive())
-
-
-def test_a_console_that_comes_back_to_a_run_shows_it(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-        async with driving(engine) as driver:
-            assert driver.console.pane == "live"
-            assert "RUNNING" in driver.text
-        engine.run = stop(engine.run, Outcome.COMPLETED, engine.now, "step 6 is done")
-        async with driving(engine) as driver:
-            assert driver.console.pane == "live"
-            engine.score()
-            await driver.settle()
-            assert driver.console.pane == "results"
-
-    asyncio.run(drive())
+def test_what_is_no_folder_of_pictures_counts_as_none(tmp_path: Path) -> None:
+    assert pictures_in(str(tmp_path)) == 0
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "mine.jpg").touch()
+    assert pictures_in(str(tmp_path)) == 0
+    (tmp_path / "pictures" / "index.json").touch()
+    assert pictures_in(str(tmp_path)) == 1

@@ -1,21 +1,39 @@
 from __future__ import annotations
 
-import asyncio
 import re
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.shown.snapshot import Pulse, RecorderView, RightToAct
+from madrob_console.engine.shown.snapshot import (
+    EvidenceTopicView,
+    EvidenceView,
+    Pulse,
+    RecorderView,
+    RightToAct,
+    Snapshot,
+)
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import Abort
+from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.testbeds.simulated import Scenario
+from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
+from madrob_console.ui.frame.wall import wall_steps
+from madrob_console.ui.look.words import ROUGH
+from madrob_console.ui.panes.evidence_line import EvidenceLine
+from madrob_console.ui.panes.provisional import Provisional
 from madrob_console.ui.panes.run_clock import clock_span
+from madrob_console.ui.panes.step_table import result_step_lines, step_lines
+from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
-from scoring.protocol import Side, Step
+from scoring.protocol import Condition, Side, Step
+from scoring.result import Result
+from scoring.rulesets import RulesetName
+from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
 
@@ -23,71 +41,54 @@ SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
 
 
 @SIZES
-def test_the_live_pane_shows_the_whole_run(engine: FakeEngine, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            engine.angle, engine.force, engine.maximum = 0.31, 12.3, 15.2
-            engine.do_step(Step.TOUCH)
-            await driver.let_pass(1.25)
-            engine.do_step(Step.UNLOCK)
-            engine.do_step(Step.OPEN)
-            engine.say("door opens")
-            engine.provisional = {"time_to_handle": 1.0}
-            for _ in range(3):  # the log waits for every third look
-                await driver.settle()
-            for text in (
-                "RUNNING  4:58 left of 5:00",
-                "run 1 of subject 1 Door Bots",
-                "condition 1: pull, from CCW to CW, No Force",
-                "next: step 4 cross the threshold",
-                "✓ 1 touch the handle      1.000  -           1.000",
-                "✓ 3 open the door         2.250  -           2.250",
-                "> 4 cross the threshold       -  -              no",
-                "  6 lock the door             -  -              no",
-                "door +0.310 rad  +17.8 deg open",
-                "handle raw +12.30 zero +0.00 max 15.2N",
-                "touch at 1.96 N",
-                "so far  to handle 1.000 s occupation - passage -  6 of 6 fresh",
-                "   +2.25 sensor  door opens",
-            ):
-                assert text in driver.text
-            assert "…" not in "".join(driver.rows()[1:])
-
-    asyncio.run(drive())
+async def test_the_live_pane_shows_the_whole_run(running: Driver, engine: FakeEngine) -> None:
+    engine.angle, engine.force, engine.maximum = 0.31, 12.3, 15.2
+    engine.do_step(Step.TOUCH)
+    await running.let_pass(1.25)
+    engine.do_step(Step.UNLOCK)
+    engine.do_step(Step.OPEN)
+    engine.say("door opens")
+    engine.provisional = {"time_to_handle": 1.0}
+    for _ in range(3):  # the log waits for every third look
+        await running.settle()
+    for text in (
+        "RUNNING  4:58 left of 5:00",
+        "run 1 of subject 1 Door Bots",
+        "condition 1: pull, from CCW to CW, No Force",
+        "next: step 4 cross the threshold",
+        "✓ 1 touch the handle      1.000  -           1.000",
+        "✓ 3 open the door         2.250  -           2.250",
+        "> 4 cross the threshold       -  -              no",
+        "  6 lock the door             -  -              no",
+        "door +0.310 rad  +17.8 deg open",
+        "handle raw +12.30 zero +0.00 max 15.2N",
+        "touch at 1.96 N",
+        "so far  to handle 1.000 s occupation - passage -  6 of 6 fresh",
+        "   +2.25 sensor  door opens",
+    ):
+        assert text in running.text
+    assert "…" not in "".join(running.rows()[1:])
 
 
-def test_the_clock_reads_the_time_in_large_digits(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            await driver.let_pass(63.0)  # 1:04.0
-            rows = [row[10:31].rstrip() for row in driver.rows()[2:5]]
-            assert rows == [
-                "▀█  ▄ █▀█ █ █   █▀█",
-                " █  ▄ █ █ ▀▀█   █ █",
-                "▀▀▀   ▀▀▀   ▀ ▀ ▀▀▀",
-            ]
-
-    asyncio.run(drive())
+async def test_the_clock_reads_the_time_in_large_digits(running: Driver) -> None:
+    await running.let_pass(63.0)  # 1:04.0
+    rows = [row[10:31].rstrip() for row in running.rows()[2:5]]
+    assert rows == [
+        "▀█  ▄ █▀█ █ █   █▀█",
+        " █  ▄ █ █ ▀▀█   █ █",
+        "▀▀▀   ▀▀▀   ▀ ▀ ▀▀▀",
+    ]
 
 
 @pytest.mark.parametrize(
     ("size", "rows"), [((80, 24), 3), ((120, 36), 5), ((160, 50), 8), ((300, 80), 13)]
 )
-def test_the_clock_grows_with_the_terminal(
-    engine: FakeEngine, size: tuple[int, int], rows: int
-) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            await driver.let_pass(63.0)
-            drawn = [row for row in driver.rows()[2 : 2 + rows + 2] if {"█", "▀"} & set(row[:60])]
-            assert len(drawn) == rows
-            assert "RUNNING" in driver.text
-            assert "run 1 of subject 1" in driver.text
-
-    asyncio.run(drive())
+async def test_the_clock_grows_with_the_terminal(running: Driver, rows: int) -> None:
+    await running.let_pass(63.0)
+    drawn = [row for row in running.rows()[2 : 2 + rows + 2] if {"█", "▀"} & set(row[:60])]
+    assert len(drawn) == rows
+    assert "RUNNING" in running.text
+    assert "run 1 of subject 1" in running.text
 
 
 async def _resized(driver: Driver, size: tuple[int, int]) -> Sequence[str]:
@@ -96,130 +97,105 @@ async def _resized(driver: Driver, size: tuple[int, int]) -> Sequence[str]:
     return driver.rows()
 
 
-def test_the_clock_follows_a_terminal_that_is_resized(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, (120, 36)) as driver:
-            await driver.run()
-            large = len([row for row in driver.rows()[2:9] if "█" in row])
-            small = len([row for row in (await _resized(driver, (120, 30)))[2:9] if "█" in row])
-            again = len([row for row in (await _resized(driver, (120, 36)))[2:9] if "█" in row])
-            assert small < large == again
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [(120, 36)])
+async def test_the_clock_follows_a_terminal_that_is_resized(running: Driver) -> None:
+    large = len([row for row in running.rows()[2:9] if "█" in row])
+    small = len([row for row in (await _resized(running, (120, 30)))[2:9] if "█" in row])
+    again = len([row for row in (await _resized(running, (120, 36)))[2:9] if "█" in row])
+    assert small < large == again
 
 
 @pytest.mark.parametrize("width", [60, 64, 70, 80, 90, 100, 110, 130, 160, 200])
-def test_no_column_touches_or_cuts_the_next(engine: FakeEngine, width: int) -> None:
-    async def drive() -> None:
-        async with driving(engine, (width, 30)) as driver:
-            await driver.run()
-            seen = engine.steps[0]
-            engine.do_step(Step.TOUCH)
-            long = "denied by the referee: the robot's arm was pushed, as the video shows"
-            denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
-            first = replace(seen, sensors=engine.now + 122.456, referee=denied, reason=long)
-            others = (replace(record, reason=long) for record in engine.steps[2:])
-            done = replace(engine.steps[1], final=engine.now + 122.456, referee=denied)
-            engine.steps = (first, done, *others)
-            await driver.let_pass(1.0)
-            rows = driver.rows()
-            head = next(i for i, row in enumerate(rows) if "passage sensors" in row)
-            begins = rows[head + 2].index("CCW ")
-            column = [row.ljust(width)[begins - 1] for row in rows[head : head + 7]]
-            assert column == [" "] * 7
-            assert "123.456" in rows[head + 2]  # a number is whole or not there
-
-    asyncio.run(drive())
+async def test_no_column_touches_or_cuts_the_next(engine: FakeEngine, width: int) -> None:
+    async with driving(engine, (width, 30)) as driver:
+        await driver.run()
+        seen = engine.steps[0]
+        engine.do_step(Step.TOUCH)
+        long = "denied by the referee: the robot's arm was pushed, as the video shows"
+        denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
+        first = replace(seen, sensors=engine.now + 122.456, referee=denied, reason=long)
+        others = (replace(record, reason=long) for record in engine.steps[2:])
+        done = replace(engine.steps[1], final=engine.now + 122.456, referee=denied)
+        engine.steps = (first, done, *others)
+        await driver.let_pass(1.0)
+        rows = driver.rows()
+        head = next(i for i, row in enumerate(rows) if "passage sensors" in row)
+        begins = rows[head + 2].index("CCW ")
+        column = [row.ljust(width)[begins - 1] for row in rows[head : head + 7]]
+        assert column == [" "] * 7
+        assert "123.456" in rows[head + 2]  # a number is whole or not there
 
 
-def test_three_columns_tell_sensors_referee_and_what_counts(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.do_step(Step.TOUCH)
-            denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
-            first = replace(engine.steps[0], referee=denied, final=None)
-            engine.steps = (first, *engine.steps[1:])
-            await driver.settle()
-            assert "x 1 touch the handle      1.000  denied         no" in driver.text
-
-    asyncio.run(drive())
+async def test_three_columns_tell_sensors_referee_and_what_counts(
+    running: Driver, engine: FakeEngine
+) -> None:
+    engine.do_step(Step.TOUCH)
+    denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
+    first = replace(engine.steps[0], referee=denied, final=None)
+    engine.steps = (first, *engine.steps[1:])
+    await running.settle()
+    assert "x 1 touch the handle      1.000  denied         no" in running.text
 
 
 @SIZES
-def test_a_false_start_says_what_to_do(engine: FakeEngine, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.set_up()
-            await driver.press("f5")
-            await driver.let_pass(1.5)
-            assert "COUNTDOWN  starts in 0:04" in driver.text
-            engine.false_start()
-            await driver.settle()
-            shown = " ".join(driver.text.split())
-            assert "FALSE START: handle touched at -3.5 s: r restarts the countdown" in shown
-            assert "a accepts it with a reason" in shown
-            await driver.press("r")
-            assert "FALSE START" not in driver.text
-            assert "starts in 0:05" in driver.text
-
-    asyncio.run(drive())
+async def test_a_false_start_says_what_to_do(driver: Driver, engine: FakeEngine) -> None:
+    await driver.set_up()
+    await driver.press("f5")
+    await driver.let_pass(1.5)
+    assert "COUNTDOWN  starts in 0:04" in driver.text
+    engine.false_start()
+    await driver.settle()
+    shown = " ".join(driver.text.split())
+    assert "FALSE START: handle touched at -3.5 s: r restarts the countdown" in shown
+    assert "a accepts it with a reason" in shown
+    await driver.press("r")
+    assert "FALSE START" not in driver.text
+    assert "starts in 0:05" in driver.text
 
 
-def test_a_question_to_the_referee_is_shown(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.ask_referee = "the latch is silent: is the door locked?"
-            await driver.settle()
-            assert "REFEREE: the latch is silent: is the door locked? (1-6 rules" in driver.text
-
-    asyncio.run(drive())
+async def test_a_question_to_the_referee_is_shown(running: Driver, engine: FakeEngine) -> None:
+    engine.ask_referee = "the latch is silent: is the door locked?"
+    await running.settle()
+    assert "REFEREE: the latch is silent: is the door locked? (1-6 rules" in running.text
 
 
-def test_sensors_show_their_state_by_symbol_in_their_place(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.occupied = {(Side.CCW, 4), (Side.CW, 0), (Side.CCW, 1)}
-            await driver.settle()
-            ccw, cw = "CCW   O   .   .   O   .", "CW    .   .   .   .   O"
-            assert ccw in driver.text
-            assert cw in driver.text
-            engine.angle = 0.1
-            await driver.settle()
-            assert "CCW   M   m   m   M   m" in driver.text
-            assert cw in driver.text
-            engine.freshness = Freshness.STALE
-            await driver.settle()
-            assert "CCW   s   s   s   s   s" in driver.text
-            engine.freshness = Freshness.LOST
-            await driver.settle()
-            assert "CW    ?   ?   ?   ?   ?" in driver.text
-
-    asyncio.run(drive())
+async def test_sensors_show_their_state_by_symbol_in_their_place(
+    running: Driver, engine: FakeEngine
+) -> None:
+    engine.occupied = {(Side.CCW, 4), (Side.CW, 0), (Side.CCW, 1)}
+    await running.settle()
+    ccw, cw = "CCW   O   .   .   O   .", "CW    .   .   .   .   O"
+    assert ccw in running.text
+    assert cw in running.text
+    engine.angle = 0.1
+    await running.settle()
+    assert "CCW   M   m   m   M   m" in running.text
+    assert cw in running.text
+    engine.freshness = Freshness.STALE
+    await running.settle()
+    assert "CCW   s   s   s   s   s" in running.text
+    engine.freshness = Freshness.LOST
+    await running.settle()
+    assert "CW    ?   ?   ?   ?   ?" in running.text
 
 
-def test_a_value_that_is_lost_is_a_word_and_no_number(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.freshness = Freshness.STALE
-            await driver.settle()
-            assert "+0.000 rad   +0.0 deg stale" in driver.text
-            engine.angle, engine.force, engine.freshness = None, None, Freshness.LOST
-            for _ in range(3):
-                await driver.settle()
-            assert "no angle: lost" in driver.text
-            assert "no force: lost" in driver.text
-            assert "0 of 6 fresh" in driver.text
-            assert "/madrob/door/angle lost" in driver.text
-            assert "●" not in driver.text
-
-    asyncio.run(drive())
+async def test_a_value_that_is_lost_is_a_word_and_no_number(
+    running: Driver, engine: FakeEngine
+) -> None:
+    engine.freshness = Freshness.STALE
+    await running.settle()
+    assert "+0.000 rad   +0.0 deg stale" in running.text
+    engine.angle, engine.force, engine.freshness = None, None, Freshness.LOST
+    for _ in range(3):
+        await running.settle()
+    assert "no angle: lost" in running.text
+    assert "no force: lost" in running.text
+    assert "0 of 6 fresh" in running.text
+    assert "/madrob/door/angle lost" in running.text
+    assert "●" not in running.text
 
 
-def test_the_panel_is_where_it_is(engine: FakeEngine) -> None:
+async def test_the_panel_is_where_it_is(engine: FakeEngine) -> None:
     scales = {
         0.0: "CW -------------[●]============= CCW",
         0.029: "CW -------------[●]============= CCW",
@@ -229,32 +205,25 @@ def test_the_panel_is_where_it_is(engine: FakeEngine) -> None:
         -3.0: "CW ●------------[|]============= CCW",
     }
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter", "f3")
-            for angle, scale in scales.items():
-                engine.angle = angle
-                await driver.settle()
-                assert scale in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.press("enter", "f3")
+        for angle, scale in scales.items():
+            engine.angle = angle
+            await driver.settle()
+            assert scale in driver.text
 
 
-def test_the_source_cannot_be_mistaken(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert driver.rows()[0].startswith(" ~~ SIMULATED nominal ~~ ")
-            engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
-            for _ in range(4):
-                await driver.settle()
-            assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
-            assert "~" not in driver.rows()[0]
-
-    asyncio.run(drive())
+async def test_the_source_cannot_be_mistaken(driver: Driver, engine: FakeEngine) -> None:
+    assert driver.rows()[0].startswith(" ~~ SIMULATED nominal ~~ ")
+    engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
+    for _ in range(4):
+        await driver.settle()
+    assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
+    assert "~" not in driver.rows()[0]
 
 
 @pytest.mark.parametrize("label", ["SIMULATED nominal", f"REPLAY subject_001_{'x' * 60}"])
-def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, label: str) -> None:
+async def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, label: str) -> None:
     engine.label = label
     recorders = (
         RecorderView("recording", 1234567, 987_654_321, 1234),
@@ -262,40 +231,32 @@ def test_the_top_line_never_loses_recorder_and_clock(engine: FakeEngine, label: 
         RecorderView("failed", 12, 4_000, 5, "disk full"),
     )
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert "rec closed" in driver.rows()[0]
-            for engine.recorder in recorders:
-                for _ in range(4):
-                    await driver.settle()
-                top = driver.rows()[0]
-                assert label.split(maxsplit=1)[0] in top
-                assert f" {engine.recorder.messages} " in top
-                assert f" {engine.recorder.dropped} drop" in top
-                assert top.endswith(":20")
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        assert "rec closed" in driver.rows()[0]
+        for engine.recorder in recorders:
+            for _ in range(4):
+                await driver.settle()
+            top = driver.rows()[0]
+            assert label.split(maxsplit=1)[0] in top
+            assert f" {engine.recorder.messages} " in top
+            assert f" {engine.recorder.dropped} drop" in top
+            assert top.endswith(":20")
 
 
-def test_faults_stay_until_they_are_gone(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            assert "no faults" in driver.rows()[1]
-            engine.faults = ("panel at -0.043 rad, against the opening side",)
-            await driver.let_pass(60.0)
-            assert " FAULT panel at -0.043 rad, against the opening side" in driver.rows()[1]
-            engine.faults = tuple(f"fault number {n} of the testbed" for n in range(5))
-            await driver.settle()
-            assert "fault number 2 of the testbed (and 2 more below)" in driver.rows()[3]
-            await driver.press("f8")
-            assert "FAULT" in driver.rows()[1]
-            await driver.press("escape")
-            engine.faults = ()
-            await driver.settle()
-            assert "no faults" in driver.rows()[1]
-
-    asyncio.run(drive())
+async def test_faults_stay_until_they_are_gone(running: Driver, engine: FakeEngine) -> None:
+    assert "no faults" in running.rows()[1]
+    engine.faults = ("panel at -0.043 rad, against the opening side",)
+    await running.let_pass(60.0)
+    assert " FAULT panel at -0.043 rad, against the opening side" in running.rows()[1]
+    engine.faults = tuple(f"fault number {n} of the testbed" for n in range(5))
+    await running.settle()
+    assert "fault number 2 of the testbed (and 2 more below)" in running.rows()[3]
+    await running.press("f8")
+    assert "FAULT" in running.rows()[1]
+    await running.press("escape")
+    engine.faults = ()
+    await running.settle()
+    assert "no faults" in running.rows()[1]
 
 
 MANY_FAULTS = (
@@ -306,184 +267,397 @@ MANY_FAULTS = (
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)])
-def test_the_live_pane_has_every_fault_with_all_its_words(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_the_live_pane_has_every_fault_with_all_its_words(
+    running: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            assert "all faults" not in driver.text
-            engine.faults = MANY_FAULTS
-            await driver.settle()
-            top = " ".join(row.strip() for row in driver.rows()[1:4])
-            assert re.search(r"\(and \d+ more below\)", top)
-            assert ": F3" not in driver.text
-            seen = []
-            for _ in range(5):
-                seen += [row.strip() for row in driver.rows() if row.strip() not in seen]
-                await driver.press("pagedown")
-            told = " ".join(seen)
-            for fault in MANY_FAULTS:
-                assert "".join(fault.split()) in "".join(told.split())
-            await driver.press("f2")
-            await driver.settle()
-            assert re.search(r"\(and \d+ more: F3\)", driver.text)
-            await driver.press("f3")
-            assert "next: step 1" in driver.text  # it begins at its top again
-            engine.faults = ()
-            await driver.settle()
-            assert "all faults" not in driver.text
-
-    asyncio.run(drive())
+    assert "all faults" not in running.text
+    engine.faults = MANY_FAULTS
+    await running.settle()
+    top = " ".join(row.strip() for row in running.rows()[1:4])
+    assert re.search(r"\(and \d+ more below\)", top)
+    assert ": F3" not in running.text
+    seen = []
+    for _ in range(5):
+        seen += [row.strip() for row in running.rows() if row.strip() not in seen]
+        await running.press("pagedown")
+    told = " ".join(seen)
+    for fault in MANY_FAULTS:
+        assert "".join(fault.split()) in "".join(told.split())
+    await running.press("f2")
+    await running.settle()
+    assert re.search(r"\(and \d+ more: F3\)", running.text)
+    await running.press("f3")
+    assert "next: step 1" in running.text  # it begins at its top again
+    engine.faults = ()
+    await running.settle()
+    assert "all faults" not in running.text
 
 
-def test_a_fault_that_is_cut_ends_with_a_word_and_says_so(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, (80, 24)) as driver:
-            await driver.set_up()
-            first = (
-                "the journal cannot be written (Read-only file system, since 22:13): 5 lines wait"
-            )
-            engine.faults = (first, "another thing is wrong with the testbed", *MANY_FAULTS)
-            engine.right = RightToAct(holder="bo@tent")  # a row less for faults
-            await driver.settle()
-            rows = driver.rows()[2:4]
-            assert rows[0].endswith("since 22:13): 5")
-            assert rows[1] == "       lines wait (and 15 more: F3)"
-            engine.faults = (f"{'w' * 72} then {'7 ' * 60}",)
-            await driver.settle()
-            assert driver.rows()[3].endswith("   then … (more: F3)")
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [(80, 24)])
+async def test_a_fault_that_is_cut_ends_with_a_word_and_says_so(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.set_up()
+    first = "the journal cannot be written (Read-only file system, since 22:13): 5 lines wait"
+    engine.faults = (first, "another thing is wrong with the testbed", *MANY_FAULTS)
+    engine.right = RightToAct(holder="bo@tent")  # a row less for faults
+    await driver.settle()
+    rows = driver.rows()[2:4]
+    assert rows[0].endswith("since 22:13): 5")
+    assert rows[1] == "       lines wait (and 15 more: F3)"
+    engine.faults = (f"{'w' * 72} then {'7 ' * 60}",)
+    await driver.settle()
+    assert driver.rows()[3].endswith("   then … (more: F3)")
 
 
-def test_an_engine_that_fails_is_a_fault_and_no_crash(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.failure = "the engine has failed: disk full"
-            await driver.settle()
-            assert "the engine has failed: disk full: what you see is old" in driver.rows()[1]
-            await driver.press("i")
-            assert "the engine has failed" in driver.console.status
-            assert not driver.console.dialogs
-
-    asyncio.run(drive())
+async def test_an_engine_that_fails_is_a_fault_and_no_crash(
+    running: Driver, engine: FakeEngine
+) -> None:
+    engine.failure = "the engine has failed: disk full"
+    await running.settle()
+    assert "the engine has failed: disk full: what you see is old" in running.rows()[1]
+    await running.press("i")
+    assert "the engine has failed" in running.console.status
+    assert not running.console.dialogs
 
 
-def test_an_engine_that_stands_still_is_called_silent(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        times = iter([0.0, 0.0, *[10.0] * 1000])
-        async with driving(engine, monotonic=lambda: next(times)) as driver:
-            await driver.settle()
-            assert "the engine is silent for 10 s: what you see is old" in driver.text
+async def test_an_engine_that_stands_still_is_called_silent(engine: FakeEngine) -> None:
 
-    asyncio.run(drive())
+    times = iter([0.0, 0.0, *[10.0] * 1000])
+    async with driving(engine, monotonic=lambda: next(times)) as driver:
+        await driver.settle()
+        assert "the engine is silent for 10 s: what you see is old" in driver.text
 
 
-def test_a_clock_that_may_have_gone_on_unseen_is_not_shown_as_fresh(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            assert "RUNNING  4:59 left of 5:00" in driver.text
-            engine.pulse = Pulse(core=3)
-            await driver.settle()
-            assert "the engine has not moved for 3 s: what you see is old" in driver.rows()[1]
-            assert "RUNNING  as it was 3 s ago" in driver.text
-            assert clock_span(engine.snapshot()) == ("0:01.?", Tone.DIM)
-            engine.pulse = Pulse()
-            await driver.settle()
-            assert "RUNNING  4:59 left of 5:00" in driver.text
-
-    asyncio.run(drive())
+async def test_a_clock_that_may_have_gone_on_unseen_is_not_shown_as_fresh(
+    running: Driver, engine: FakeEngine
+) -> None:
+    assert "RUNNING  4:59 left of 5:00" in running.text
+    engine.pulse = Pulse(core=3)
+    await running.settle()
+    assert "the engine has not moved for 3 s: what you see is old" in running.rows()[1]
+    assert "RUNNING  as it was 3 s ago" in running.text
+    assert clock_span(engine.snapshot()) == ("0:01.?", Tone.DIM)
+    engine.pulse = Pulse()
+    await running.settle()
+    assert "RUNNING  4:59 left of 5:00" in running.text
 
 
 @SIZES
-def test_a_silent_disk_is_named_with_what_still_works(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_a_silent_disk_is_named_with_what_still_works(
+    running: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            engine.pulse = Pulse(disk=7, unwritten=2)
-            await driver.settle()
-            words = "disk silent for 7 s: nothing new starts; the clock runs, abort works"
-            assert words in driver.rows()[1]
-            assert "RUNNING  NOT ON DISK YET" in driver.text
-            assert engine.act(Abort("robot unsafe")) is None
-            await driver.settle()
-            assert "ABORTED  NOT ON DISK YET" in driver.text
-            assert "abort works" not in driver.text
-            engine.pulse = Pulse()
-            await driver.settle()
-            assert "NOT ON DISK YET" not in driver.text
-
-    asyncio.run(drive())
+    engine.pulse = Pulse(disk=7, unwritten=2)
+    await running.settle()
+    words = "disk silent for 7 s: nothing new starts; the clock runs, abort works"
+    assert words in running.rows()[1]
+    assert "RUNNING  NOT ON DISK YET" in running.text
+    assert engine.act(Abort("robot unsafe")) is None
+    await running.settle()
+    assert "ABORTED  NOT ON DISK YET" in running.text
+    assert "abort works" not in running.text
+    engine.pulse = Pulse()
+    await running.settle()
+    assert "NOT ON DISK YET" not in running.text
 
 
-def test_the_log_shows_its_newest_lines(engine: FakeEngine) -> None:
+async def test_the_log_shows_its_newest_lines(engine: FakeEngine) -> None:
     for number in range(50):
         engine.say(f"line {number} [bold]x[/]", Origin.SYSTEM)
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f3")
-            assert "system  line 49 [bold]x[/]" in driver.text
-            assert "line 40" not in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.press("f3")
+        assert "system  line 49 [bold]x[/]" in driver.text
+        assert "line 40" not in driver.text
 
 
 @pytest.mark.slow
-def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
+async def test_no_size_of_the_terminal_breaks_the_console(engine: FakeEngine) -> None:
     engine.faults = ("a fault with some words in it",)
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.finish()
-            for size in ((1, 1), (10, 4), (40, 12), (60, 18), (200, 60), SMALL):
-                await driver.pilot.resize_terminal(*size)
-                for key in ("f1", "f2", "f3", "n", "escape", "f4"):
-                    await driver.press(key)
-            assert "COMPLETED" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.run()
+        engine.finish()
+        for size in ((1, 1), (10, 4), (40, 12), (60, 18), (200, 60), SMALL):
+            await driver.pilot.resize_terminal(*size)
+            for key in ("f1", "f2", "f3", "n", "escape", "f4"):
+                await driver.press(key)
+        assert "COMPLETED" in driver.text
 
 
 @SIZES
-def test_what_may_still_change_is_rough_and_marked(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_what_may_still_change_is_rough_and_marked(
+    running: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            for step in (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS):
-                engine.do_step(step)
-            engine.provisional = {"time_to_handle": 1.0, "door_occupation_time": 2.345}
-            for _ in range(3):
-                await driver.settle()
-            for words in (
-                "so far",
-                "✓ 3 open the door         1.000  -           1.000",
-                "✓ 4 cross the threshold    ~1.0  -            ~1.0",
-                "to handle 1.000 s occupation ~2.3 s",
-            ):
-                assert words in driver.text
-            engine.provisional_doubts = {"time_to_handle": ("the touch rests on 1 sample",)}
-            for _ in range(3):
-                await driver.settle()
-            assert "to handle 1.000 s? occupation ~2.3 s" in driver.text
-            engine.provisional_doubts = {}
-            for step in (Step.CLOSE, Step.LOCK):
-                engine.do_step(step)
-            engine.finish()
-            await driver.settle()
-            await driver.press("f3")
-            for _ in range(3):
-                await driver.settle()
-            assert "✓ 4 cross the threshold   1.000  -           1.000" in driver.text
-            assert "occupation 2.345 s" in driver.text
-            assert "~" not in "".join(driver.rows()[1:])
+    for step in (Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS):
+        engine.do_step(step)
+    engine.provisional = {"time_to_handle": 1.0, "door_occupation_time": 2.345}
+    for _ in range(3):
+        await running.settle()
+    for words in (
+        "so far",
+        "✓ 3 open the door         1.000  -           1.000",
+        "✓ 4 cross the threshold    ~1.0  -            ~1.0",
+        "to handle 1.000 s occupation ~2.3 s",
+    ):
+        assert words in running.text
+    engine.provisional_doubts = {"time_to_handle": ("the touch rests on 1 sample",)}
+    for _ in range(3):
+        await running.settle()
+    assert "to handle 1.000 s? occupation ~2.3 s" in running.text
+    engine.provisional_doubts = {}
+    for step in (Step.CLOSE, Step.LOCK):
+        engine.do_step(step)
+    await running.finish()
+    await running.press("f3")
+    for _ in range(3):
+        await running.settle()
+    assert "✓ 4 cross the threshold   1.000  -           1.000" in running.text
+    assert "occupation 2.345 s" in running.text
+    assert "~" not in "".join(running.rows()[1:])
 
-    asyncio.run(drive())
+
+IMAGE = "sensor_msgs/msg/CompressedImage"
+
+
+def camera(side: str, lost: int = 0, problem: str = "") -> EvidenceTopicView:
+    return EvidenceTopicView(
+        f"/camera/{side}/image/compressed", IMAGE, 29.8, 6_100_000.0, lost, problem
+    )
+
+
+def drawn(evidence: EvidenceView | None, width: int = 200) -> str:
+    snapshot: Snapshot = replace(FakeEngine().snapshot(), evidence=evidence)
+    rows = EvidenceLine().draw(snapshot, width)
+    assert all(width_of(row) <= width for row in rows)
+    return plain(rows).rstrip("\n")
+
+
+def test_the_line_says_what_is_lost_how_long_it_fits_and_what_comes() -> None:
+    evidence = EvidenceView((camera("left", 12), camera("right")), True, 48_000_000, 11 * 3600.0)
+    before = replace(evidence, topics=(camera("left"),), recording=False)
+    assert drawn(before) == (
+        "evidence  room for 11 h  1 topic 6.1 MB/s  camera/left 29.8 Hz 6.1 MB/s"
+    )
+    assert drawn(evidence) == (
+        "evidence  camera/left 12 lost  room for 11 h  2 topics 12.2 MB/s  48 MB recorded"
+        "  camera/right 29.8 Hz 6.1 MB/s"
+    )
+
+
+@pytest.mark.parametrize("width", [46, 78, 80, 116])
+def test_what_lacks_something_comes_first_then_the_room(width: int) -> None:
+    sides = [camera(f"c{number}") for number in range(8)] + [camera("worst", 3)]
+    text = drawn(EvidenceView(tuple(sides), True, 0, 60.0), width)
+    assert text.startswith("evidence  camera/worst 3 lost  room for 60 s")
+    assert ("9 topics 54.9 MB/s" in text) is (width >= 78)
+
+
+@pytest.mark.parametrize("width", [60, 80, 116])
+def test_of_many_that_lack_something_the_silent_ones_come_first_and_the_rest_is_counted(
+    width: int,
+) -> None:
+    poor = [camera(f"c{number}", number + 1) for number in range(8)]
+    silent = camera("worst", problem="silent since 12:03:04")
+    text = drawn(EvidenceView((*poor, silent), True, 0, 5400.0), width)
+    assert text.startswith("evidence  camera/worst silent")
+    assert "more" in text
+    assert "room for 90 min" in text
+
+
+def test_when_nothing_was_recorded_stays_on_the_line_and_numbers_say_at_least() -> None:
+    gaps = (EvidenceGap(5.62, 8.35, "it was ended by SIGKILL"),)
+    evidence = EvidenceView((camera("left", 12),), True, 48_000_000, 5.0, gaps=gaps)
+    assert drawn(evidence, 80) == (
+        "evidence  missing from +5.6 s to +8.3 s  camera/left 12+ lost  room for 5 s"
+    )
+    more = replace(
+        evidence, gaps=(*gaps, EvidenceGap(20.0, 23.0, "it hangs")), topics=(camera("left"),)
+    )
+    assert drawn(more, 80).startswith("evidence  missing 2 times  room for 5 s")
+
+
+def test_where_there_is_no_room_for_names_topics_that_lack_something_are_counted() -> None:
+    gaps = (EvidenceGap(5.62, 8.35, "it was ended by SIGKILL"),)
+    topics = tuple(camera(f"c{number}", 4) for number in range(3))
+    evidence = EvidenceView(topics, True, 48_000_000, 3 * 3600.0, gaps=gaps)
+    assert drawn(evidence, 78) == (
+        "evidence  missing from +5.6 s to +8.3 s  3 topics lack some  room for 3 h"
+    )
+
+
+def test_without_a_wish_there_is_no_line_and_what_is_wrong_with_all_of_it_is_said() -> None:
+    assert drawn(None) == ""
+    assert drawn(EvidenceView()) == "evidence  none of its topics is there"
+    problem = "the evidence process is started again: it was ended by SIGKILL"
+    assert drawn(EvidenceView(problem=problem)) == f"evidence  {problem}"
+
+
+def test_what_has_no_room_is_cut_with_a_sign() -> None:
+    problem = "the evidence process is started again: it was ended by SIGKILL"
+    assert drawn(EvidenceView(problem=problem), 40) == "evidence  the evidence process is start…"
+    silent = camera("hall_3/above_the_door/left", problem="silent for 42 s")
+    view = EvidenceView((silent, camera("right")), True, 0, 60.0)
+    told = "evidence  camera/hall_3/above_the_door/left silent for 42 s  room for 60 s"
+    assert drawn(view, 78) == told
+
+
+LOOK = 0.1
+"""s between two looks at the screen."""
+
+TIMEOUT = 40.0
+NARROW, WIDE = 30, 160
+_INDICATORS = {
+    "to handle": IndicatorName.TIME_TO_HANDLE,
+    "occupation": IndicatorName.DOOR_OCCUPATION_TIME,
+    "passage": IndicatorName.PASSAGE_TIME,
+}
+_INDICATOR = re.compile(rf"({'|'.join(_INDICATORS)}) (~?[\d.]+) s")
+_STEP = re.compile(r"(\d) [a-z ]+? +(~?[\d.]+)")
+
+
+@dataclass(slots=True)
+class Followed:
+    """One number on its way: each text that stood there, in order; empty = none did."""
+
+    texts: list[str] = field(default_factory=list)
+
+    def note(self, text: str) -> None:
+        """It stands so now."""
+        if (self.texts[-1] if self.texts else "") != text:
+            self.texts.append(text)
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Of some numbers: how many were shown, how many changed afterwards, and by how much at most.
+
+    Attributes:
+        gone: how many of the changed ones have no value in the end.
+        most: s; of those that have.
+    """
+
+    shown: int = 0
+    changed: int = 0
+    gone: int = 0
+    most: float = 0.0
+
+    def __add__(self, other: Changes) -> Changes:
+        return Changes(
+            self.shown + other.shown,
+            self.changed + other.changed,
+            self.gone + other.gone,
+            max(self.most, other.most),
+        )
+
+    def __str__(self) -> str:
+        return f"{self.shown:6} {self.changed:8} {self.gone:5} {self.most:9.3f}"
+
+
+def texts(lines: Iterable[Line]) -> Iterator[str]:
+    for row in lines:
+        yield "".join(span.text for span in row)
+
+
+def shown(snapshot: Snapshot) -> dict[str, str]:
+    """The times on the live screen and on the wall, as they stand there, by what they are of."""
+    found: dict[str, str] = {}
+    for text in texts(Provisional().draw(snapshot, WIDE)):
+        found |= dict(_INDICATOR.findall(text))
+    settled = snapshot.result is not None
+    table = step_lines(snapshot.steps, snapshot.run.start, NARROW, settled=settled)
+    for place, rows in (("step", table), ("wall", wall_steps(snapshot, NARROW))):
+        for text in texts(rows):
+            found |= {f"{place} {number}": time for number, time in _STEP.findall(text)}
+    return found
+
+
+def final(result: Result) -> dict[str, str]:
+    """The same in the result."""
+    found = {}
+    for words, name in _INDICATORS.items():
+        value = result.indicators[name].value
+        found[words] = "" if value is None else f"{value:.3f}"
+    for text in texts(result_step_lines(result.steps, result.start, NARROW)):
+        for number, time in _STEP.findall(text):
+            found |= {f"{place} {number}": time for place in ("step", "wall")}
+    return found
+
+
+def follow(drive: Drive, ruleset: RulesetName, condition: Condition) -> dict[str, Followed]:
+    """Let a run go on to its result and look at the screens all the while."""
+    followed: dict[str, Followed] = {}
+    drive.start(make_setup(condition, timeout=TIMEOUT, ruleset=ruleset))
+    while drive.engine.scored is None:
+        snapshot = drive.engine.snapshot()
+        now = shown(snapshot)
+        for name in followed.keys() | now.keys():
+            followed.setdefault(name, Followed()).note(now.get(name, ""))
+        for _ in range(round(LOOK / STEP)):
+            drive.engine.step(STEP)
+    return followed
+
+
+def changes(texts: Sequence[str], end: str, *, marked: bool) -> Changes:
+    """What became of what was shown with the mark, or without it, of one number."""
+    told = [text for text in texts if text and text.startswith(ROUGH) is marked]
+    if not told:
+        return Changes()
+    values = [float(text.removeprefix(ROUGH)) for text in told]
+    if not end:
+        return Changes(1, 1, 1)
+    rounding = 0.0501 if marked else 0.0
+    off = max(abs(value - float(end)) for value in values)
+    return Changes(1, int(off > rounding), 0, off if off > rounding else 0.0)
+
+
+def of_run(
+    results: Path, scenario: Scenario, seed: int, ruleset: RulesetName, *, latch: bool
+) -> tuple[Changes, Changes]:
+    """Of the numbers without a mark, and of those with it, in one run."""
+    drive = Drive(results, scenario, seed, latch=latch)
+    followed = follow(drive, ruleset, Condition.from_number(1 + seed % 20))
+    assert drive.engine.scored is not None
+    end = final(drive.engine.scored.result)
+    drive.engine.close()
+    settled, marked = (
+        sum(
+            (changes(f.texts, end.get(name, ""), marked=mark) for name, f in followed.items()),
+            Changes(),
+        )
+        for mark in (False, True)
+    )
+    return settled, marked
+
+
+@pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.BOUNCES, Scenario.TURNS_BACK])
+def test_a_time_without_a_mark_is_the_one_of_the_result(scenario: Scenario, tmp_path: Path) -> None:
+    settled, marked = of_run(tmp_path, scenario, 3, RulesetName.PROTOCOL, latch=False)
+    assert settled.shown
+    assert settled.changed == 0
+    assert marked.shown or scenario is Scenario.TURNS_BACK
+
+
+@pytest.mark.slow
+def test_no_time_without_a_mark_changes_in_any_scenario(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """`--runs` runs of each scenario, by each ruleset in turn, every other one with a latch."""
+    runs = max(1, request.config.getoption("--runs") // len(Scenario))
+    rulesets = list(RulesetName)
+    head = f"{'shown':>6} {'changed':>8} {'gone':>5} {'by s':>9}"
+    rows = [f"{'':22}{'without a mark':>31}  {'with a mark':>31}", f"{'':22}{head}  {head}"]
+    whole = [Changes(), Changes()]
+    for number, scenario in enumerate(Scenario):
+        total = [Changes(), Changes()]
+        for seed in range(number, number + runs):
+            place = tmp_path / f"{scenario}_{seed}"
+            ruleset = rulesets[seed % len(rulesets)]
+            found = of_run(place, scenario, seed, ruleset, latch=bool(seed // 2 % 2))
+            total = [one + other for one, other in zip(total, found, strict=True)]
+        whole = [one + other for one, other in zip(whole, total, strict=True)]
+        rows.append(f"{scenario:22}{total[0]}  {total[1]}")
+    rows.append(f"{'all':22}{whole[0]}  {whole[1]}")
+    print("\n".join(["", *rows]))
+    assert whole[0].shown
+    assert whole[0].changed == 0

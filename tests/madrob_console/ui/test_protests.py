@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,15 +32,6 @@ NO_RUN = "Refused: replay: there is no run here: h shows all runs"
 TEXT = "we were through earlier"
 
 
-@pytest.fixture(autouse=True)
-def _clock_of_the_screens(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv("TZ", "UTC")
-    time.tzset()
-    yield
-    monkeypatch.undo()
-    time.tzset()
-
-
 async def run_is_over(driver: Driver) -> None:
     """A result is there, on a real testbed."""
     driver.engine.kind = SourceKind.ROS
@@ -50,8 +39,7 @@ async def run_is_over(driver: Driver) -> None:
     for step in Step:
         driver.engine.tick(1.0)
         driver.engine.do_step(step)
-    driver.engine.finish()
-    await driver.settle()
+    await driver.finish()
     await driver.settle()
 
 
@@ -64,68 +52,57 @@ async def protested(driver: Driver) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES, ids=IDS)
-def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
-    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
+async def test_the_dialogs_and_the_result_are_as_they_were_looked_at(
+    driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
 ) -> None:
-    async def drive() -> dict[str, str]:
-        seen = {}
-        async with driving(engine, size) as driver:
-            await run_is_over(driver)
-            await driver.press("P")
-            seen["protest_about"] = driver.text
-            await driver.press("4")
-            seen["protest_who"] = driver.text
-            await driver.press("1")
-            await driver.type(TEXT)
-            await driver.press("enter")
-            seen["protest_open"] = driver.text
-            await driver.press("P")
-            seen["protest_waits"] = driver.text
-            await driver.press("d")
-            seen["protest_decision"] = driver.text
-            await driver.press("escape", "f")
-            seen["protest_unsigned"] = driver.text
-            await driver.press("escape")
-            await driver.let_pass(4000.0)
-            seen["protest_overdue"] = driver.text
-            await driver.press("P", "d", "p")
-            await driver.type("seen on video")
-            await driver.press("enter")
-            seen["protest_decided"] = driver.text
-        return seen
-
-    for name, text in asyncio.run(drive()).items():
-        compare(name, size, text, request)
+    await run_is_over(driver)
+    await driver.press("P")
+    compare("protest_about", size, driver.text, request)
+    await driver.press("4")
+    compare("protest_who", size, driver.text, request)
+    await driver.press("1")
+    await driver.type(TEXT)
+    await driver.press("enter")
+    compare("protest_open", size, driver.text, request)
+    await driver.press("P")
+    compare("protest_waits", size, driver.text, request)
+    await driver.press("d")
+    compare("protest_decision", size, driver.text, request)
+    await driver.press("escape", "f")
+    compare("protest_unsigned", size, driver.text, request)
+    await driver.press("escape")
+    await driver.let_pass(4000.0)
+    compare("protest_overdue", size, driver.text, request)
+    await driver.press("P", "d", "p")
+    await driver.type("seen on video")
+    await driver.press("enter")
+    compare("protest_decided", size, driver.text, request)
 
 
-def test_words_that_the_disk_refuses_are_there_again(
-    engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
+async def test_words_that_the_disk_refuses_are_there_again(
+    driver: Driver, engine: FakeEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await run_is_over(driver)
-            with monkeypatch.context() as full:
-                full.setattr(engine, "act", lambda _act: "No space left on device")
-                await driver.press("P", "4", "1")
-                await driver.type(TEXT)
-                await driver.press("enter")
-                assert "No space left on device" in driver.console.status
-                assert not engine.run.protests
-            await driver.press("P", "3", "1")
-            assert TEXT not in driver.text  # that is about another step
-            await driver.press("escape", "P", "4", "1")
-            assert TEXT in driver.text
-            await driver.press("enter")
-            assert [one.text for one in engine.run.protests] == [TEXT]
-            await driver.press("P", "a", "4", "1")
-            (dialog,) = driver.console.dialogs
-            assert dialog.query_one(Input).value == ""
-
-    asyncio.run(drive())
+    await run_is_over(driver)
+    with monkeypatch.context() as full:
+        full.setattr(engine, "act", lambda _act: "No space left on device")
+        await driver.press("P", "4", "1")
+        await driver.type(TEXT)
+        await driver.press("enter")
+        assert "No space left on device" in driver.console.status
+        assert not engine.run.protests
+    await driver.press("P", "3", "1")
+    assert TEXT not in driver.text  # that is about another step
+    await driver.press("escape", "P", "4", "1")
+    assert TEXT in driver.text
+    await driver.press("enter")
+    assert [one.text for one in engine.run.protests] == [TEXT]
+    await driver.press("P", "a", "4", "1")
+    (dialog,) = driver.console.dialogs
+    assert dialog.query_one(Input).value == ""
 
 
 @pytest.mark.parametrize("size", SIZES, ids=IDS)
-def test_lists_with_a_protest_are_as_they_were_looked_at(
+async def test_lists_with_a_protest_are_as_they_were_looked_at(
     engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     runs = some_runs()
@@ -134,20 +111,11 @@ def test_lists_with_a_protest_are_as_they_were_looked_at(
     engine.history = list(runs)
     engine.plan = Plan((PlanLine(Task(1, 7), 2), PlanLine(Task(2, 7), 2)))
 
-    async def drive() -> dict[str, str]:
-        seen = {}
-        defaults = replace(DEFAULTS, results=tmp_path)
-        async with driving(engine, size, defaults) as driver:
-            for key, name in (("h", "history"), ("s", "standings"), ("p", "plan")):
-                await driver.press("escape", key)
-                await driver.app.workers.wait_for_complete()
-                await driver.settle()
-                await driver.press("down")  # the one with a protest
-                seen[f"protest_{name}"] = driver.text
-        return seen
-
-    for name, text in asyncio.run(drive()).items():
-        compare(name, size, text, request)
+    async with driving(engine, size, replace(DEFAULTS, results=tmp_path)) as driver:
+        for key, name in (("h", "history"), ("s", "standings"), ("p", "plan")):
+            await driver.answered("escape", key)
+            await driver.press("down")  # the one with a protest
+            compare(f"protest_{name}", size, driver.text, request)
 
 
 def some_runs() -> Sequence[RunSummary]:
@@ -160,85 +128,68 @@ def some_runs() -> Sequence[RunSummary]:
     )
 
 
-def test_the_keys_file_decide_and_withdraw(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await protested(driver)
-            filed = engine.acts[-1]
-            assert isinstance(filed, FileProtest)
-            assert (filed.text, filed.team) == (TEXT, "Door Bots")
-            assert filed.about == f"step 4: {Step.CROSS.text}"
-            await driver.press("P", "w", "1")
-            assert engine.acts[-1] == WithdrawProtest(1, "satisfied by the explanation")
-            await driver.press("P", "t")
-            await driver.type("2.5")
-            await driver.press("enter", "1")
-            await driver.type(TEXT)
-            await driver.press("enter", "P", "d", "r")
-            await driver.type("the video shows the foot")
-            await driver.press("enter")
-            assert engine.acts[-1:] == [
-                DecideProtest(2, ProtestEnd.REJECTED, "the video shows the foot", "Ada")
-            ]
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [LARGE])
+async def test_the_keys_file_decide_and_withdraw(driver: Driver, engine: FakeEngine) -> None:
+    await protested(driver)
+    filed = engine.acts[-1]
+    assert isinstance(filed, FileProtest)
+    assert (filed.text, filed.team) == (TEXT, "Door Bots")
+    assert filed.about == f"step 4: {Step.CROSS.text}"
+    await driver.press("P", "w", "1")
+    assert engine.acts[-1] == WithdrawProtest(1, "satisfied by the explanation")
+    await driver.press("P", "t")
+    await driver.type("2.5")
+    await driver.press("enter", "1")
+    await driver.type(TEXT)
+    await driver.press("enter", "P", "d", "r")
+    await driver.type("the video shows the foot")
+    await driver.press("enter")
+    assert engine.acts[-1:] == [
+        DecideProtest(2, ProtestEnd.REJECTED, "the video shows the foot", "Ada")
+    ]
 
 
-def test_e_packs_the_dossier_of_the_marked_run_or_the_shown_one(
+async def test_e_packs_the_dossier_of_the_marked_run_or_the_shown_one(
     engine: FakeEngine, tmp_path: Path
 ) -> None:
     run = summary(7)
     write(tmp_path, run)
 
-    async def drive() -> None:
-        async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
-            await driver.press("escape", "h")
-            await driver.app.workers.wait_for_complete()
-            await driver.settle()
-            await driver.press("E")
-            assert engine.export is not None
-            assert driver.console.status == export_text(engine.export)
-            assert "Packing the dossier of" in driver.console.status
-            await driver.press("f4", "E")
-            assert "there is no run here" in driver.console.status
-            await run_is_over(driver)
-            await driver.press("f4", "E")
-            assert engine.dossiers == [run.folder, Path(FOLDER).name]
-
-    asyncio.run(drive())
+    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
+        await driver.answered("escape", "h")
+        await driver.press("E")
+        assert engine.export is not None
+        assert driver.console.status == export_text(engine.export)
+        assert "Packing the dossier of" in driver.console.status
+        await driver.press("f4", "E")
+        assert "there is no run here" in driver.console.status
+        await run_is_over(driver)
+        await driver.press("f4", "E")
+        assert engine.dossiers == [run.folder, Path(FOLDER).name]
 
 
 # ---------------------------------------------------------------- R
 
 
-def test_r_says_what_to_type_where_the_terminal_cannot_be_lent(
+async def test_r_says_what_to_type_where_the_terminal_cannot_be_lent(
     engine: FakeEngine, tmp_path: Path
 ) -> None:
     run = summary(7, protest_due=EPOCH, protest_at=6.5)
     write(tmp_path, run)
 
-    async def drive() -> None:
-        look = ConsoleSettings()
-        defaults = replace(DEFAULTS, results=tmp_path)
-        async with driving(engine, LARGE, defaults, look=look) as driver:
-            await driver.press("escape", "h")
-            await driver.app.workers.wait_for_complete()
-            await driver.settle()
-            await driver.press("R")
-            words = driver.console.status
-            assert "Type in another terminal: madrob console --testbed replay" in words
-            assert f"{tmp_path}/{run.folder} --at=6.500" in words
-
-    asyncio.run(drive())
+    look = ConsoleSettings()
+    defaults = replace(DEFAULTS, results=tmp_path)
+    async with driving(engine, LARGE, defaults, look=look) as driver:
+        await driver.answered("escape", "h")
+        await driver.press("R")
+        words = driver.console.status
+        assert "Type in another terminal: madrob console --testbed replay" in words
+        assert f"{tmp_path}/{run.folder} --at=6.500" in words
 
 
-def test_r_is_refused_while_a_run_goes_on_and_where_there_is_none(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f4", "R")
-            assert driver.console.status == NO_RUN
-            await driver.run()
-            await driver.press("f4", "R")
-            assert driver.console.status == NO_RUN
-
-    asyncio.run(drive())
+async def test_r_is_refused_while_a_run_goes_on_and_where_there_is_none(driver: Driver) -> None:
+    await driver.press("f4", "R")
+    assert driver.console.status == NO_RUN
+    await driver.run()
+    await driver.press("f4", "R")
+    assert driver.console.status == NO_RUN

@@ -1,21 +1,27 @@
 from __future__ import annotations
 
-import asyncio
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
+from madrob_console.archive.history import RunSummary
 from madrob_console.engine.live.view import NO_STEPS
 from madrob_console.engine.shown.snapshot import Pulse
+from madrob_console.errors import MadrobError
 from madrob_console.kinds import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.on_record import RemovedEvidence
 from madrob_console.referee.on_record import TestbedFault as Fault
 from madrob_console.referee.run import Run
+from madrob_console.referee.teams import TeamList
 from madrob_console.standings.tally import Aggregate
 from madrob_console.ui.cells.lines import Line, Tone
 from madrob_console.ui.look.words import date_of
+from madrob_console.ui.panes.history_columns import columns
+from madrob_console.ui.panes.history_pane import HistoryPane, about
+from madrob_console.ui.panes.history_pane import summary as head_line
 from madrob_console.ui.panes.quality_table import QualityTable
 from madrob_console.ui.panes.result_head import ResultHead
 from madrob_console.ui.panes.result_indicators import compared
@@ -25,7 +31,8 @@ from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step
 from scoring.rest import RestForce
 from scoring.result import Indicator
-from tests.madrob_console.ui.driver import LARGE, SMALL, Driver, driving
+from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, summary
+from tests.madrob_console.ui.driver import LARGE, PANE, SMALL, Driver, Shown, driving, showing
 from tests.madrob_console.ui.fake_engine import FOLDER, FakeEngine
 
 
@@ -33,8 +40,7 @@ async def finished(driver: Driver, outcome: Outcome = Outcome.COMPLETED) -> None
     await driver.run()
     for step in Step:
         driver.engine.do_step(step)
-    driver.engine.finish(outcome, "because")
-    await driver.settle()
+    await driver.finish(outcome, "because")
 
 
 async def whole_text(driver: Driver) -> str:
@@ -47,124 +53,96 @@ async def whole_text(driver: Driver) -> str:
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_a_result_that_the_disk_refuses_is_called_so_wherever_it_is_met(
+    running: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            engine.pulse = Pulse(refused="the result is NOT on disk: Read-only file system")
-            engine.finish()
-            await driver.settle()
-            text = " ".join(driver.text.split())
-            assert "NOT ON DISK YET: only the engine has it, and goes on trying" in text
-            assert "The result is NOT ON DISK yet" in driver.console.status
-            assert "f finalises it" not in text
-            await driver.press("f10")
-            assert "only the engine has it" in " ".join(driver.text.split())
-            await driver.press("escape", "f3")
-            assert "NOT ON DISK YET" in driver.text
-            engine.pulse = Pulse()
-            await driver.press("f4")
-            await driver.settle()
-            assert "NOT ON DISK" not in driver.text
-            assert "f finalises it" in " ".join(driver.text.split())
-            engine.pulse = Pulse(waiting=1)  # an earlier run
-            await driver.settle()
-            assert "NOT ON DISK" not in driver.text
-            await driver.press("f10")
-            assert "A run is NOT ON DISK yet" in " ".join(driver.text.split())
-
-    asyncio.run(drive())
+    engine.pulse = Pulse(refused="the result is NOT on disk: Read-only file system")
+    await running.finish()
+    text = " ".join(running.text.split())
+    assert "NOT ON DISK YET: only the engine has it, and goes on trying" in text
+    assert "The result is NOT ON DISK yet" in running.console.status
+    assert "f finalises it" not in text
+    await running.press("f10")
+    assert "only the engine has it" in " ".join(running.text.split())
+    await running.press("escape", "f3")
+    assert "NOT ON DISK YET" in running.text
+    engine.pulse = Pulse()
+    await running.press("f4")
+    await running.settle()
+    assert "NOT ON DISK" not in running.text
+    assert "f finalises it" in " ".join(running.text.split())
+    engine.pulse = Pulse(waiting=1)  # an earlier run
+    await running.settle()
+    assert "NOT ON DISK" not in running.text
+    await running.press("f10")
+    assert "A run is NOT ON DISK yet" in " ".join(running.text.split())
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_a_result_is_shown_whole(engine: FakeEngine, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await driver.run()
-            await driver.press("i", "c", "n", *"dent", "enter")
-            for step in Step:
-                engine.do_step(step)
-            engine.finish()
-            await driver.settle()
-            text = await whole_text(driver)
-            for words in (
-                "COMPLETED, valid (step 6 is done)",
-                "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW",
-                "ruleset protocol, issue 1, not final yet: f finalises it",
-                "SIMULATED: not an official result",
-                "execution time *               17.4320 s",
-                "smoothness of door actuation    0.0625 s^3/rad",
-                "capability level                     6 steps",
-                "✓ 6 lock the door         1.000  -           1.000",
-                "door angle           1221  50.0    21.3    0    0.8    4.0    0     0    0",
-                "incident          +1.00 s collision",
-                "note              +1.00 s dent",
-                f"files             {FOLDER}",
-            ):
-                assert words in " ".join(text.splitlines()) or words in text
-            assert "…" not in text.replace(driver.rows()[0], "")
-
-    asyncio.run(drive())
+async def test_a_result_is_shown_whole(running: Driver, engine: FakeEngine) -> None:
+    await running.press("i", "c", "n", *"dent", "enter")
+    for step in Step:
+        engine.do_step(step)
+    await running.finish()
+    text = await whole_text(running)
+    for words in (
+        "COMPLETED, valid (step 6 is done)",
+        "run 1 of subject 1 Door Bots, condition 1: No Force, pull, from CCW to CW",
+        "ruleset protocol, issue 1, not final yet: f finalises it",
+        "SIMULATED: not an official result",
+        "execution time *               17.4320 s",
+        "smoothness of door actuation    0.0625 s^3/rad",
+        "capability level                     6 steps",
+        "✓ 6 lock the door         1.000  -           1.000",
+        "door angle           1221  50.0    21.3    0    0.8    4.0    0     0    0",
+        "incident          +1.00 s collision",
+        "note              +1.00 s dent",
+        f"files             {FOLDER}",
+    ):
+        assert words in " ".join(text.splitlines()) or words in text
+    assert "…" not in text.replace(running.rows()[0], "")
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_a_reason_stands_apart_from_the_name_of_its_indicator(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_a_reason_stands_apart_from_the_name_of_its_indicator(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await finished(driver)
-            assert engine.result is not None
-            found = {name: Indicator(None, "", "it never moved") for name in IndicatorName}
-            found[IndicatorName.EXECUTION_TIME] = Indicator(300.0, "s", None)
-            engine.result = replace(engine.result, indicators=found)
-            await driver.settle()
-            assert "smoothness of door actuation none: it never moved" in driver.text
-            assert "smoothness of door actuation none: " in driver.console.panes.results.copied
-
-    asyncio.run(drive())
+    await finished(driver)
+    assert engine.result is not None
+    found = {name: Indicator(None, "", "it never moved") for name in IndicatorName}
+    found[IndicatorName.EXECUTION_TIME] = Indicator(300.0, "s", None)
+    engine.result = replace(engine.result, indicators=found)
+    await driver.settle()
+    assert "smoothness of door actuation none: it never moved" in driver.text
+    assert "smoothness of door actuation none: " in driver.console.panes.results.copied
 
 
 @pytest.mark.parametrize(("drift", "shown"), [(-5.5373, True), (0.9, False), (None, False)])
-def test_a_drift_of_over_half_the_touch_threshold_stands_below_the_roughness(
-    engine: FakeEngine, drift: float | None, shown: bool
+async def test_a_drift_of_over_half_the_touch_threshold_stands_below_the_roughness(
+    driver: Driver, engine: FakeEngine, drift: float | None, shown: bool
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver)
-            assert engine.result is not None
-            engine.result = replace(engine.result, rest=RestForce(drift=drift))
-            await driver.settle()
-            rows = driver.rows()
-            below = next(n for n, row in enumerate(rows) if "roughness of door" in row) + 1
-            assert ("at rest after, from zero       -5.54 N" in rows[below]) is shown
-            assert ("at rest" in driver.text) is shown
-
-    asyncio.run(drive())
+    await finished(driver)
+    assert engine.result is not None
+    engine.result = replace(engine.result, rest=RestForce(drift=drift))
+    await driver.settle()
+    rows = driver.rows()
+    below = next(n for n, row in enumerate(rows) if "roughness of door" in row) + 1
+    assert ("at rest after, from zero       -5.54 N" in rows[below]) is shown
+    assert ("at rest" in driver.text) is shown
 
 
-def test_the_first_screen_shows_outcome_and_all_indicators(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver)
-            assert "COMPLETED" in driver.text
-            assert "execution time" in driver.text
-            assert "capability level" in driver.text
-
-    asyncio.run(drive())
+async def test_the_first_screen_shows_outcome_and_all_indicators(driver: Driver) -> None:
+    await finished(driver)
+    assert "COMPLETED" in driver.text
+    assert "execution time" in driver.text
+    assert "capability level" in driver.text
 
 
-def test_a_missing_indicator_says_why(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver, Outcome.TIMEOUT)
-            assert "TIMEOUT, valid (because)" in driver.text
-            reason = "passage time                 none: robot never reached the destination side"
-            assert reason in driver.text
-
-    asyncio.run(drive())
+async def test_a_missing_indicator_says_why(driver: Driver) -> None:
+    await finished(driver, Outcome.TIMEOUT)
+    assert "TIMEOUT, valid (because)" in driver.text
+    reason = "passage time                 none: robot never reached the destination side"
+    assert reason in driver.text
 
 
 @pytest.mark.parametrize(
@@ -174,62 +152,42 @@ def test_a_missing_indicator_says_why(engine: FakeEngine) -> None:
         (Outcome.INTERRUPTED, "INTERRUPTED: the machine failed, left out of every aggregate"),
     ],
 )
-def test_an_outcome_that_does_not_count_says_so(
-    engine: FakeEngine, outcome: Outcome, words: str
+async def test_an_outcome_that_does_not_count_says_so(
+    driver: Driver, outcome: Outcome, words: str
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver, outcome)
-            assert words in driver.text
-
-    asyncio.run(drive())
+    await finished(driver, outcome)
+    assert words in driver.text
 
 
-def test_a_live_result_is_not_marked_as_simulated(engine: FakeEngine) -> None:
+async def test_a_live_result_is_not_marked_as_simulated(engine: FakeEngine) -> None:
     engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver)
-            assert "not an official result" not in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await finished(driver)
+        assert "not an official result" not in driver.text
 
 
-def test_before_a_result_the_pane_says_so(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f4")
-            assert "No result yet" in driver.text
-
-    asyncio.run(drive())
+async def test_before_a_result_the_pane_says_so(driver: Driver) -> None:
+    await driver.press("f4")
+    assert "No result yet" in driver.text
 
 
-def test_nothing_of_an_old_result_stays_behind_an_abort(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver)
-            await driver.press("x", "y", "f4")
-            assert "No result yet" in driver.text
-            assert "execution time" not in driver.text
-
-    asyncio.run(drive())
+async def test_nothing_of_an_old_result_stays_behind_an_abort(driver: Driver) -> None:
+    await finished(driver)
+    await driver.press("x", "y", "f4")
+    assert "No result yet" in driver.text
+    assert "execution time" not in driver.text
 
 
-def test_another_result_begins_at_its_top(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver)
-            await driver.press("pagedown", "pagedown")
-            assert "COMPLETED" not in driver.text
-            await driver.press("x", "y", "f6", "f5")
-            await driver.let_pass(6.0)
-            engine.finish()
-            await driver.settle()
-            assert "COMPLETED" in driver.text
-            assert "run 2 of subject 1" in driver.text
-
-    asyncio.run(drive())
+async def test_another_result_begins_at_its_top(driver: Driver, engine: FakeEngine) -> None:
+    await finished(driver)
+    await driver.press("pagedown", "pagedown")
+    assert "COMPLETED" not in driver.text
+    await driver.press("x", "y", "f6", "f5")
+    await driver.let_pass(6.0)
+    await driver.finish()
+    assert "COMPLETED" in driver.text
+    assert "run 2 of subject 1" in driver.text
 
 
 async def with_flags(driver: Driver) -> None:
@@ -250,66 +208,53 @@ async def with_flags(driver: Driver) -> None:
     )
     fault = Fault(engine.now, "/madrob/door/angle: lost")
     engine.run = replace(engine.run, rulings=(denial,), faults=(fault,))
-    engine.finish(reason="all six steps done")
-    await driver.settle()
+    await driver.finish(reason="all six steps done")
 
 
 @pytest.mark.parametrize("size", [(60, 18), SMALL, LARGE, (160, 50)])
-def test_what_a_decision_hangs_on_is_seen_first(engine: FakeEngine, size: tuple[int, int]) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await with_flags(driver)
-            shown = " ".join(driver.text.split())
-            for words in (
-                "COMPLETED, valid (3 of 6 steps count)",
-                "1 false start UNDECIDED (handle touched): a accepts it with a reason",
-                "step 4 denied",
-                "1 testbed fault",
-                "1 incident (fall)",
-            ):
-                assert words in shown
-            assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
-            assert "all six steps done" not in shown
-            await driver.press("f3")
-            assert "all six steps done" not in driver.text
-
-    asyncio.run(drive())
+async def test_what_a_decision_hangs_on_is_seen_first(driver: Driver) -> None:
+    await with_flags(driver)
+    shown = " ".join(driver.text.split())
+    for words in (
+        "COMPLETED, valid (3 of 6 steps count)",
+        "1 false start UNDECIDED (handle touched): a accepts it with a reason",
+        "step 4 denied",
+        "1 testbed fault",
+        "1 incident (fall)",
+    ):
+        assert words in shown
+    assert shown.index("UNDECIDED") < shown.index("run 1 of subject 1")
+    assert "all six steps done" not in shown
+    await driver.press("f3")
+    assert "all six steps done" not in driver.text
 
 
-def test_the_live_screen_of_a_stopped_run_says_how_many_steps_count(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await with_flags(driver)
-            await driver.press("f3")
-            assert "3 of 6 steps count" in driver.text
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [LARGE])
+async def test_the_live_screen_of_a_stopped_run_says_how_many_steps_count(driver: Driver) -> None:
+    await with_flags(driver)
+    await driver.press("f3")
+    assert "3 of 6 steps count" in driver.text
 
 
-def test_a_reason_that_all_indicators_have_stands_there_once(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await finished(driver, Outcome.ABORTED)
-            assert engine.result is not None
-            none = {name: Indicator.missing(name, "run aborted: invalid") for name in IndicatorName}
-            engine.result = replace(engine.result, indicators=none)
-            await driver.settle()
-            assert driver.text.count("run aborted: invalid") == 1
-            assert "indicators  none: run aborted: invalid" in driver.text
-
-    asyncio.run(drive())
+async def test_a_reason_that_all_indicators_have_stands_there_once(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await finished(driver, Outcome.ABORTED)
+    assert engine.result is not None
+    none = {name: Indicator.missing(name, "run aborted: invalid") for name in IndicatorName}
+    engine.result = replace(engine.result, indicators=none)
+    await driver.settle()
+    assert driver.text.count("run aborted: invalid") == 1
+    assert "indicators  none: run aborted: invalid" in driver.text
 
 
-def test_a_result_that_was_signed_with_something_undecided_says_so(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine, LARGE) as driver:
-            await with_flags(driver)
-            await driver.press("f", "y", "a", "enter")
-            assert "1 false start UNDECIDED (handle touched); step 4 denied" in driver.text
-            assert "acknowledged by the team, signed Ada with what is undecided" in driver.text
-            assert "a accepts it" not in driver.text
-
-    asyncio.run(drive())
+@pytest.mark.parametrize("size", [LARGE])
+async def test_a_result_that_was_signed_with_something_undecided_says_so(driver: Driver) -> None:
+    await with_flags(driver)
+    await driver.press("f", "y", "a", "enter")
+    assert "1 false start UNDECIDED (handle touched); step 4 denied" in driver.text
+    assert "acknowledged by the team, signed Ada with what is undecided" in driver.text
+    assert "a accepts it" not in driver.text
 
 
 def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
@@ -318,54 +263,42 @@ def toned(driver: Driver, width: int = 78) -> dict[str, Tone]:
     return {span.text: span.tone for row in lines for span in row}
 
 
-def test_the_headline_has_the_colour_of_the_heaviest_flag(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await with_flags(driver)
-            headline = "COMPLETED, valid (3 of 6 steps count)"
-            assert toned(driver)[headline] is Tone.BAD
-            await driver.press("a", "1")
-            assert toned(driver)[headline] is Tone.WARN
-            assert toned(driver)["1 false start accepted"] is Tone.DIM
-            engine.run = replace(engine.run, rulings=(), incidents=(), faults=(), decided=())
-            assert toned(driver)[headline] is Tone.GOOD
-
-    asyncio.run(drive())
+async def test_the_headline_has_the_colour_of_the_heaviest_flag(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await with_flags(driver)
+    headline = "COMPLETED, valid (3 of 6 steps count)"
+    assert toned(driver)[headline] is Tone.BAD
+    await driver.press("a", "1")
+    assert toned(driver)[headline] is Tone.WARN
+    assert toned(driver)["1 false start accepted"] is Tone.DIM
+    engine.run = replace(engine.run, rulings=(), incidents=(), faults=(), decided=())
+    assert toned(driver)[headline] is Tone.GOOD
 
 
 @pytest.mark.parametrize("size", [LARGE, (160, 50)])
-def test_a_large_screen_says_why_a_step_is_not_done(
-    engine: FakeEngine, size: tuple[int, int]
-) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await with_flags(driver)
-            assert "denied by the referee" in driver.text
-            assert "comes after step 4" in driver.text
-            ruling = "step 4 denied: a wheel stayed on the line all the time"
-            assert ruling in driver.text  # the newest stands above the data quality
-
-    asyncio.run(drive())
+async def test_a_large_screen_says_why_a_step_is_not_done(driver: Driver) -> None:
+    await with_flags(driver)
+    assert "denied by the referee" in driver.text
+    assert "comes after step 4" in driver.text
+    ruling = "step 4 denied: a wheel stayed on the line all the time"
+    assert ruling in driver.text  # the newest stands above the data quality
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, (116, 40), (160, 50)])
-def test_a_long_reason_does_not_run_into_the_steps(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_a_long_reason_does_not_run_into_the_steps(
+    driver: Driver, size: tuple[int, int]
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await finished(driver, Outcome.TIMEOUT)
-            side_by_side = size[0] >= 120
-            seen = 0
-            for row in driver.rows():
-                for step in Step:
-                    left, found, _ = row.partition(f"✓ {step} {step.text}")
-                    seen += bool(found)
-                    assert not found or not left.strip() or left.endswith("  ")
-                    assert not found or bool(left.strip()) == side_by_side
-            assert seen == len(Step)
-
-    asyncio.run(drive())
+    await finished(driver, Outcome.TIMEOUT)
+    side_by_side = size[0] >= 120
+    seen = 0
+    for row in driver.rows():
+        for step in Step:
+            left, found, _ = row.partition(f"✓ {step} {step.text}")
+            seen += bool(found)
+            assert not found or not left.strip() or left.endswith("  ")
+            assert not found or bool(left.strip()) == side_by_side
+    assert seen == len(Step)
 
 
 def test_the_newest_ruling_comes_first() -> None:
@@ -397,40 +330,296 @@ def test_a_difference_says_whether_it_is_better(
     assert words in " ".join("".join(span.text for span in narrow).split())
 
 
-def test_a_result_does_not_say_that_something_may_still_come(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            first, *others = NO_STEPS
-            engine.steps = (replace(first, reason="handle not touched yet"), *others)
-            engine.finish(Outcome.TIMEOUT, "the team gives up")
-            await driver.settle()
-            assert "handle not touched" in driver.text
-            assert "yet" not in driver.text.replace("not final yet", "")
-
-    asyncio.run(drive())
+async def test_a_result_does_not_say_that_something_may_still_come(
+    running: Driver, engine: FakeEngine
+) -> None:
+    first, *others = NO_STEPS
+    engine.steps = (replace(first, reason="handle not touched yet"), *others)
+    await running.finish(Outcome.TIMEOUT, "the team gives up")
+    assert "handle not touched" in running.text
+    assert "yet" not in running.text.replace("not final yet", "")
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE])
-def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
-    engine: FakeEngine, size: tuple[int, int]
+async def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(
+    driver: Driver, engine: FakeEngine, size: tuple[int, int]
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            await finished(driver)
-            snapshot = engine.snapshot()
-            assert snapshot is not None
-            topic = RecordedTopic("/cam", "sensor_msgs/msg/Image", messages=881, bytes=34_300_000)
-            run = replace(snapshot.run, evidence=EvidenceAccount((topic,)))
-            there = replace(snapshot, run=run)
-            gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
-            words = "1 topic, 881 messages, 34.3 MB"
-            assert shown(QualityTable().draw(there, size[0])).endswith(words)
-            told = shown(QualityTable().draw(replace(snapshot, run=gone), size[0]))
-            assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
-
-    asyncio.run(drive())
+    await finished(driver)
+    snapshot = engine.snapshot()
+    assert snapshot is not None
+    topic = RecordedTopic("/cam", "sensor_msgs/msg/Image", messages=881, bytes=34_300_000)
+    run = replace(snapshot.run, evidence=EvidenceAccount((topic,)))
+    there = replace(snapshot, run=run)
+    gone = replace(run, removed_evidence=(RemovedEvidence(1.7e9, 1, 34_300_000),))
+    words = "1 topic, 881 messages, 34.3 MB"
+    assert shown(QualityTable().draw(there, size[0])).endswith(words)
+    told = shown(QualityTable().draw(replace(snapshot, run=gone), size[0]))
+    assert " ".join(told.split()).endswith(f"{words}; removed by tidy on {date_of(1.7e9)}")
 
 
 def shown(lines: Sequence[Line]) -> str:
     return "\n".join("".join(span.text for span in row) for row in lines)
+
+
+WIDE = (120, 31)
+RUNS = (
+    summary(1, 1, 1, hour=0, team="Delft", source="simulated"),
+    summary(2, 7, 1, hour=1, team="門の騎士", outcome=Outcome.TIMEOUT, values={}),
+    summary(3, 13, 1, hour=2, team="🤖 Door Bots", final=True, team_word="acknowledged"),
+    summary(1, 1, 2, hour=3, team="Delft", outcome=Outcome.ABORTED, values={}),
+    summary(1, 1, 3, hour=4, team="Delft", outcome=Outcome.INTERRUPTED, source="replay"),
+    summary(
+        *(4, 20, 1),
+        hour=5,
+        team="Ghent",
+        final=True,
+        team_word="protested",
+        issue=2,
+        flags=(UNDECIDED_START,),
+    ),
+    summary(2, 7, 2, hour=6, team="", problem="result.json is damaged: make it again", source=None),
+    summary(5, 5, 1, hour=7, team="Liège", outcome=None, values={}, source=None, issue=0),
+)
+
+
+class Results:
+    """What the pane reads; a test changes it."""
+
+    def __init__(self, runs: Sequence[RunSummary] = RUNS) -> None:
+        self.runs = runs
+        self.problem: str | OSError = ""
+        self.readings = 0
+        self.may_end = threading.Event()
+        self.may_end.set()
+
+    def load(self) -> Sequence[RunSummary]:
+        self.readings += 1
+        runs, problem = self.runs, self.problem
+        assert self.may_end.wait(10)
+        if isinstance(problem, OSError):
+            raise problem
+        if problem:
+            raise MadrobError(problem)
+        return runs
+
+
+def teams(shown: Shown) -> list[str]:
+    """Subject and run of the rows, from the top."""
+    numbers = []
+    for row in shown.rows():
+        words = row.replace("> ", "  ").split()
+        if len(words) > 3 and words[1] == "Nov":
+            numbers.append(words[3])
+    return numbers
+
+
+@pytest.mark.parametrize("size", [PANE, WIDE])
+async def test_all_runs_are_shown_newest_first_and_marked_by_words(size: tuple[int, int]) -> None:
+    async with showing(HistoryPane(Results().load), size) as shown:
+        assert teams(shown) == ["5", "2", "4", "1", "1", "3", "2", "1"]
+        assert "unfinished" in shown.marked
+        for words in ("DAMAGED", "INVALID", "INTERRUPTED", "timeout", "completed !!"):
+            assert words in shown.text
+        (practice,) = (row for row in shown.rows() if " SIM " in row)
+        assert " 1 Delft " in practice
+        assert "門の騎士" in shown.text
+        assert "6   17.43    3.21" in shown.text
+        assert ("pull, from CW to CCW" in shown.text) == (size == WIDE)
+
+
+async def test_every_column_can_be_seen_on_a_small_screen() -> None:
+    async with showing(HistoryPane(Results().load)) as shown:
+        seen = ""
+        for _ in range(len(columns())):
+            seen += shown.text
+            await shown.press("right")
+        for column in columns():
+            assert column.title in seen
+        for words in ("12.25", "1.875", "0.062", "14.75", "protested", "protocol", "Wind Ramp"):
+            assert words in seen
+        assert "simulated" not in seen  # the mark is `SIM`, in a column that stays near
+
+
+def test_the_line_below_says_what_does_not_fit() -> None:
+    assert about(RUNS[5]) == (
+        "1 false start UNDECIDED (handle touched); "
+        "Ghent: pull, from CW to CCW, Wind Ramp; completed; issue 2; protested; protocol; "
+        + RUNS[5].folder
+    )
+    assert "it goes on, or it was cut off" in about(RUNS[7])
+    assert about(RUNS[6]) == f"result.json is damaged: make it again (folder {RUNS[6].folder})"
+    assert "condition 21 does not exist" in about(summary(1, 21))
+
+
+def test_the_head_line_says_what_there_is() -> None:
+    assert head_line(RUNS) == (
+        "8 runs (1 PRACTICE): 4 valid, 1 INVALID, 1 INTERRUPTED, 1 DAMAGED, 1 unfinished"
+    )
+    assert head_line(RUNS[:1]) == "1 run (1 PRACTICE): 1 valid"
+    assert head_line(()) == "no runs in the results folder"
+
+
+async def test_v_shows_those_not_final_then_those_that_do_not_count() -> None:
+    async with showing(HistoryPane(Results().load)) as shown:
+        await shown.press("v")
+        assert teams(shown) == ["5", "2", "1", "1", "2", "1"]
+        assert "6 of 8 runs: not final" in shown.text
+        await shown.press("v")
+        assert teams(shown) == ["4"]
+        assert "1 of 8 runs: undecided" in shown.text
+        await shown.press("v")
+        assert teams(shown) == ["5", "2", "1", "1"]
+        assert "4 of 8 runs: invalid and interrupted" in shown.text
+        await shown.press("v")
+        assert teams(shown) == []
+        assert "0 of 8 runs: protest open" in shown.text
+        await shown.press("v")
+        assert len(teams(shown)) == 8
+
+
+async def test_a_filter_is_typed_kept_with_enter_and_cleared_with_escape() -> None:
+
+    pane = HistoryPane(Results().load)
+    async with showing(pane) as shown:
+        await shown.press("slash", *"delft")
+        assert "filter delft" in shown.text
+        assert teams(shown) == ["1", "1", "1"]
+        await shown.press("space", *"inval", "enter")
+        assert teams(shown) == ["1"]
+        assert "1 of 8 runs: filter 'delft inval' (Escape clears it)" in shown.text
+        assert "filter delft" not in shown.text
+        await shown.press("slash", *"vo")
+        assert "filter vo" in shown.text
+        assert "no run passes the filter" in shown.text
+        assert pane.selected is None
+        await shown.press("escape", "slash", *"foo", "colon")
+        assert "no field foo: there are subject, sub, cond, run, team" in shown.text
+        await shown.press("escape")
+        assert len(teams(shown)) == 8
+        await shown.press("down")  # the table has the focus again
+        assert pane.selected == RUNS[6]
+
+
+async def test_enter_opens_the_marked_run() -> None:
+
+    pane = HistoryPane(Results().load)
+    async with showing(pane) as shown:
+        await shown.press("down", "down", "enter")
+        (sent,) = shown.app.sent
+        assert isinstance(sent, HistoryPane.Opened)
+        assert sent.row == pane.selected == RUNS[5]
+
+
+async def test_an_empty_history_says_so_and_opens_nothing() -> None:
+    async with showing(HistoryPane(Results(()).load)) as shown:
+        assert "no runs in the results folder" in shown.text
+        assert "no runs yet" in shown.text
+        await shown.press("enter", "o", "O", "right", "end", "pagedown", "v")
+        assert shown.app.sent == []
+
+
+async def test_runs_of_a_team_can_be_asked_for() -> None:
+
+    pane = HistoryPane(Results().load)
+    async with showing(pane) as shown:
+        await shown.press("v")
+        pane.look_for("subject:1 cond:1")
+        await shown.settle()
+        assert teams(shown) == ["1", "1", "1"]
+        assert "3 of 8 runs: filter 'subject:1 cond:1'" in shown.text
+
+
+async def test_the_screen_answers_while_it_reads_and_shows_the_last_reading() -> None:
+
+    results = Results(RUNS[:1])
+    pane = HistoryPane(results.load)
+    async with showing(pane) as shown:
+        results.may_end.clear()
+        results.runs = RUNS[:2]
+        pane.reload()
+        results.runs = RUNS[:3]
+        await shown.pilot.pause()
+        pane.reload()
+        await shown.pilot.press("down", "o", "v")
+        assert "reading the results folder" in shown.text
+        assert len(teams(shown)) == 1
+        await shown.pilot.press("v", "v", "v", "v")
+        results.may_end.set()
+        await shown.settle()
+        assert len(teams(shown)) == 3
+        assert "reading" not in shown.text
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        "/results: cannot be used for results (Permission denied)",
+        OSError(24, "Too many open files"),
+    ],
+)
+async def test_a_results_folder_that_cannot_be_read_is_a_line_on_the_screen(
+    problem: str | OSError,
+) -> None:
+
+    results = Results()
+    results.problem = problem
+    pane = HistoryPane(results.load)
+    async with showing(pane) as shown:
+        assert str(problem) in shown.text
+        results.problem = ""
+        pane.enter()
+        await shown.settle()
+        assert len(teams(shown)) == 8
+
+
+async def test_it_reads_again_when_a_result_comes_or_changes_and_not_otherwise(
+    engine: FakeEngine,
+) -> None:
+
+    results = Results()
+    pane = HistoryPane(results.load)
+    async with showing(pane) as shown:
+        snapshot = engine.snapshot()
+        for changed, readings in (
+            (snapshot, 1),
+            (replace(snapshot, time=snapshot.time + 1), 1),
+            (replace(snapshot, run=replace(snapshot.run, issue=1)), 2),
+            (replace(snapshot, run=replace(snapshot.run, issue=1)), 2),
+            (replace(snapshot, run=replace(snapshot.run, issue=2)), 3),
+        ):
+            pane.show(changed)
+            await shown.settle()
+            assert results.readings == readings
+
+
+async def test_a_team_has_its_name_in_the_list_and_what_was_recorded_is_a_remark(
+    engine: FakeEngine,
+) -> None:
+    runs = (
+        summary(3, 1, 1, hour=0, team="Delft Wlkers"),
+        summary(3, 1, 2, hour=1, team="Rotterdam", competition="Spring Cup"),  # no team of the list
+    )
+
+    pane = HistoryPane(Results(runs).load, "Autumn Cup")
+    async with showing(pane, WIDE) as shown:
+        engine.teams = TeamList({3: "Delft Walkers"})
+        pane.show(engine.snapshot())
+        await shown.press("r", "down")
+        assert [" Rotterdam " in row for row in shown.rows() if " Nov " in row] == [True, False]
+        assert [" Delft W" in row for row in shown.rows() if " Nov " in row] == [False, True]
+        assert "Delft Walkers (recorded as Delft Wlkers): " in shown.text
+        for name in ("walkers", "wlkers"):
+            pane.look_for(f"team:{name}")
+            await shown.settle()
+            assert teams(shown) == ["3"]
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [(Outcome.COMPLETED, "completed P!!"), (Outcome.INTERRUPTED, "INTERRUP… P!!")],
+)
+def test_signs_stand_apart_from_the_outcome_and_are_never_cut(outcome: Outcome, words: str) -> None:
+    run = summary(1, outcome=outcome, protest_due=EPOCH, flags=(UNDECIDED_START,))
+    (column,) = (one for one in columns() if one.title == "outcome")
+    shown = column.fit(column.cell(run).text, column.width)
+    assert shown.rstrip() == words

@@ -3,17 +3,38 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path, PurePath
+from typing import ClassVar
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.color import Color, ColorSystem
+from rich.segment import Segment
+from rich.style import Style
+from rich.terminal_theme import TerminalTheme
+from textual.app import App, ComposeResult
+from textual.color import WHITE
+from textual.containers import Vertical
+from textual.screen import Screen
+from textual.theme import BUILTIN_THEMES, Theme
 
+import madrob_console.ui
 from madrob_console.engine.shown.snapshot import Weight
+from madrob_console.kinds import ThemeName
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.journal import Origin
+from madrob_console.referee.run_times import relative_text
 from madrob_console.referee.teams import TeamList
+from madrob_console.ui.cells.field import Field
+from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
+from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.look.words import clock_text, fitted, minutes_text, size_text, wrapped
 from scoring.protocol import Outcome, Side, Step
+from scoring.result import value_text
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine
@@ -23,45 +44,28 @@ STORED = Path(__file__).parent / "screens"
 SIZES = ((80, 24), (160, 50))
 
 
-@pytest.fixture(autouse=True)
-def _clock_of_the_screens(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv("TZ", "UTC")
-    time.tzset()
-    yield
-    monkeypatch.undo()
-    time.tzset()
-
-
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_the_screens_are_as_they_were_looked_at(
-    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
+async def test_the_screens_are_as_they_were_looked_at(
+    driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
 ) -> None:
-    async def drive() -> dict[str, str]:
-        seen = {}
-        async with driving(engine, size) as driver:
-            await driver.press("f2", "enter")
-            seen["setup"] = driver.text
-            await driver.press("f6", "f5")
-            await driver.let_pass(6.0)
-            await in_the_middle_of_a_run(driver)
-            seen["live"] = driver.text
-            await driver.press("f8")
-            seen["abort"] = driver.text
-            await driver.press("escape")
-            engine.finish()
-            await driver.settle()
-            await driver.settle()
-            seen["results"] = driver.text
-            await driver.press("f1")
-            seen["help"] = driver.text
-        return seen
-
-    for name, text in asyncio.run(drive()).items():
-        compare(name, size, text, request)
+    await driver.press("f2", "enter")
+    compare("setup", size, driver.text, request)
+    await driver.press("f6", "f5")
+    await driver.let_pass(6.0)
+    await in_the_middle_of_a_run(driver)
+    compare("live", size, driver.text, request)
+    await driver.press("f8")
+    compare("abort", size, driver.text, request)
+    await driver.press("escape")
+    await driver.finish()
+    await driver.settle()
+    compare("results", size, driver.text, request)
+    await driver.press("f1")
+    compare("help", size, driver.text, request)
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_a_large_plan_is_as_it_was_looked_at(
+async def test_a_large_plan_is_as_it_was_looked_at(
     engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
 ) -> None:
     teams, conditions = range(1, 13), range(1, 21)
@@ -81,14 +85,9 @@ def test_a_large_plan_is_as_it_was_looked_at(
         if team * condition * run < 60
     ]
 
-    async def drive() -> str:
-        async with driving(engine, size) as driver:
-            await driver.press("f3", "p")
-            await driver.app.workers.wait_for_complete()
-            await driver.settle()
-            return driver.text
-
-    compare("plan", size, asyncio.run(drive()), request)
+    async with driving(engine, size) as driver:
+        await driver.answered("f3", "p")
+        compare("plan", size, driver.text, request)
 
 
 def compare(name: str, size: tuple[int, int], text: str, request: pytest.FixtureRequest) -> None:
@@ -101,15 +100,11 @@ def compare(name: str, size: tuple[int, int], text: str, request: pytest.Fixture
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_a_doubted_result_is_as_it_was_looked_at(
-    engine: FakeEngine, size: tuple[int, int], request: pytest.FixtureRequest
+async def test_a_doubted_result_is_as_it_was_looked_at(
+    driver: Driver, size: tuple[int, int], request: pytest.FixtureRequest
 ) -> None:
-    async def drive() -> str:
-        async with driving(engine, size) as driver:
-            await doubted(driver)
-            return driver.text
-
-    compare("doubts", size, asyncio.run(drive()), request)
+    await doubted(driver)
+    compare("doubts", size, driver.text, request)
 
 
 async def in_the_middle_of_a_run(driver: Driver) -> None:
@@ -125,3 +120,288 @@ async def in_the_middle_of_a_run(driver: Driver) -> None:
     engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE)
     for _ in range(4):  # top line and log wait for their turn
         await driver.settle()
+
+
+UI = Path(next(iter(madrob_console.ui.__path__)))
+Rgb = tuple[int, int, int]
+LEAST = {ThemeName.DARK: 4.5, ThemeName.LIGHT: 4.5, ThemeName.HIGH_CONTRAST: 7.0}
+XTERM = (
+    *((0, 0, 0), (205, 0, 0), (0, 205, 0), (205, 205, 0)),
+    *((0, 0, 238), (205, 0, 205), (0, 205, 205), (229, 229, 229)),
+    *((127, 127, 127), (255, 0, 0), (0, 255, 0), (255, 255, 0)),
+    *((92, 92, 255), (255, 0, 255), (0, 255, 255), (255, 255, 255)),
+)
+CONSOLE = (
+    *((0, 0, 0), (170, 0, 0), (0, 170, 0), (170, 85, 0)),
+    *((0, 0, 170), (170, 0, 170), (0, 170, 170), (170, 170, 170)),
+    *((85, 85, 85), (255, 85, 85), (85, 255, 85), (255, 255, 85)),
+    *((85, 85, 255), (255, 85, 255), (85, 255, 255), (255, 255, 255)),
+)
+"""The Linux console's."""
+
+
+class Tones(Lines):
+    """A line in each tone."""
+
+    def lines(self, width: int) -> Sequence[Line]:
+        return [line(Span(f"{tone}", tone)) for tone in Tone]
+
+
+class ConsoleScreen(Screen[None]):
+    """Has the name to which the tones are tied, and what text stands on."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = TONE_CLASSES
+
+    def compose(self) -> ComposeResult:
+        yield Tones()
+        yield Vertical(Tones(), classes="surface")
+        yield Vertical(Tones(), classes="panel")
+        self.chosen, self.other = Field(), Field()
+        self.chosen.value, self.other.value = "field in use", "another field"
+        yield self.chosen
+        yield self.other
+
+
+class TonesApp(App[None]):
+    CSS_PATH: ClassVar[list[str | PurePath]] = [
+        UI / "frame" / "console_screen.tcss",
+        UI / "cells" / "field.tcss",
+        UI / "cells" / "lines.tcss",
+    ]
+    CSS = """
+    .surface { background: $surface; height: auto; }
+    .panel { background: $panel; height: auto; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        for theme in THEMES:
+            self.register_theme(theme)
+
+    def get_default_screen(self) -> Screen[None]:
+        return ConsoleScreen()
+
+
+@cache
+def drawn() -> dict[str, list[Segment]]:
+    """What is not blank on the screen, in each theme."""
+    seen = {}
+
+    async def drive() -> None:
+        app = TonesApp()
+        async with app.run_test(size=(40, 50)) as pilot:
+            screen = app.screen
+            assert isinstance(screen, ConsoleScreen)
+            for theme in THEMES:
+                app.theme = theme.name
+                screen.set_focus(screen.other)
+                screen.set_focus(screen.chosen)  # selects its text
+                await pilot.pause()
+                segments = [s for row in screen._compositor.render_strips() for s in row]
+                await pilot.press("home")
+                segments += [s for row in screen._compositor.render_strips() for s in row]
+                seen[theme.name] = [s for s in segments if s.text.strip()]
+
+    asyncio.run(drive())
+    return seen
+
+
+def colours(segment: Segment, system: ColorSystem = ColorSystem.TRUECOLOR) -> tuple[Color, Color]:
+    """Text and background as a terminal with such colours has them."""
+    style = segment.style
+    assert style is not None
+    assert style.color is not None
+    assert style.bgcolor is not None
+    pair = style.color.downgrade(system), style.bgcolor.downgrade(system)
+    return pair[::-1] if style.reverse else pair
+
+
+def contrast(one: Rgb, other: Rgb) -> float:
+    """As WCAG 2 has it."""
+    lighter, darker = sorted((luminance(one), luminance(other)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def luminance(rgb: Rgb) -> float:
+    red, green, blue = (
+        c / 12.92 if (c := v / 255) <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for v in rgb
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def themes(suffix: str) -> Iterator[tuple[ThemeName, list[Segment]]]:
+    for name in ThemeName:
+        yield name, drawn()[f"{name}{suffix}"]
+
+
+def test_all_tones_and_fields_are_looked_at() -> None:
+    for segments in drawn().values():
+        texts = {segment.text for segment in segments}
+        assert {*Tone, "field in use", "ield in use", "another field"} <= texts
+    backgrounds = {colours(segment)[1].name for segment in drawn()["dark"]}
+    assert {"#121212", "#1c1c1c", "#262626"} <= backgrounds
+
+
+@pytest.mark.parametrize("system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT])
+def test_every_tone_can_be_read_on_every_background(system: ColorSystem) -> None:
+    for name, segments in themes(""):
+        for segment in segments:
+            text, back = (colour.get_truecolor() for colour in colours(segment, system))
+            assert contrast(text, back) >= LEAST[name], (name, segment)
+
+
+@pytest.mark.parametrize("palette", [XTERM, CONSOLE])
+def test_16_colours_can_be_read_in_the_usual_palettes(palette: Sequence[Rgb]) -> None:
+    terminal = TerminalTheme((0, 0, 0), (0, 0, 0), list(palette[:8]), list(palette[8:]))
+    for name, segments in themes("-16"):
+        for segment in segments:
+            pair = colours(segment, ColorSystem.STANDARD)
+            assert all(colour.number is not None for colour in pair), (name, segment)
+            text, back = (colour.get_truecolor(terminal) for colour in pair)
+            assert contrast(text, back) >= 4.5, (name, segment)
+
+
+def test_no_text_vanishes_where_full_colours_are_brought_down_to_16() -> None:
+    for name, segments in themes(""):
+        for segment in segments:
+            text, back = colours(segment, ColorSystem.STANDARD)
+            assert text != back, (name, segment)
+
+
+def test_a_screen_without_colours_tells_the_tones_that_matter_by_other_means() -> None:
+    looks = {s.text.strip(): s.style for s in NO_COLOURS.apply(drawn()[COLOURLESS], WHITE)}
+    assert all(style is not None and style.without_color == style for style in looks.values())
+    plain = looks[Tone.PLAIN]
+    assert all(looks[tone] != plain for tone in set(Tone) - {Tone.PLAIN, Tone.GOOD})
+
+
+def test_the_mouse_still_knows_what_is_under_it() -> None:
+    style = Style(color="red", bgcolor="blue", bold=True, meta={"@mouse.down": "grab"})
+    (bare,) = NO_COLOURS.apply([Segment("x", style)], WHITE)
+    assert bare.style == Style(bold=True, meta={"@mouse.down": "grab"})
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: str(theme.name))
+def test_no_variable_of_a_style_sheet_is_missing(theme: Theme) -> None:
+    def variables(theme: Theme) -> set[str]:
+        return {*theme.to_color_system().generate(), *theme.variables}
+
+    assert variables(BUILTIN_THEMES["textual-dark"]) <= variables(theme)
+
+
+@pytest.mark.parametrize(
+    ("environ", "theme"),
+    [
+        ({"TERM": "xterm-256color"}, "light"),
+        ({"TERM": "tmux-256color"}, "light"),
+        ({"TERM": "xterm-kitty"}, "light"),
+        ({"TERM": "xterm", "COLORTERM": "truecolor"}, "light"),
+        ({"TERM": "xterm"}, "light-16"),
+        ({"TERM": "screen"}, "light-16"),
+        ({"TERM": "linux"}, "light-16"),
+        ({"TERM": "xterm-256color", "TEXTUAL_COLOR_SYSTEM": "standard"}, "light-16"),
+        ({"TERM": "xterm", "TEXTUAL_COLOR_SYSTEM": "256"}, "light"),
+        ({"TERM": "vt100"}, COLOURLESS),
+        ({"TERM": "vt220"}, COLOURLESS),
+        ({"TERM": "xterm-256color", "NO_COLOR": "1"}, COLOURLESS),
+        ({"TERM": "linux", "NO_COLOR": "0"}, COLOURLESS),
+        ({"TERM": "xterm-256color", "NO_COLOR": ""}, "light"),
+    ],
+)
+def test_a_terminal_gets_what_it_can_show(environ: dict[str, str], theme: str) -> None:
+    assert theme_for(ThemeName.LIGHT, environ) == theme
+
+
+@pytest.mark.parametrize("name", ThemeName)
+@pytest.mark.parametrize("term", ["xterm-256color", "linux", "vt100"])
+def test_every_theme_that_is_asked_for_exists(name: ThemeName, term: str) -> None:
+    assert theme_for(name, {"TERM": term}) in {theme.name for theme in THEMES}
+
+
+TEXTS = st.text(st.characters(categories=["L", "N", "P", "Zs", "So"]), max_size=60)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.0, "0:00.0"),
+        (0.3, "0:00.3"),
+        (59.999, "0:59.9"),
+        (63.04, "1:03.0"),
+        (-4.25, "-0:04.2"),
+        (-0.04, "0:00.0"),
+        (86400.0, "1440:00.0"),
+    ],
+)
+def test_a_clock_never_runs_ahead(seconds: float, text: str) -> None:
+    assert clock_text(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(300.0, "5:00"), (299.2, "5:00"), (0.1, "0:01"), (0.0, "0:00"), (-3.0, "0:00")],
+)
+def test_time_to_go_is_zero_only_when_none_is_left(seconds: float, text: str) -> None:
+    assert minutes_text(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("at", "start", "text"),
+    [
+        (None, 1.0, "-"),
+        (1.0, None, "-"),
+        (1_700_000_003.25, 1_700_000_000.0, "3.250"),
+        (5000.0, 0.0, "5000.0"),
+    ],
+)
+def test_times_count_from_the_start(at: float | None, start: float | None, text: str) -> None:
+    assert relative_text(at, start) == text
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (1000, "1.0 kB"),
+        (99_949, "99.9 kB"),
+        (123_456, "123 kB"),
+        (999_499, "999 kB"),
+        (999_600, "1.0 MB"),
+        (41_000_000_000, "41.0 GB"),
+        (2_500_000_000_000, "2.5 TB"),
+    ],
+)
+def test_sizes_have_the_unit_that_people_read(size: int, text: str) -> None:
+    assert size_text(size) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (6, "6"),
+        (0.0, "0.0000"),
+        (17.43216, "17.4322"),
+        (0.00123, "1.2300e-03"),
+        (2e7, "2.0000e+07"),
+    ],
+)
+def test_values_keep_four_decimals(value: float, text: str) -> None:
+    assert value_text(value) == text
+
+
+@given(TEXTS, st.integers(1, 40))
+def test_a_fitted_text_takes_exactly_its_cells(text: str, width: int) -> None:
+    shown = fitted(text, width)
+    assert cell_len(shown) == width
+    if cell_len(text) > width:
+        assert "…" in shown
+    else:
+        assert shown.rstrip(" ") == text.rstrip(" ")
+
+
+@given(TEXTS, st.integers(2, 40))
+def test_wrapping_loses_nothing_and_stays_inside(text: str, width: int) -> None:
+    lines = wrapped(text, width)
+    assert all(cell_len(line) <= width for line in lines)
+    assert "".join("".join(lines).split()) == "".join(text.split())

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import asyncio
 import re
 
 import pytest
@@ -17,8 +16,7 @@ from madrob_console.ui.defaults import ConsoleDefaults
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
-from tests.madrob_console.ui.setups import a_setup
+from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine, a_setup
 
 
 def setup_of(engine: FakeEngine) -> RunSetup:
@@ -41,88 +39,74 @@ async def fill(driver: Driver, text: str) -> None:
     await driver.press("tab")
 
 
-def test_enter_sets_up_what_is_shown(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert "Not set up yet" in driver.text
-            await driver.press("enter")
-            assert engine.acts == [SetUp(a_setup())]
-            assert "Run 1 of subject 1 is set up. F6 confirms its pose." in driver.text
-
-    asyncio.run(drive())
+async def test_enter_sets_up_what_is_shown(driver: Driver, engine: FakeEngine) -> None:
+    assert "Not set up yet" in driver.text
+    await driver.press("enter")
+    assert engine.acts == [SetUp(a_setup())]
+    assert "Run 1 of subject 1 is set up. F6 confirms its pose." in driver.text
 
 
-def test_looking_at_another_pane_sets_nothing_up(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("tab", "f3", "f2", "f4")
-            assert engine.acts == []
-
-    asyncio.run(drive())
+async def test_looking_at_another_pane_sets_nothing_up(driver: Driver, engine: FakeEngine) -> None:
+    await driver.press("tab", "f3", "f2", "f4")
+    assert engine.acts == []
 
 
-def test_every_field_is_reached_by_tab_in_the_natural_order(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            for text in ("7", "4", "Die Tür", "Bo Larsen"):
-                await fill(driver, text)
-            await driver.press("right", "tab", "right", "tab", "right", "right", "tab")
-            await driver.press("right", "tab")  # practice
-            await driver.press("tab")  # the presets: numbers instead
-            for text in ("-2.5", "0.25", "12.5", "120", "3"):
-                await fill(driver, text)
-            await driver.press("right", "tab", "right", "right", "enter", "enter")
-            assert setup_of(engine) == RunSetup(
-                subject=7,
-                team="Die Tür",
-                run_number=1,  # proposed again: the condition came after the number
-                condition=Condition(BenchmarkType.SUDDEN_FORCE, Side.CW, Side.CW),
-                start_pose=StartPose(-2.5, 0.25, 12.5),
-                referee="Bo Larsen",
-                timeout=120.0,
-                countdown=3.0,
-                ruleset=RulesetName.EUROBENCH_2020,
-                lock_detection=LockDetection.SENSOR,
-                practice=True,
-            )
-
-    asyncio.run(drive())
+async def test_every_field_is_reached_by_tab_in_the_natural_order(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    for text in ("7", "4", "Die Tür", "Bo Larsen"):
+        await fill(driver, text)
+    await driver.press("right", "tab", "right", "tab", "right", "right", "tab")
+    await driver.press("right", "tab")  # practice
+    await driver.press("tab")  # the presets: numbers instead
+    for text in ("-2.5", "0.25", "12.5", "120", "3"):
+        await fill(driver, text)
+    await driver.press("right", "tab", "right", "right", "enter", "enter")
+    assert setup_of(engine) == RunSetup(
+        subject=7,
+        team="Die Tür",
+        run_number=1,  # proposed again: the condition came after the number
+        condition=Condition(BenchmarkType.SUDDEN_FORCE, Side.CW, Side.CW),
+        start_pose=StartPose(-2.5, 0.25, 12.5),
+        referee="Bo Larsen",
+        timeout=120.0,
+        countdown=3.0,
+        ruleset=RulesetName.EUROBENCH_2020,
+        lock_detection=LockDetection.SENSOR,
+        practice=True,
+    )
 
 
-def test_the_next_run_number_is_proposed_for_subject_and_condition(engine: FakeEngine) -> None:
+async def test_the_next_run_number_is_proposed_for_subject_and_condition(
+    engine: FakeEngine,
+) -> None:
     engine.used_numbers = {(1, 1): 3, (2, 1): 8, (2, 2): 1}
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter")
-            assert setup_of(engine).run_number == 4
-            await driver.press("shift+tab")
-            await fill(driver, "2")
-            assert setup_of(engine).run_number == 9
-            await driver.press(*["tab"] * 5, "right")
-            assert setup_of(engine).condition.number == 2
-            assert setup_of(engine).run_number == 2
-            await driver.press(*["shift+tab"] * 5)
-            await fill(driver, "30")
-            assert setup_of(engine).run_number == 30
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.press("enter")
+        assert setup_of(engine).run_number == 4
+        await driver.press("shift+tab")
+        await fill(driver, "2")
+        assert setup_of(engine).run_number == 9
+        await driver.press(*["tab"] * 5, "right")
+        assert setup_of(engine).condition.number == 2
+        assert setup_of(engine).run_number == 2
+        await driver.press(*["shift+tab"] * 5)
+        await fill(driver, "30")
+        assert setup_of(engine).run_number == 30
 
 
-def test_a_team_belongs_to_its_subject(engine: FakeEngine) -> None:
+async def test_a_team_belongs_to_its_subject(engine: FakeEngine) -> None:
     engine.teams = TeamList({1: "Ones", 2: "Twos"})
 
-    async def drive() -> None:
-        async with driving(engine, defaults=ConsoleDefaults()) as driver:
-            await driver.press("enter", "shift+tab")
-            assert setup_of(engine).team == "Ones"
-            await fill(driver, "2")
-            assert setup_of(engine).team == "Twos"
-            await driver.press("shift+tab")
-            await fill(driver, "3")
-            assert setup_of(engine).team == ""
-
-    asyncio.run(drive())
+    async with driving(engine, defaults=ConsoleDefaults()) as driver:
+        await driver.press("enter", "shift+tab")
+        assert setup_of(engine).team == "Ones"
+        await fill(driver, "2")
+        assert setup_of(engine).team == "Twos"
+        await driver.press("shift+tab")
+        await fill(driver, "3")
+        assert setup_of(engine).team == ""
 
 
 BAD_VALUES = [
@@ -141,452 +125,363 @@ BAD_VALUES = [
 """A field, what is typed there, what is said."""
 
 
-def test_a_bad_value_is_named_while_typing_and_blocks_the_start(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter", "f6")
-            for name, text, message in BAD_VALUES:
-                field = driver.console.query_one(f"#{name}", Field)
-                driver.console.set_focus(field)
-                await driver.settle()
-                good, field.value = field.value, text
-                await driver.settle()
-                shown = " ".join(" ".join(driver.rows()[9:12]).split())
-                assert message in shown
-                await driver.press("f5")
-                assert engine.run.phase is Phase.READY
-                assert message in driver.console.status
-                field.value = good
-                await driver.settle()
-                await driver.press("enter")  # a subject that was left proposes its own number
-
-    asyncio.run(drive())
+async def test_a_bad_value_is_named_while_typing_and_blocks_the_start(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.press("enter", "f6")
+    for name, text, message in BAD_VALUES:
+        field = driver.console.query_one(f"#{name}", Field)
+        driver.console.set_focus(field)
+        await driver.settle()
+        good, field.value = field.value, text
+        await driver.settle()
+        shown = " ".join(" ".join(driver.rows()[9:12]).split())
+        assert message in shown
+        await driver.press("f5")
+        assert engine.run.phase is Phase.READY
+        assert message in driver.console.status
+        field.value = good
+        await driver.settle()
+        await driver.press("enter")  # a subject that was left proposes its own number
 
 
-def test_what_is_typed_last_counts_for_the_start(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter", "f6", "shift+tab")
-            await driver.type("5")
-            await driver.press("f5")
-            assert setup_of(engine).subject == 5
-            assert "start pose: not confirmed" in driver.console.status
-            await driver.press("f6", "f5")
-            assert engine.run.phase is Phase.COUNTDOWN
-
-    asyncio.run(drive())
+async def test_what_is_typed_last_counts_for_the_start(driver: Driver, engine: FakeEngine) -> None:
+    await driver.press("enter", "f6", "shift+tab")
+    await driver.type("5")
+    await driver.press("f5")
+    assert setup_of(engine).subject == 5
+    assert "start pose: not confirmed" in driver.console.status
+    await driver.press("f6", "f5")
+    assert engine.run.phase is Phase.COUNTDOWN
 
 
 @pytest.mark.parametrize("size", [(80, 24), (160, 50)])
-def test_every_field_is_seen_beside_its_name(engine: FakeEngine, size: tuple[int, int]) -> None:
+async def test_every_field_is_seen_beside_its_name(
+    engine: FakeEngine, size: tuple[int, int]
+) -> None:
     names = ["Subject", "Referee", "Opening side", "Starting side", "Benchmark", "Condition"]
     names += ["Run is", "Start pose", "x, y, yaw", "Timeout", "Countdown", "Ruleset", "Lock by"]
 
-    async def drive() -> None:
-        async with driving(engine, size) as driver:
-            for name in names:
-                assert re.search(rf" {name} +[\w<]", driver.text), name
-
-    asyncio.run(drive())
+    async with driving(engine, size) as driver:
+        for name in names:
+            assert re.search(rf" {name} +[\w<]", driver.text), name
 
 
-def test_a_preset_pose_changes_sides_with_the_robot_and_typed_numbers_stay(
-    engine: FakeEngine,
+async def test_a_preset_pose_changes_sides_with_the_robot_and_typed_numbers_stay(
+    driver: Driver, engine: FakeEngine
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press(*["tab"] * 5, "right")
-            assert setup_of(engine).start_pose == StartPose(-1.5, 0.0, 0.0)
-            await driver.press("tab", "tab", "tab", "tab")
-            await fill(driver, "-1.2")
-            await driver.press(*["shift+tab"] * 5, "right")
-            assert "start pose lies on the CW side" in driver.text
-            assert setup_of(engine).start_pose == StartPose(-1.2, 0.0, 0.0)
-
-    asyncio.run(drive())
+    await driver.press(*["tab"] * 5, "right")
+    assert setup_of(engine).start_pose == StartPose(-1.5, 0.0, 0.0)
+    await driver.press("tab", "tab", "tab", "tab")
+    await fill(driver, "-1.2")
+    await driver.press(*["shift+tab"] * 5, "right")
+    assert "start pose lies on the CW side" in driver.text
+    assert setup_of(engine).start_pose == StartPose(-1.2, 0.0, 0.0)
 
 
-def test_a_practice_run_is_plain_on_every_screen_and_has_a_number_of_its_own(
+async def test_a_practice_run_is_plain_on_every_screen_and_has_a_number_of_its_own(
     engine: FakeEngine,
 ) -> None:
     engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
     engine.used_numbers[1, 1] = 3
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.settle()
-            assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
-            await driver.press(*["tab"] * 7, "right")
-            setup = setup_of(engine)
-            assert (setup.practice, setup.run_number) == (True, 1)
-            assert "Run 1 of subject 1 is set up." in driver.text
-            await driver.press("left")
-            assert (setup_of(engine).practice, setup_of(engine).run_number) == (False, 4)
-            await driver.press("right")
-            await driver.set_up()
-            await driver.run()
-            for key in ("f2", "f3", "h", "s", "f4"):
-                await driver.press(key)
-                assert driver.rows()[0].startswith(" ~~ PRACTICE ros domain 0 ~~ ")
-            engine.finish()
-            await driver.settle()
-            assert "PRACTICE: not an official result" in driver.text
-            assert "practice run 1 of subject 1" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.settle()
+        assert driver.rows()[0].startswith(" LIVE ros domain 0 ")
+        await driver.press(*["tab"] * 7, "right")
+        setup = setup_of(engine)
+        assert (setup.practice, setup.run_number) == (True, 1)
+        assert "Run 1 of subject 1 is set up." in driver.text
+        await driver.press("left")
+        assert (setup_of(engine).practice, setup_of(engine).run_number) == (False, 4)
+        await driver.press("right")
+        await driver.set_up()
+        await driver.run()
+        for key in ("f2", "f3", "h", "s", "f4"):
+            await driver.press(key)
+            assert driver.rows()[0].startswith(" ~~ PRACTICE ros domain 0 ~~ ")
+        await driver.finish()
+        assert "PRACTICE: not an official result" in driver.text
+        assert "practice run 1 of subject 1" in driver.text
 
 
-def test_on_a_simulated_testbed_nothing_can_be_put_to_official(engine: FakeEngine) -> None:
+async def test_on_a_simulated_testbed_nothing_can_be_put_to_official(engine: FakeEngine) -> None:
     engine.simulated = "nominal"
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            assert setup_of(engine).practice
-            await driver.press(*["tab"] * 6, "right")
-            await driver.settle()
-            assert setup_of(engine).practice
-            assert "x a simulated testbed's runs are never official" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.set_up()
+        assert setup_of(engine).practice
+        await driver.press(*["tab"] * 6, "right")
+        await driver.settle()
+        assert setup_of(engine).practice
+        assert "x a simulated testbed's runs are never official" in driver.text
 
 
-def test_a_testbed_that_says_late_that_it_is_simulated_makes_the_next_set_up_practice(
+async def test_a_testbed_that_says_late_that_it_is_simulated_makes_the_next_set_up_practice(
     engine: FakeEngine,
 ) -> None:
     engine.kind, engine.label = SourceKind.ROS, "LIVE ros domain 0"
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            await driver.press("f6")
-            engine.simulated, engine.label = "nominal", "SIMULATED over ROS domain 0"
-            await driver.settle()
-            assert driver.rows()[0].startswith(" ~~ SIMULATED over ROS domain 0 ~~ ")
-            assert not setup_of(engine).practice
-            await driver.press("f5")  # what the form shows counts; its pose is not confirmed
-            assert setup_of(engine).practice
-            assert phase(engine) is Phase.READY
-            await driver.press("f6", "f5")
-            assert phase(engine) is Phase.COUNTDOWN
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.set_up()
+        await driver.press("f6")
+        engine.simulated, engine.label = "nominal", "SIMULATED over ROS domain 0"
+        await driver.settle()
+        assert driver.rows()[0].startswith(" ~~ SIMULATED over ROS domain 0 ~~ ")
+        assert not setup_of(engine).practice
+        await driver.press("f5")  # what the form shows counts; its pose is not confirmed
+        assert setup_of(engine).practice
+        assert phase(engine) is Phase.READY
+        await driver.press("f6", "f5")
+        assert phase(engine) is Phase.COUNTDOWN
 
 
-def test_nothing_is_editable_once_the_countdown_runs(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            await driver.press("f5", "f2")
-            assert "Not editable now: countdown" in driver.text
-            before = engine.run.setup
-            await driver.press("9", "tab", "right", "enter", "escape")
-            assert engine.run.setup == before
-
-    asyncio.run(drive())
+async def test_nothing_is_editable_once_the_countdown_runs(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.set_up()
+    await driver.press("f5", "f2")
+    assert "Not editable now: countdown" in driver.text
+    before = engine.run.setup
+    await driver.press("9", "tab", "right", "enter", "escape")
+    assert engine.run.setup == before
 
 
-def test_the_last_runs_settings_are_the_next_runs_proposal(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("tab", "tab")
-            await fill(driver, "Knockers")
-            await driver.run()
-            engine.finish()
-            await driver.settle()
-            await driver.press("f", "a", "enter", "f2")
-            assert "Draft of run 2" in driver.text
-            assert phase(engine) is Phase.FINAL
-            await driver.press(*["tab"] * 16, "enter")
-            assert setup_of(engine).run_number == 2
-            assert setup_of(engine).team == "Knockers"
-            assert phase(engine) is Phase.READY
-
-    asyncio.run(drive())
+async def test_the_last_runs_settings_are_the_next_runs_proposal(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.press("tab", "tab")
+    await fill(driver, "Knockers")
+    await driver.run()
+    await driver.finish()
+    await driver.press("f", "a", "enter", "f2")
+    assert "Draft of run 2" in driver.text
+    assert phase(engine) is Phase.FINAL
+    await driver.press(*["tab"] * 16, "enter")
+    assert setup_of(engine).run_number == 2
+    assert setup_of(engine).team == "Knockers"
+    assert phase(engine) is Phase.READY
 
 
-def test_a_draft_says_what_sets_it_up_from_where_one_is(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.run()
-            engine.finish()
-            await driver.settle()
-            await driver.press("f", "a", "enter", "f2")
-            assert "Draft of run 2 of subject 1: Escape, then x sets it up." in " ".join(
-                driver.text.split()
-            )
-            await driver.press("shift+tab", "shift+tab")
-            assert "Draft of run 2 of subject 1: x or Enter sets it up." in " ".join(
-                driver.text.split()
-            )
-            await driver.press("f2", *["tab"] * 4)
-            assert "Draft of run 2 of subject 1: x sets it up." in shown(driver)
-            await driver.press("x")
-            assert setup_of(engine).run_number == 2
-
-    asyncio.run(drive())
+async def test_a_draft_says_what_sets_it_up_from_where_one_is(
+    running: Driver, engine: FakeEngine
+) -> None:
+    await running.finish()
+    await running.press("f", "a", "enter", "f2")
+    assert "Draft of run 2 of subject 1: Escape, then x sets it up." in " ".join(
+        running.text.split()
+    )
+    await running.press("shift+tab", "shift+tab")
+    assert "Draft of run 2 of subject 1: x or Enter sets it up." in " ".join(running.text.split())
+    await running.press("f2", *["tab"] * 4)
+    assert "Draft of run 2 of subject 1: x sets it up." in shown(running)
+    await running.press("x")
+    assert setup_of(engine).run_number == 2
 
 
-def test_the_checks_of_a_draft_are_not_those_of_the_run_before(engine: FakeEngine) -> None:
+async def test_the_checks_of_a_draft_are_not_those_of_the_run_before(engine: FakeEngine) -> None:
     engine.angle = 0.2
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            await driver.press("shift+tab", "shift+tab", "enter", "2", "f5")
-            await driver.let_pass(6.0)
-            engine.finish()
-            await driver.settle()
-            await driver.press("f2")
-            assert "Checks for the next run  2 of 9 in the way of a start" in driver.text
-            assert "x door closed     failed" in driver.text
-            assert "x start pose      failed not confirmed" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.set_up()
+        await driver.press("shift+tab", "shift+tab", "enter", "2", "f5")
+        await driver.let_pass(6.0)
+        await driver.finish()
+        await driver.press("f2")
+        assert "Checks for the next run  2 of 9 in the way of a start" in driver.text
+        assert "x door closed     failed" in driver.text
+        assert "x start pose      failed not confirmed" in driver.text
 
 
 @pytest.mark.parametrize("key", ["f5", "f6"])
-def test_start_and_pose_set_up_what_is_seen(engine: FakeEngine, key: str) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f3", key)
-            assert engine.run.setup is None  # it is not seen
-            await driver.press("f2", key)
-            assert setup_of(engine).subject == 1
-            assert engine.run.pose_confirmed is (key == "f6")
-            assert engine.run.phase is Phase.READY
-
-    asyncio.run(drive())
+async def test_start_and_pose_set_up_what_is_seen(
+    driver: Driver, engine: FakeEngine, key: str
+) -> None:
+    await driver.press("f3", key)
+    assert engine.run.setup is None  # it is not seen
+    await driver.press("f2", key)
+    assert setup_of(engine).subject == 1
+    assert engine.run.pose_confirmed is (key == "f6")
+    assert engine.run.phase is Phase.READY
 
 
-def test_keys_go_into_a_field_as_they_are_typed_however_fast(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            field = driver.console.query_one("#team", Field)
-            await driver.press("down")
-            for key in ("down", "end", "X"):  # no pause in between
-                driver.app.post_message(events.Key(key, "X" if key == "X" else None))
-            await driver.settle()
-            assert field.value == f"{DEFAULTS.team}X"
-
-    asyncio.run(drive())
+async def test_keys_go_into_a_field_as_they_are_typed_however_fast(driver: Driver) -> None:
+    field = driver.console.query_one("#team", Field)
+    await driver.press("down")
+    for key in ("down", "end", "X"):  # no pause in between
+        driver.app.post_message(events.Key(key, "X" if key == "X" else None))
+    await driver.settle()
+    assert field.value == f"{DEFAULTS.team}X"
 
 
-def test_a_check_is_waived_from_the_list(engine: FakeEngine) -> None:
+async def test_a_check_is_waived_from_the_list(engine: FakeEngine) -> None:
     engine.angle = 0.2
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            await driver.press("shift+tab", "shift+tab", "enter")
-            assert "Waive 'door closed' for this run" in driver.text
-            await driver.press("2")
-            assert "~ door closed     waived" in driver.text
-            await driver.press("f5")
-            assert engine.run.phase is Phase.COUNTDOWN
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.set_up()
+        await driver.press("shift+tab", "shift+tab", "enter")
+        assert "Waive 'door closed' for this run" in driver.text
+        await driver.press("2")
+        assert "~ door closed     waived" in driver.text
+        await driver.press("f5")
+        assert engine.run.phase is Phase.COUNTDOWN
 
 
-def test_a_check_that_passes_is_not_waived(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.set_up()
-            await driver.press("shift+tab", "shift+tab", "enter")
-            assert "no check fails" in driver.console.status
-            await driver.press("up")
-            assert driver.app.focused is not None
-            assert driver.app.focused.id == "set-up"
-
-    asyncio.run(drive())
+async def test_a_check_that_passes_is_not_waived(driver: Driver) -> None:
+    await driver.set_up()
+    await driver.press("shift+tab", "shift+tab", "enter")
+    assert "no check fails" in driver.console.status
+    await driver.press("up")
+    assert driver.app.focused is not None
+    assert driver.app.focused.id == "set-up"
 
 
-def test_sides_that_must_be_set_by_hand_are_shown(engine: FakeEngine) -> None:
+async def test_sides_that_must_be_set_by_hand_are_shown(engine: FakeEngine) -> None:
     engine.sides_problem = "no node /madrob/door: set the opening side to CCW at the testbed"
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert "! sides" in driver.text
-            assert "at the testbed" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        assert "! sides" in driver.text
+        assert "at the testbed" in driver.text
 
 
 @pytest.mark.parametrize("name", ["[red]Bots[/b]", "門 ドア 🚪", "a\\[b] 100 %"])
-def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
+async def test_a_team_shows_as_it_is(engine: FakeEngine, name: str) -> None:
     defaults = ConsoleDefaults(team=name, competition=f"Cup {name}", referee=name)
 
-    async def drive() -> None:
-        async with driving(engine, defaults=defaults) as driver:
-            assert f"Cup {name}" in driver.rows()[1]
-            await driver.run()
-            cleaned = setup_of(engine).team
-            assert f"run 1 of subject 1 {cleaned}" in driver.text
-            engine.say(f"note: {name}")
-            await driver.press("n", *name, "enter")
-            engine.finish()
-            await driver.settle()
-            assert f"run 1 of subject 1 {cleaned}" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine, defaults=defaults) as driver:
+        assert f"Cup {name}" in driver.rows()[1]
+        await driver.run()
+        cleaned = setup_of(engine).team
+        assert f"run 1 of subject 1 {cleaned}" in driver.text
+        engine.say(f"note: {name}")
+        await driver.press("n", *name, "enter")
+        await driver.finish()
+        assert f"run 1 of subject 1 {cleaned}" in driver.text
 
 
-def test_a_name_changed_by_cleaning_is_shown_changed(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("tab", "tab")
-            await fill(driver, "../Bots/  One")
-            assert setup_of(engine).team == "Bots One"
-            assert "Bots One" in driver.rows()[3]
-            assert "/" not in driver.rows()[3]
-
-    asyncio.run(drive())
+async def test_a_name_changed_by_cleaning_is_shown_changed(
+    driver: Driver, engine: FakeEngine
+) -> None:
+    await driver.press("tab", "tab")
+    await fill(driver, "../Bots/  One")
+    assert setup_of(engine).team == "Bots One"
+    assert "Bots One" in driver.rows()[3]
+    assert "/" not in driver.rows()[3]
 
 
-def test_a_number_that_cannot_be_proposed_is_no_crash(engine: FakeEngine) -> None:
+async def test_a_number_that_cannot_be_proposed_is_no_crash(engine: FakeEngine) -> None:
     engine.no_number = "the results folder /results cannot be read: mount it"
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert "the results folder /results cannot be read" in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        assert "the results folder /results cannot be read" in driver.text
 
 
-def test_the_defaults_are_what_is_proposed(engine: FakeEngine) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            assert DEFAULTS.team in driver.text
-            assert DEFAULTS.referee in driver.text
-            assert DEFAULTS.competition in driver.rows()[1]
-            assert "1: pull, CCW to CW" in driver.text
-
-    asyncio.run(drive())
+async def test_the_defaults_are_what_is_proposed(driver: Driver) -> None:
+    assert DEFAULTS.team in driver.text
+    assert DEFAULTS.referee in driver.text
+    assert DEFAULTS.competition in driver.rows()[1]
+    assert "1: pull, CCW to CW" in driver.text
 
 
-def test_the_keys_go_on_while_a_run_number_is_looked_for_and_a_late_one_is_dropped(
+async def test_the_keys_go_on_while_a_run_number_is_looked_for_and_a_late_one_is_dropped(
     slow_engine: SlowEngine,
 ) -> None:
-    engine = slow_engine
-    engine.used_numbers = {(2, 1): 8, (30, 1): 4}
+    slow_engine.used_numbers = {(2, 1): 8, (30, 1): 4}
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter", "shift+tab")
-            engine.slow = True
-            await fill(driver, "2")
-            await driver.press("shift+tab")
-            await fill(driver, "30")
-            assert {type(request) for request, _ in engine.waiting} == {NextRunNumber}
-            *before, last = [answer for _, answer in engine.waiting]
-            assert before
-            assert all(answer.cancelled() for answer in before)
-            assert not last.cancelled()
-            engine.answer()
-            await driver.settle()
-            assert driver.console.query_one("#run-number", Field).value == "5"
-
-    asyncio.run(drive())
+    async with driving(slow_engine) as driver:
+        await driver.press("enter", "shift+tab")
+        slow_engine.slow = True
+        await fill(driver, "2")
+        await driver.press("shift+tab")
+        await fill(driver, "30")
+        assert {type(request) for request, _ in slow_engine.waiting} == {NextRunNumber}
+        *before, last = [answer for _, answer in slow_engine.waiting]
+        assert before
+        assert all(answer.cancelled() for answer in before)
+        assert not last.cancelled()
+        slow_engine.answer()
+        await driver.settle()
+        assert driver.console.query_one("#run-number", Field).value == "5"
 
 
-def test_a_number_that_was_typed_stays_when_the_proposal_comes_late(
+async def test_a_number_that_was_typed_stays_when_the_proposal_comes_late(
     slow_engine: SlowEngine,
 ) -> None:
-    engine = slow_engine
-    engine.used_numbers = {(2, 1): 8}
+    slow_engine.used_numbers = {(2, 1): 8}
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("enter", "shift+tab")
-            engine.slow = True
-            await fill(driver, "2")
-            await driver.type("77")
-            engine.answer()
-            await driver.settle()
-            assert driver.console.query_one("#run-number", Field).value == "77"
-
-    asyncio.run(drive())
+    async with driving(slow_engine) as driver:
+        await driver.press("enter", "shift+tab")
+        slow_engine.slow = True
+        await fill(driver, "2")
+        await driver.type("77")
+        slow_engine.answer()
+        await driver.settle()
+        assert driver.console.query_one("#run-number", Field).value == "77"
 
 
 @pytest.mark.parametrize(("used", "proposed"), [(30, "31"), (4, "30")])
-def test_a_number_that_a_withdrawn_start_has_used_is_not_proposed_again(
+async def test_a_number_that_a_withdrawn_start_has_used_is_not_proposed_again(
     slow_engine: SlowEngine, used: int, proposed: str
 ) -> None:
-    engine = slow_engine
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("tab")
-            await fill(driver, "30")
-            await driver.press("f6")
-            engine.slow = True
-            await driver.press("f5")
-            engine.used_numbers = {(1, 1): used}
-            engine.slow = False
-            engine.waiting.pop()[1].set_result("the disk did not take it: it is withdrawn")
-            await driver.settle()
-            assert "Refused: start: the disk did not take it" in driver.console.status
-            assert driver.console.query_one("#run-number", Field).value == proposed
-
-    asyncio.run(drive())
+    async with driving(slow_engine) as driver:
+        await driver.press("tab")
+        await fill(driver, "30")
+        await driver.press("f6")
+        slow_engine.slow = True
+        await driver.press("f5")
+        slow_engine.used_numbers = {(1, 1): used}
+        slow_engine.slow = False
+        slow_engine.waiting.pop()[1].set_result("the disk did not take it: it is withdrawn")
+        await driver.settle()
+        assert "Refused: start: the disk did not take it" in driver.console.status
+        assert driver.console.query_one("#run-number", Field).value == proposed
 
 
-def test_nothing_starts_after_a_set_up_that_took_too_long(slow_engine: SlowEngine) -> None:
-    engine = slow_engine
+async def test_nothing_starts_after_a_set_up_that_took_too_long(slow_engine: SlowEngine) -> None:
     now = 0.0
 
-    async def drive() -> None:
-        nonlocal now
-        async with driving(engine, monotonic=lambda: now) as driver:
-            await driver.set_up()
-            await driver.press("tab", "tab")
-            await driver.type("x")
-            engine.slow = True
-            await driver.press("f5")
-            now += 2.0
-            engine.slow = False
-            engine.answer()
-            await driver.settle()
-            assert "the engine took 2 s to answer: press again" in driver.console.status
-            assert engine.run.phase is Phase.READY
-
-    asyncio.run(drive())
+    async with driving(slow_engine, monotonic=lambda: now) as driver:
+        await driver.set_up()
+        await driver.press("tab", "tab")
+        await driver.type("x")
+        slow_engine.slow = True
+        await driver.press("f5")
+        now += 2.0
+        slow_engine.slow = False
+        slow_engine.answer()
+        await driver.settle()
+        assert "the engine took 2 s to answer: press again" in driver.console.status
+        assert slow_engine.run.phase is Phase.READY
 
 
-def test_the_place_in_a_list_stands_only_beside_a_choice_of_more_than_two(
-    engine: FakeEngine,
+async def test_the_place_in_a_list_stands_only_beside_a_choice_of_more_than_two(
+    driver: Driver,
 ) -> None:
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f2")
-            driver.console.query_one("#practice").focus()
-            await driver.settle()
-            assert "< official >" in driver.text
-            assert "1/2" not in driver.text
-            driver.console.query_one("#benchmark").focus()
-            await driver.settle()
-            assert f"1/{len(BenchmarkType)}" in driver.text
-
-    asyncio.run(drive())
+    await driver.press("f2")
+    driver.console.query_one("#practice").focus()
+    await driver.settle()
+    assert "< official >" in driver.text
+    assert "1/2" not in driver.text
+    driver.console.query_one("#benchmark").focus()
+    await driver.settle()
+    assert f"1/{len(BenchmarkType)}" in driver.text
 
 
-def test_a_letter_in_a_number_is_told_below_the_fields_until_it_is_mended(
+async def test_a_letter_in_a_number_is_told_below_the_fields_until_it_is_mended(
     engine: FakeEngine,
 ) -> None:
     words = "x subject: 'x' is no number. Escape, then letters are keys."
 
-    async def drive() -> None:
-        async with driving(engine) as driver:
-            await driver.press("f2", "x")
-            assert words in shown(driver)
-            assert "no number" not in driver.console.status
-            await driver.press("4")
-            assert "no number" not in driver.text
-            await driver.press("x")
-            assert words in shown(driver)
-            await driver.press("tab")
-            assert "no number" not in driver.text
-            await driver.press("shift+tab", "x", "f3", "f2")
-            assert "no number" not in driver.text
-
-    asyncio.run(drive())
+    async with driving(engine) as driver:
+        await driver.press("f2", "x")
+        assert words in shown(driver)
+        assert "no number" not in driver.console.status
+        await driver.press("4")
+        assert "no number" not in driver.text
+        await driver.press("x")
+        assert words in shown(driver)
+        await driver.press("tab")
+        assert "no number" not in driver.text
+        await driver.press("shift+tab", "x", "f3", "f2")
+        assert "no number" not in driver.text

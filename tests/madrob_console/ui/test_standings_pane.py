@@ -1,17 +1,19 @@
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.run_filter import matches
+from madrob_console.engine.shown.snapshot import ExportView
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.standings.tally import Standing, standings
+from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,
     StandingsPane,
@@ -22,8 +24,9 @@ from madrob_console.ui.panes.standings_pane import (
 )
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary
-from tests.madrob_console.ui.pane_app import showing
+from tests.madrob_console.run_folders import UNDECIDED_START, VALUES, summary, write
+from tests.madrob_console.ui.driver import DEFAULTS, driving, showing
+from tests.madrob_console.ui.fake_engine import FakeEngine
 
 TITLES = (
     *("sub", "team", "cond", "task", "compl", "timeo", "inval", "exec s", "hand s", "occup s"),
@@ -51,47 +54,37 @@ def pane_of(runs: Sequence[RunSummary], best: int = 0) -> StandingsPane:
     return StandingsPane(lambda: runs, best, "Autumn Cup")
 
 
-def test_a_team_of_another_competition_is_another_team() -> None:
+async def test_a_team_of_another_competition_is_another_team() -> None:
     others = [timed(1, 1.0, team="Zebra", competition="Spring Cup")]
 
-    async def drive() -> None:
-        async with showing(pane_of((*OFFICIAL, *others))) as shown:
-            rows = [" ".join(row.split()) for row in shown.rows()]
-            assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
-            head = "mean over all valid runs (exec s: completed ones); 1 not of this competition"
-            assert head in rows
-
-    asyncio.run(drive())
+    async with showing(pane_of((*OFFICIAL, *others))) as shown:
+        rows = [" ".join(row.split()) for row in shown.rows()]
+        assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
+        head = "mean over all valid runs (exec s: completed ones); 1 not of this competition"
+        assert head in rows
 
 
-def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
-    async def drive() -> None:
-        async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
-            rows = [" ".join(row.split()) for row in shown.rows()]
-            assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
-            assert "2 門の騎士 7 1 0 1 15.00 3.21 4.50 12.25" in rows
-            assert "mean over all valid runs (exec s: completed ones)" in rows
-            assert "Delft: push, from CCW to CW, Constant Force; 3 completed, 1 timeout" in (
-                shown.text
-            )
-            assert PRACTICE_BANNER not in shown.text
-
-    asyncio.run(drive())
+async def test_teams_are_shown_with_counts_and_means_over_all_valid_runs() -> None:
+    async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
+        rows = [" ".join(row.split()) for row in shown.rows()]
+        assert "> 1 Delft 7 3 1 0 30.00 3.21 4.50 12.25" in rows
+        assert "2 門の騎士 7 1 0 1 15.00 3.21 4.50 12.25" in rows
+        assert "mean over all valid runs (exec s: completed ones)" in rows
+        assert "Delft: push, from CCW to CW, Constant Force; 3 completed, 1 timeout" in (shown.text)
+        assert PRACTICE_BANNER not in shown.text
 
 
-def test_testbeds_that_differ_are_told_in_the_head_line() -> None:
-    async def drive() -> None:
-        halls = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
-        async with showing(pane_of(halls)) as shown:
-            text = " ".join(shown.text.split())
-            assert "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B)." in text
-        async with showing(pane_of([*halls[:1], timed(2, 20.0, testbed="B", rate=50.0)])) as shown:
-            assert "differ" not in shown.text
+async def test_testbeds_that_differ_are_told_in_the_head_line() -> None:
 
-    asyncio.run(drive())
+    halls = [timed(1, 10.0, testbed="A", rate=50.0), timed(2, 20.0, testbed="B", rate=100.0)]
+    async with showing(pane_of(halls)) as shown:
+        text = " ".join(shown.text.split())
+        assert "The testbeds differ: sampling rate 50 Hz (A), 100 Hz (B)." in text
+    async with showing(pane_of([*halls[:1], timed(2, 20.0, testbed="B", rate=50.0)])) as shown:
+        assert "differ" not in shown.text
 
 
-def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> None:
+async def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> None:
     waiting = timed(1, 10.0, team="Delft", flags=(UNDECIDED_START,))
     caution = replace(UNDECIDED_START, weight=FlagWeight.CAUTION, undecided=False)
     marked = timed(2, 15.0, team="Ghent", flags=(caution,))
@@ -99,129 +92,104 @@ def test_a_team_with_flagged_runs_is_marked_and_the_line_below_counts_them() -> 
     both = timed(5, 8.0, team="Vienna", protest_due=0.0, flags=(caution,))
     runs = (waiting, marked, timed(3, 9.0, team="Pisa"), protested, both)
 
-    async def drive() -> None:
-        async with showing(pane_of(runs)) as shown:
-            rows = [" ".join(row.split()) for row in shown.rows()]
-            assert "> 1 Delft 7 1 0 0 !! 10.00 3.21 4.50 12.25" in rows
-            assert "2 Ghent 7 1 0 0 ! 15.00 3.21 4.50 12.25" in rows
-            assert "3 Pisa 7 1 0 0 9.00 3.21 4.50 12.25" in rows
-            assert any(row.startswith("4 Turin 7 1 0 0 P 8.00") for row in rows)
-            assert any(row.startswith("5 Vienna 7 1 0 0 P! 8.00") for row in rows)
-            assert "1 completed, 1 UNDECIDED, 1 with flags" in " ".join(shown.text.split())
-
-    asyncio.run(drive())
+    async with showing(pane_of(runs)) as shown:
+        rows = [" ".join(row.split()) for row in shown.rows()]
+        assert "> 1 Delft 7 1 0 0 !! 10.00 3.21 4.50 12.25" in rows
+        assert "2 Ghent 7 1 0 0 ! 15.00 3.21 4.50 12.25" in rows
+        assert "3 Pisa 7 1 0 0 9.00 3.21 4.50 12.25" in rows
+        assert any(row.startswith("4 Turin 7 1 0 0 P 8.00") for row in rows)
+        assert any(row.startswith("5 Vienna 7 1 0 0 P! 8.00") for row in rows)
+        assert "1 completed, 1 UNDECIDED, 1 with flags" in " ".join(shown.text.split())
 
 
-def test_c_goes_through_mean_median_and_deviation() -> None:
-    async def drive() -> None:
-        async with showing(pane_of(OFFICIAL)) as shown:
-            for words, delft, knights in (
-                ("median over", " 20.00 ", " 15.00 "),
-                ("std (n - 1) over", " 26.46 ", " - "),
-                ("smallest over", " 10.00 ", " 15.00 "),
-                ("largest over", " 60.00 ", " 15.00 "),
-                ("mean over", " 30.00 ", " 15.00 "),
-            ):
-                await shown.press("c")
-                assert words in shown.text
-                rows = [row for row in shown.rows() if "Delft " in row or "騎士" in row]
-                assert delft in rows[0]
-                assert knights in rows[1]
-
-    asyncio.run(drive())
+async def test_c_goes_through_mean_median_and_deviation() -> None:
+    async with showing(pane_of(OFFICIAL)) as shown:
+        for words, delft, knights in (
+            ("median over", " 20.00 ", " 15.00 "),
+            ("std (n - 1) over", " 26.46 ", " - "),
+            ("smallest over", " 10.00 ", " 15.00 "),
+            ("largest over", " 60.00 ", " 15.00 "),
+            ("mean over", " 30.00 ", " 15.00 "),
+        ):
+            await shown.press("c")
+            assert words in shown.text
+            rows = [row for row in shown.rows() if "Delft " in row or "騎士" in row]
+            assert delft in rows[0]
+            assert knights in rows[1]
 
 
-def test_b_goes_between_the_best_runs_and_all() -> None:
-    async def drive() -> None:
-        async with showing(pane_of(OFFICIAL, best=2)) as shown:
-            assert "mean over the best 2 valid runs" in shown.text
-            assert " 15.00 " in shown.marked
-            await shown.press("b")
-            assert "mean over all valid runs" in shown.text
-            assert " 30.00 " in shown.marked
-            await shown.press("b")
-            assert "mean over the best 2 valid runs" in shown.text
-
-    asyncio.run(drive())
+async def test_b_goes_between_the_best_runs_and_all() -> None:
+    async with showing(pane_of(OFFICIAL, best=2)) as shown:
+        assert "mean over the best 2 valid runs" in shown.text
+        assert " 15.00 " in shown.marked
+        await shown.press("b")
+        assert "mean over all valid runs" in shown.text
+        assert " 30.00 " in shown.marked
+        await shown.press("b")
+        assert "mean over the best 2 valid runs" in shown.text
 
 
-def test_without_a_number_of_best_runs_b_changes_nothing() -> None:
-    async def drive() -> None:
-        async with showing(pane_of(OFFICIAL)) as shown:
-            before = shown.text
-            await shown.press("b")
-            assert shown.text == before
-
-    asyncio.run(drive())
+async def test_without_a_number_of_best_runs_b_changes_nothing() -> None:
+    async with showing(pane_of(OFFICIAL)) as shown:
+        before = shown.text
+        await shown.press("b")
+        assert shown.text == before
 
 
-def test_v_shows_practice_runs_apart_under_a_banner() -> None:
-    async def drive() -> None:
-        async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
-            await shown.press("v")
-            assert PRACTICE_BANNER in shown.text
-            assert " 99.00 " in shown.marked
-            assert "騎士" not in shown.text
-            await shown.press("v")
-            assert PRACTICE_BANNER not in shown.text
-            assert "99.00" not in shown.text
-
-    asyncio.run(drive())
+async def test_v_shows_practice_runs_apart_under_a_banner() -> None:
+    async with showing(pane_of((*OFFICIAL, *PRACTICE))) as shown:
+        await shown.press("v")
+        assert PRACTICE_BANNER in shown.text
+        assert " 99.00 " in shown.marked
+        assert "騎士" not in shown.text
+        await shown.press("v")
+        assert PRACTICE_BANNER not in shown.text
+        assert "99.00" not in shown.text
 
 
-def test_where_there_are_only_practice_runs_it_begins_with_them() -> None:
-    async def drive() -> None:
-        async with showing(pane_of(PRACTICE)) as shown:
-            assert PRACTICE_BANNER in shown.text
-            assert " 99.00 " in shown.marked
-            await shown.press("v")
-            assert "no official runs yet" in shown.text
-            assert PRACTICE_BANNER not in shown.text
-
-    asyncio.run(drive())
+async def test_where_there_are_only_practice_runs_it_begins_with_them() -> None:
+    async with showing(pane_of(PRACTICE)) as shown:
+        assert PRACTICE_BANNER in shown.text
+        assert " 99.00 " in shown.marked
+        await shown.press("v")
+        assert "no official runs yet" in shown.text
+        assert PRACTICE_BANNER not in shown.text
 
 
-def test_damaged_results_are_left_out_and_counted() -> None:
-    async def drive() -> None:
-        runs = [*OFFICIAL, timed(3, 1.0, team="Ghent", problem="result.json is damaged")]
-        async with showing(pane_of(runs)) as shown:
-            assert "1 DAMAGED left out" in shown.text
-            assert "Ghent" not in shown.text
+async def test_damaged_results_are_left_out_and_counted() -> None:
 
-    asyncio.run(drive())
+    runs = [*OFFICIAL, timed(3, 1.0, team="Ghent", problem="result.json is damaged")]
+    async with showing(pane_of(runs)) as shown:
+        assert "1 DAMAGED left out" in shown.text
+        assert "Ghent" not in shown.text
 
 
-def test_every_column_can_be_seen_and_sorted_by_on_a_small_screen() -> None:
-    async def drive() -> None:
-        async with showing(pane_of(OFFICIAL)) as shown:
-            seen = ""
-            for _ in TITLES:
-                seen += shown.text
-                await shown.press("right")
-            assert all(title in seen for title in TITLES)
-            sorted_by = set()
-            for _ in TITLES:
-                assert any("▲" in row or "▼" in row for row in shown.rows())
-                sorted_by.add(re.findall(r"of 2, (by [^,]+),", shown.text)[0])
-                await shown.press("o")
-            assert len(sorted_by) == len(TITLES)
-
-    asyncio.run(drive())
+async def test_every_column_can_be_seen_and_sorted_by_on_a_small_screen() -> None:
+    async with showing(pane_of(OFFICIAL)) as shown:
+        seen = ""
+        for _ in TITLES:
+            seen += shown.text
+            await shown.press("right")
+        assert all(title in seen for title in TITLES)
+        sorted_by = set()
+        for _ in TITLES:
+            assert any("▲" in row or "▼" in row for row in shown.rows())
+            sorted_by.add(re.findall(r"of 2, (by [^,]+),", shown.text)[0])
+            await shown.press("o")
+        assert len(sorted_by) == len(TITLES)
 
 
-def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
-    async def drive() -> None:
-        pane = pane_of(OFFICIAL)
-        async with showing(pane) as shown:
-            await shown.press("down", "enter")
-            (sent,) = shown.app.sent
-            assert isinstance(sent, StandingsPane.Opened)
-            assert pane.selected is not None
-            assert sent.row == pane.selected
-            wanted = filter_for(pane.selected)
-            assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
+async def test_enter_asks_for_the_runs_of_the_marked_team() -> None:
 
-    asyncio.run(drive())
+    pane = pane_of(OFFICIAL)
+    async with showing(pane) as shown:
+        await shown.press("down", "enter")
+        (sent,) = shown.app.sent
+        assert isinstance(sent, StandingsPane.Opened)
+        assert pane.selected is not None
+        assert sent.row == pane.selected
+        wanted = filter_for(pane.selected)
+        assert [run for run in OFFICIAL if matches(run, wanted)] == list(OFFICIAL[4:])
 
 
 @pytest.mark.parametrize("shown", list(Statistic))
@@ -240,3 +208,75 @@ def test_a_row_is_said_in_words() -> None:
         "Team 3: pull, from CW to CCW, Wind Ramp; 1 completed, 1 INVALID, "
         "1 INTERRUPTED, 1 without a result yet; ruleset protocol"
     )
+
+
+ZIP = "/results/exports/team_003_Delft_20261121_182139.zip"
+
+
+@pytest.mark.parametrize(
+    ("export", "text"),
+    [
+        (ExportView(3), "Packing the runs of subject 3 in the background ..."),
+        (
+            ExportView(3, ZIP),
+            "Packed: /results/exports/team_003_Delft_20261121_182139.zip (y copies it)",
+        ),
+        (ExportView(3, "/home/a.zip"), "Packed: /home/a.zip (y copies it)"),
+        (
+            ExportView(3, "/home/a.zip", "b.csv: cannot be read"),
+            "Packed, but not all (b.csv: cannot be read): /home/a.zip (y copies it)",
+        ),
+        (ExportView(3, "", "the disk is full"), "No zip of subject 3: the disk is full"),
+    ],
+)
+def test_a_line_says_what_has_become_of_an_export(export: ExportView, text: str) -> None:
+    assert export_text(export) == text
+
+
+@pytest.mark.parametrize("practice", [True, False])
+async def test_e_packs_official_or_practice_runs_as_the_marked_one_is(
+    engine: FakeEngine, tmp_path: Path, *, practice: bool
+) -> None:
+    write(tmp_path, summary(7, practice=practice))
+
+    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
+        for pane in ("h", "s"):
+            await driver.answered("escape", pane)
+            await driver.press("e")
+        assert engine.exported == 2 * [-7 if practice else 7]
+
+
+async def test_e_packs_the_team_of_the_marked_runs_competition(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    write(tmp_path, summary(7, competition="Spring Cup", hour=1))
+    write(tmp_path, summary(7))
+
+    async with driving(engine, defaults=replace(DEFAULTS, results=tmp_path)) as driver:
+        for pane in ("h", "s"):
+            await driver.answered("escape", pane)
+            await driver.press("e")
+        assert engine.exported_of == ["Spring Cup", "Autumn Cup"]
+
+
+async def test_e_packs_the_team_of_the_run_or_the_marked_one_and_says_where_the_zip_is(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    write(tmp_path, summary(7))
+    defaults = replace(DEFAULTS, results=tmp_path)
+
+    async with driving(engine, defaults=defaults) as driver:
+        await driver.answered("escape", "h")
+        assert " e Export" in driver.text
+        await driver.press("e")
+        assert engine.exported == [7]
+        assert driver.console.status == export_text(ExportView(7))
+        engine.export = ExportView(7, f"{tmp_path}/exports/a.zip")
+        await driver.settle()
+        assert driver.console.status == f"Packed: {tmp_path}/exports/a.zip (y copies it)"
+        await driver.press("f4", "e")
+        assert engine.exported == [7]
+        assert "no team is marked or set up" in driver.console.status
+        await driver.set_up()
+        await driver.press("f4", "e")
+        assert engine.exported == [7, 1]

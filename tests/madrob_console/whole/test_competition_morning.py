@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from madrob_console.referee.acts import FileProtest
 from scoring.protocol import Outcome
 from tests.madrob_console.console_process import READING
+from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.tmux import Tmux
-
-pytestmark = [pytest.mark.slow, pytest.mark.needs("tmux")]
 
 ROOT = Path(__file__).parents[3]
 MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
@@ -153,6 +154,8 @@ def window(tmp_path: Path, results: Path) -> Iterator[Tmux]:
             )
 
 
+@pytest.mark.slow
+@pytest.mark.needs("tmux")
 def test_a_competition_morning(window: Tmux, results: Path) -> None:
     referee = Referee(window)
     referee.see("all fresh and at rate", timeout=STARTING)
@@ -310,3 +313,62 @@ def check_scores(folders: list[Path]) -> None:
 def read(path: Path) -> dict[str, Any]:
     document: dict[str, Any] = json.loads(path.read_text())
     return document
+
+
+ASKED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)
+
+
+@contextmanager
+def replay_window(*named: str, at: str | None = None) -> Iterator[Tmux]:
+    """A console in tmux; the engine that these options name, and no other, ends with it."""
+    with tempfile.TemporaryDirectory(prefix="madrob-") as own:
+        env = {"XDG_RUNTIME_DIR": own, "XDG_CONFIG_HOME": own}
+        words = ["console", *named, *([] if at is None else ["--at", at])]
+        try:
+            with Tmux([*MADROB, *words], columns=120, lines=36, env=env) as tmux:
+                yield tmux
+        finally:
+            stop = [*MADROB, "engine", "stop", "--force", *named]
+            subprocess.run(stop, env=os.environ | env, check=False, capture_output=True)
+
+
+def protested(results: Path) -> Path:
+    """A results folder with a run against which a protest is open; the run's folder."""
+    desk = Desk(results)
+    desk.act(ASKED)
+    desk.engine.close()
+    return desk.run_folder
+
+
+@pytest.mark.needs("tmux")
+def test_at_shows_the_instant_in_question_and_stands_still(tmp_path: Path) -> None:
+    run = protested(tmp_path / "results")
+    with replay_window("--testbed", "replay", str(run), at="protest") as tmux:
+        tmux.wait_for("PAUSED 1x 0:06.50", timeout=STARTING)
+        tmux.press("F10")
+        assert tmux.wait_exit() == 0
+
+
+@pytest.mark.needs("tmux")
+def test_r_replays_the_marked_run_on_the_same_terminal_and_comes_back(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    protested(results)
+    with replay_window("--testbed", "simulated", "--results", str(results)) as tmux:
+        tmux.wait_for("SIMULATED", timeout=STARTING)
+        for key, words in (("F3", "F10"), ("h", "1 PROTEST open")):
+            time.sleep(READING)
+            tmux.press(key)
+            tmux.wait_for(words)
+        time.sleep(READING)
+        tmux.press("R")
+        tmux.wait_for("PAUSED 1x 0:06.50", timeout=STARTING)
+        time.sleep(READING)
+        tmux.press("F10")
+        tmux.wait_for("1 PROTEST open")
+        shutil.rmtree(results / "practice")
+        time.sleep(READING)
+        tmux.press("R")
+        tmux.wait_for("says why", timeout=STARTING)
+        time.sleep(READING)
+        tmux.press("F10")
+        assert tmux.wait_exit() == 0

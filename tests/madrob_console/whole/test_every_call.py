@@ -28,21 +28,10 @@ from madrob_console.referee.acts import (
     Void,
     ZeroHandle,
 )
-from tests.madrob_console.each_call import (
-    Call,
-    CallFault,
-    Trap,
-    compiled,
-    share_of_this_commit,
-)
+from tests.madrob_console.each_call import Call, CallFault, Trap, compiled, share_of_this_commit
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.fault_table import Row, fault_table
-from tests.madrob_console.refereed_run import (
-    EngineGoneError,
-    Notes,
-    Referee,
-    what_is_wrong,
-)
+from tests.madrob_console.refereed_run import EngineGoneError, Notes, Referee, what_is_wrong
 from tests.madrob_console.small_disk import SmallDisk, disk_image
 from tests.madrob_console.warm_starts import WarmStarts
 

@@ -17,7 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli import coming_back, running_engines
+from madrob_console.cli import coming_back as console_command
+from madrob_console.cli import running_engines
 from madrob_console.cli.attaching import STARTING_TIME, TAKEN, attach, owned_testbed
 from madrob_console.cli.main import build_parser, main
 from madrob_console.config import load_settings
@@ -39,12 +40,12 @@ pytestmark = pytest.mark.timeout(240)  # some start three engines, on whatever m
 
 ROOT = Path(__file__).parents[3]
 MADROB = "import sys; from madrob_console.cli.main import main; sys.exit(main())"
-OTHER_VERSION = "from madrob_console.engine.shown import wire; wire.VERSION = 900;"
+OTHER_VERSION = "from madrob_console.engine import wire; wire.VERSION = 900;"
 NO_NAMES = """
 from contextlib import contextmanager
 from madrob_console.cli import owning
-from madrob_console.engine.process.holding import Holding
-from madrob_console.engine.process.place import place_of
+from madrob_console.engine.discovery import Holding
+from madrob_console.engine.engine_lock import place_of
 
 @contextmanager
 def held(owned, *, lock_testbed):
@@ -56,7 +57,7 @@ owning.held = held
 """As engines were before they owned names."""
 HANGS = """
 import time
-from madrob_console.engine.live.core import Engine
+from madrob_console.engine.core import Engine
 Engine.step = lambda *_: time.sleep(600)
 """
 CUT_OFF = "--force ends it all the same"
@@ -228,11 +229,11 @@ def test_a_second_engine_on_the_results_folder_is_refused_and_names_the_first(
 def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_folder(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(coming_back, "all_engines", bench.only_its_own)
+    monkeypatch.setattr(console_command, "all_engines", bench.only_its_own)
 
     def meant(*words: str) -> tuple[FoundEngine, ...]:
         arguments = build_parser().parse_args(["console", *words])
-        return coming_back.engines_meant(arguments, bench.results)
+        return console_command.engines_meant(arguments, bench.results)
 
     assert meant() == ()  # none runs: the live testbed is looked for
     process = bench.serve("--scenario=slow", "--latency=20ms,door=50ms")
@@ -240,7 +241,7 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
     assert meant("--testbed", "ros") == meant("--domain=3") == meant(f"--results={ROOT}") == ()
     (only,) = meant("--ascii")
     arguments = build_parser().parse_args(["console"])
-    coming_back.mean(arguments, only)
+    console_command.mean(arguments, only)
     assert (arguments.testbed, arguments.scenario) == (["simulated"], "slow")
     assert (arguments.latency, arguments.jitter) == ("20ms,door=50ms", None)
     assert arguments.results == bench.results

@@ -62,8 +62,7 @@ def recorded() -> Path:
     drive.act(Abort("over"))
     drive.finish()
     drive.engine.close()
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 _kept: list[TemporaryDirectory[str]] = []

@@ -2,36 +2,72 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import random
 import re
+import shutil
 import struct
+import subprocess
+import sys
+import threading
+import time
 import time as real_time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
 from madrob_console.archive import score
+from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.clock import NS, SystemClock
 from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.course import Course
 from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, MessageTypes
-from madrob_console.referee.acts import Start
+from madrob_console.engine.live.recording import Recording
+from madrob_console.engine.live.scorer import EarlierRun, RenderedResult
+from madrob_console.engine.process.remote import RemoteEngine
+from madrob_console.engine.shown.requests import Role
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.acts import (
+    Abort,
+    ConfirmPose,
+    DeclareTimeout,
+    MarkIncident,
+    Reissue,
+    Rule,
+    SetUp,
+    Start,
+    ZeroHandle,
+)
+from madrob_console.referee.journal import Journal, read_journal
+from madrob_console.referee.on_record import IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.message import RawMessage
 from recorder.reader import read_bag
-from scoring.protocol import Signal
+from recorder.writer import BagWriter
+from scoring.evaluate import Assessment
+from scoring.protocol import Condition, Outcome, Signal, Step
 from scoring.result import Result
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup, signed
+from tests.madrob_console.engine.faulty_source import FaultyDrive
 from tests.madrob_console.engine.machine_time import Machine
+from tests.madrob_console.engine.spoilt import Edit, set_value
 from tests.madrob_console.engine_process import EngineProcess, WallClock
+from tests.madrob_console.small_disk import disk_image
 from tests.slowly import slow_but_for
 
 HOUR = 3600
@@ -69,8 +105,7 @@ def result_of(drive: Drive) -> Result:
 
 
 def folder_of(drive: Drive) -> Path:
-    assert drive.engine.folder is not None
-    return drive.engine.folder
+    return drive.folder
 
 
 @pytest.fixture(scope="module")
@@ -270,3 +305,338 @@ def run_stepped_by(tmp_path: Path, jump: int) -> dict[str, float]:
     check_log_times(run_folder)
     assert (document["outcome"], document["quality"]["remarks"]) == ("completed", [])
     return {event["event"]: event["since_start"] for event in document["events"]}
+
+
+STALL = 5.0
+SETTLE = 1.0
+
+
+@contextmanager
+def busy_cores() -> Iterator[None]:
+    """Two programs of the same priority as the engine's on every core."""
+    loops = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(2 * (os.cpu_count() or 1))
+    ]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def run_through(
+    results: Path, trouble: AbstractContextManager[None], lasting: float | None = None
+) -> dict[str, Any]:
+    """The result of a run in which there is trouble, from its start to its end or for a while."""
+    with EngineProcess(results, "nominal") as engine:
+        engine.start(make_setup(countdown=1.0))
+        with trouble:
+            if lasting is None:
+                engine.result()
+            else:
+                time.sleep(lasting)
+        document = engine.result()
+        shown, folder = engine.snapshot(), engine.folder
+    assert (shown.recorder.dropped, shown.faults) == (0, ())
+    assert (document["outcome"], document["quality"]["remarks"]) == ("completed", [])
+    assert read_bag(folder).complete
+    rescored = msgspec.json.encode(next(score(folder)).result)
+    assert msgspec.json.decode(rescored)["events"] == document["events"]
+    return document
+
+
+def events(document: dict[str, Any]) -> dict[str, float]:
+    return {event["event"]: event["since_start"] for event in document["events"]}
+
+
+def stop_seen_after(results: Path) -> float:
+    """How long after the stop it was decided, the settle time left out, s."""
+    (folder,) = results.glob("practice/subject_*")
+    lines, _ = read_journal(folder / "journal.jsonl")
+    (line,) = (line for line in lines if line.what == "run stops")
+    return line.time - float(line.details["time"]) - SETTLE
+
+
+def test_an_engine_that_was_held_up_takes_no_topic_for_silent(tmp_path: Path) -> None:
+    drive = Drive(tmp_path)
+    drive.act(SetUp(make_setup()))
+    drive.wait(2.5)
+    drive.clock.sleep(1.5)  # in which the disk did not answer, or others had the processor
+    held_up = drive.engine.snapshot()
+    assert held_up.faults == ()
+    assert held_up.door.angle is not None
+    assert drive.engine.perform(ZeroHandle()) is None
+    drive.wait(0.1)
+    drive.source.close()
+    drive.wait(0.8)
+    assert "stale, silent for" in drive.engine.snapshot().faults[0]
+
+
+@pytest.mark.slow
+def test_busy_cores_change_no_event_and_drop_nothing(tmp_path: Path) -> None:
+    quiet = events(run_through(tmp_path / "quiet", nullcontext()))
+    busy = events(run_through(tmp_path / "busy", busy_cores()))
+    assert busy.keys() == quiet.keys()
+    worst = max(abs(busy[name] - quiet[name]) for name in quiet)
+    late = stop_seen_after(tmp_path / "busy")
+    print(
+        f"\n{2 * (os.cpu_count() or 1)} busy loops on {os.cpu_count()} cores: 0 dropped, events "
+        f"differ by {1000 * worst:.1f} ms, the stop was seen after {1000 * late:.0f} ms"
+    )
+    assert worst <= SAMPLE
+    assert late < 1.0
+
+
+@pytest.mark.needs("mkfs.ext4")
+@pytest.mark.slow
+def test_a_disk_that_stalls_for_seconds_changes_no_event_and_drops_nothing(tmp_path: Path) -> None:
+    quiet = events(run_through(tmp_path / "quiet", nullcontext()))
+    with disk_image(tmp_path / "disk") as disk:
+        stalled = events(run_through(disk.folder / "results", disk.stalled(), STALL))
+    assert stalled.keys() == quiet.keys()
+    worst = max(abs(stalled[name] - quiet[name]) for name in quiet)
+    print(f"\ndisk stalled for {STALL:g} s: 0 dropped, events differ by {1000 * worst:.1f} ms")
+    assert worst <= SAMPLE
+
+
+LASTING = 300.0  # s
+SLICES = 24
+SCORINGS = 5
+SHOWN = 0.1  # s between two states for the screens
+STRIPS = [m.topic for m in DEFAULT_MAPPINGS if "/passage/" in m.topic]
+
+
+NOBODY, SOMEBODY = 3.0, 1.2  # m to what is below
+
+
+def ranges(*heights: float) -> Edit:
+    """These in turn."""
+    turn = cycle(heights)
+    return lambda message: set_value(message, next(turn))
+
+
+def begun(results: Path, *heights: float) -> FaultyDrive:
+    """A run that goes on, and will end by its timeout."""
+    drive = FaultyDrive(results)
+    drive.act(SetUp(make_setup(timeout=LASTING, countdown=1.0)))
+    drive.wait(2.1)
+    drive.act(ZeroHandle(), ConfirmPose())
+    drive.begin()
+    for topic in STRIPS:
+        drive.faulty.fake(topic, ranges(*heights))
+    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+    return drive
+
+
+def cost(job: Callable[[], object]) -> float:
+    """Processor time that it takes, s."""
+    began = time.process_time()
+    job()
+    return time.process_time() - began
+
+
+def going_on(drive: FaultyDrive) -> float:
+    """Processor time of a slice of a run, s."""
+    drive.faulty.handed.clear()
+
+    def shown() -> None:
+        for _ in range(round((LASTING - 2.0) / SLICES / SHOWN)):
+            drive.wait(SHOWN)
+            drive.engine.snapshot()
+
+    return cost(shown)
+
+
+def ended(drive: FaultyDrive) -> Callable[[], None]:
+    """The end of a run; what scores it again, to the same result."""
+    result = drive.result()
+    assert result.outcome is Outcome.TIMEOUT
+    folder = drive.folder
+    drive.engine.close()
+
+    def scored() -> None:
+        assert next(score(folder)).result == result
+
+    return scored
+
+
+def ratios(costs: Iterable[tuple[float, float]]) -> list[float]:
+    """How many times the first the second of each pair is: side by side, so that others disturb
+    both alike."""
+    return [second / first for first, second in costs]
+
+
+@pytest.mark.slow
+def test_strips_that_flicker_for_five_minutes_hold_nothing_up(tmp_path: Path) -> None:
+    assert len(STRIPS) == 4
+    quiet = begun(tmp_path / "quiet", NOBODY)
+    flickering = begun(tmp_path / "flickering", SOMEBODY, NOBODY)
+    engine = ratios((going_on(quiet), going_on(flickering)) for _ in range(SLICES))
+    early, late = median(engine[: SLICES // 2]), median(engine[SLICES // 2 :])
+    scorings = ended(quiet), ended(flickering)
+    del quiet, flickering
+    gc.collect()
+    gc.freeze()  # scoring is a process of its own: its collector sees no engine and no tests
+    scoring = median(ratios((cost(scorings[0]), cost(scorings[1])) for _ in range(SCORINGS)))
+    gc.unfreeze()
+    print(
+        f"\nall strips flickering for {LASTING:g} s, processor time beside a quiet run: engine "
+        f"{early:.2f} times in the first half, {late:.2f} in the second, "
+        f"scoring again {scoring:.2f} times"
+    )
+    assert late <= 1.5 * early
+    assert median(engine) <= 2.0
+    assert scoring <= 2.0
+
+
+PAGE = os.sysconf("SC_PAGE_SIZE")
+MEMORY_GROWTH = 4_000_000
+OF_A_RUN = (
+    *(Engine, Recording, BagWriter, Journal, Course, Assessment),
+    *(Scored, OpenedRun, RenderedResult, EarlierRun),
+)
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a process holds."""
+
+    memory: int
+    threads: int
+    handles: int
+
+    @classmethod
+    def of(cls, pid: int | str = "self") -> Usage:
+        process = Path("/proc") / str(pid)
+        return cls(
+            memory=int((process / "statm").read_text().split()[1]) * PAGE,
+            threads=len(list((process / "task").iterdir())),
+            handles=len(list((process / "fd").iterdir())),
+        )
+
+
+def live_objects() -> Counter[str]:
+    gc.collect()
+    found = (type(o) for o in gc.get_objects() if isinstance(o, OF_A_RUN))
+    return Counter(kind.__name__ for kind in found)
+
+
+class Day:
+    """One engine, and a referee who does something else in every run."""
+
+    def __init__(self, results: Path) -> None:
+        self.drive = Drive(results, Scenario.RANDOM)
+        self.rng = random.Random(13)
+        self.runs = 0
+        self.began = self.drive.engine.now()
+        self._kept: Path | None = None
+
+    @property
+    def hours(self) -> float:
+        return (self.drive.engine.now() - self.began) / 3600
+
+    def one_run(self) -> None:
+        drive, engine = self.drive, self.drive.engine
+        number, condition = self.runs // 20 + 1, Condition.from_number(self.runs % 20 + 1)
+        setup = make_setup(condition, run_number=number, timeout=self.rng.uniform(20.0, 60.0))
+        self.runs += 1
+        drive.start(setup)
+        self._in_the_middle()
+        while engine.scored is None:
+            drive.wait(0.1)
+            engine.snapshot()  # as often as screens look
+        drive.act(Rule(Step.CROSS, confirmed=True, reason="seen"))
+        drive.act(signed(engine.snapshot()))
+        assert engine.result_problem is None
+        assert engine.folder is not None
+        folder = engine.folder
+        self._afterwards(folder)
+        drive.wait(self.rng.uniform(1.0, 5.0))
+
+    def _in_the_middle(self) -> None:
+        drive = self.drive
+        match self.runs % 8:
+            case 3:
+                drive.act(MarkIncident(IncidentKind.COLLISION, "door frame"))
+            case 5:
+                drive.wait(4.0)
+                drive.act(Abort("enough"))
+            case 7:
+                drive.wait(6.0)
+                drive.act(DeclareTimeout("gave up"))
+
+    def _afterwards(self, folder: Path) -> None:
+        """Look at the run before now and then; keep the disk small."""
+        if self.runs % 5 == 0 and self._kept is not None:
+            assert self.drive.open(self._kept) is None
+            self.drive.act(Reissue("appeal granted"))
+        if self._kept is not None:
+            shutil.rmtree(self._kept)
+        self._kept = folder
+
+
+@pytest.mark.slow
+def test_memory_threads_and_handles_stay_flat_over_a_day_of_runs(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """1200 runs are ten hours."""
+    count = max(20, request.config.getoption("--runs"))
+    day = Day(tmp_path / "results")
+    usage, objects = [], []
+    before = live_objects()
+    threads = threading.active_count()
+    for _ in range(count):
+        day.one_run()
+        assert threading.active_count() == threads
+        usage.append(Usage.of())
+        if day.runs in (count // 2, count):
+            objects.append(live_objects() - before)
+    first, second = usage[count // 4 : count // 2], usage[count // 2 :]
+    grown = max(u.memory for u in second) - max(u.memory for u in first)
+    print(
+        f"\n{count} runs, {day.hours:.1f} simulated hours: {megabytes(usage[count // 4])} after "
+        f"{count // 4} runs, {megabytes(usage[-1])} at the end; {held(usage)}; live objects "
+        f"{dict(objects[-1])}"
+    )
+    assert grown < MEMORY_GROWTH
+    assert {u.threads for u in second} <= {u.threads for u in first}
+    assert {u.handles for u in second} <= {u.handles for u in first}
+    assert objects[0] == objects[1]
+    assert max(objects[1].values()) <= 2
+    day.drive.engine.close()
+
+
+def megabytes(usage: Usage) -> str:
+    return f"{usage.memory / 1e6:.1f} MB"
+
+
+def held(usage: list[Usage]) -> str:
+    threads, handles = {u.threads for u in usage}, {u.handles for u in usage}
+    return f"threads {sorted(threads)}, file handles {sorted(handles)}"
+
+
+@pytest.mark.slow
+def test_screens_that_come_and_go_leave_nothing_behind(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    count = 5 * max(20, request.config.getoption("--runs"))
+    usage = []
+    with EngineProcess(tmp_path / "results", "nominal") as engine:
+        time.sleep(5.0)  # it loads what scoring needs
+        for number in range(count):
+            screen = RemoteEngine(engine.socket, Role.WATCH, f"screen {number}")
+            screen.snapshot()
+            screen.close()
+            usage.append(Usage.of(engine.process.pid))
+        time.sleep(1.0)
+        usage.append(Usage.of(engine.process.pid))
+    first, last = usage[count // 4], usage[-1]
+    print(
+        f"\n{count} screens came and went: {megabytes(first)} after {count // 4}, "
+        f"{megabytes(last)} at the end; {held(usage)}"
+    )
+    assert last.memory - first.memory < MEMORY_GROWTH
+    assert last.handles <= first.handles
+    assert last.threads <= first.threads

@@ -32,7 +32,7 @@ FROZEN = 6.0
 
 HANGS_ON_REQUEST = """
 import os, sys, time
-from madrob_console.engine.live.core import Engine
+from madrob_console.engine.core import Engine
 step, asked = Engine.step, sys.argv.pop(1)
 
 def hanging(self, *arguments):

@@ -13,13 +13,7 @@ from hypothesis import strategies as st
 
 from scoring.errors import ScoringError
 from scoring.eurobench import run_files as eurobench
-from scoring.eurobench.run_files import (
-    EurobenchRun,
-    Wrench,
-    door_stays_closed,
-    read_run,
-    run_files,
-)
+from scoring.eurobench.run_files import EurobenchRun, Wrench, door_stays_closed, read_run, run_files
 from scoring.eurobench.run_info import RunInfo
 from scoring.eurobench.run_names import run_prefixes
 from scoring.indicator_table import IndicatorName

@@ -18,7 +18,8 @@ from madrob_console.engine.process.local import LocalEngine
 from madrob_console.engine.shown.requests import Perform
 from madrob_console.errors import MadrobError
 from madrob_console.kinds import RemoteService
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, MessageTypes
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, Waive
 from madrob_console.referee.journal import Origin, read_journal
 from madrob_console.referee.preflight import blocking
@@ -30,15 +31,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
-from tests.madrob_console.ros_peer import (
-    BOOL,
-    KEPT,
-    Peer,
-    Taker,
-    latch,
-    source,
-    truth,
-)
+from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch, source, truth
 from tests.watching import until
 
 START, ABORT, TIMEOUT = RemoteService

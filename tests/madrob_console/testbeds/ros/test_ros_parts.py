@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import math
+import os
 import sys
 import threading
 import time
@@ -9,11 +12,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.messages.codec import MessageTypes
-from madrob_console.testbeds.ros.definitions import find_definition, prefixes
+from madrob_console.clock import NS, SimulationClock
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
+from madrob_console.testbeds.evidence_choice import EvidenceChoice
+from madrob_console.testbeds.outside import CallAnswer
+from madrob_console.testbeds.ros import RosSource, evidence_intake
+from madrob_console.testbeds.ros.definitions import Definition, find_definition, prefixes
+from madrob_console.testbeds.ros.evidence_intakes import EvidenceIntakes
+from madrob_console.testbeds.ros.handover import Handover
+from madrob_console.testbeds.ros.loading import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.losses import LossCounter
 from madrob_console.testbeds.ros.mailbox import Mailbox
+from madrob_console.testbeds.ros.neighbours import DEPTH, TOO_MANY, Replies
+from madrob_console.testbeds.ros.parameters import door_parameters
+from madrob_console.testbeds.ros.referee_watch import console_name, second_referee
+from madrob_console.testbeds.ros.type_words import TypeWords
+from recorder.bag import Durability, Reliability
 from recorder.message import RawMessage
+from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from tests.madrob_console import said
+from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, KEPT, TYPES, Peer, Taker, source, truth
 
 INSTALLED = prefixes({"AMENT_PREFIX_PATH": ""})[0] / "share"
 
@@ -154,3 +174,594 @@ def test_every_installed_definition_is_understood_and_hashed_alike() -> None:
         types.register(name, definition.text)
         assert types.definition(name) == definition.text
         assert types.type_hash(name) in {definition.type_hash, ""}
+
+
+OWN = ("/madrob", console_name())
+STATE = "/madrob/referee/state"
+REMEDY = f"{STATE}: end it, or use another ROS domain"
+MACHINE = console_name().rpartition("_")[2]
+PARENT = f"console_here_{os.getppid()}_{MACHINE}"
+NO_PROCESS = 2**22 + 1
+"""Above the largest that Linux gives."""
+
+
+def test_the_name_of_the_node_says_which_process_it_is() -> None:
+    assert str(os.getpid()) in console_name().split("_")
+
+
+def test_only_others_are_second_referees() -> None:
+    assert second_referee([OWN]) is None
+    assert second_referee([]) is None
+    assert second_referee([OWN, OWN]) is not None
+    assert second_referee([OWN], own=0) is not None
+
+
+@pytest.mark.parametrize(
+    ("node", "words"),
+    [
+        (("/", "rosbag2_player"), f"/rosbag2_player publishes {REMEDY}"),
+        (("/madrob", "console"), f"/madrob/console publishes {REMEDY}"),
+        (
+            ("", "_CREATED_BY_BARE_DDS_APP_"),
+            f"a program that has not told its name publishes {REMEDY}",
+        ),
+        (
+            ("/madrob", "console_hall_2_4711_0a1b2c"),
+            f"/madrob/console_hall_2_4711_0a1b2c (pid 4711 on hall_2) publishes {REMEDY}",
+        ),
+        (
+            ("/madrob", PARENT),
+            f"/madrob/{PARENT} (pid {os.getppid()} on here) publishes {REMEDY}",
+        ),
+        (("/madrob", f"console_here_{NO_PROCESS}_{MACHINE}"), None),
+        (("/madrob", f"console_here_{10**30}_{MACHINE}"), None),
+    ],
+)
+def test_another_one_is_named_unless_it_is_known_to_be_gone(
+    node: tuple[str, str], words: str | None
+) -> None:
+    assert second_referee([OWN, node]) == words
+
+
+def test_several_are_named_together_and_nothing_reaches_a_terminal_raw() -> None:
+    words = second_referee([("/b", "two"), OWN, ("/a", "one\x1b[2J")])
+    assert words is not None
+    assert words.startswith("/a/one")
+    assert words.endswith(f"/b/two publish {REMEDY}")
+    assert "\x1b" not in words
+
+
+def test_a_publisher_of_the_state_is_found_and_found_gone(taker: Taker, peer: Peer) -> None:
+    assert taker.source.other_referee is None
+    publisher = peer.publisher(STATE, "std_msgs/msg/String", KEPT)
+    peer.until(lambda: taker.source.other_referee, 2.0)
+    assert taker.source.other_referee == f"/madrob/peer publishes {REMEDY}"
+    peer.own.destroy_publisher(publisher)
+    peer.until(lambda: taker.source.other_referee is None, 2.0)
+
+
+def test_who_only_listens_is_no_second_referee(peer: Peer) -> None:
+    with Taker(source()) as referee, Taker(source(speaks=False)) as listener:
+        # DDS tells of a publisher before it tells of its node
+        peer.until(lambda: console_name() in str(listener.source.other_referee))
+        assert referee.source.other_referee is None
+        assert peer.own.count_publishers(STATE) == 1
+
+
+STRING = "std_msgs/msg/String"
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def test_a_late_joiner_hears_the_last_state_the_pose_and_the_events(peer: Peer) -> None:
+    with Taker(source()) as taker:
+        for phase in ("idle", "countdown", "running"):
+            taker.source.publish(said.state(phase))
+        for event in ("door_opens", "door_closes"):
+            taker.source.publish(said.event(event))
+        taker.source.publish(said.start_pose(StartPose(1.5, -0.25, 180.0)))
+        states = peer.listen("/madrob/referee/state", STRING, KEPT)
+        events = peer.listen("/madrob/referee/event", STRING, KEPT)
+        poses = peer.listen("/madrob/referee/start_pose", POSE, KEPT)
+        peer.until(lambda: states and len(events) == 2 and poses)
+    assert [json.loads(s.data)["phase"] for s in states] == ["running"]
+    assert [e.data for e in events] == ["door_opens", "door_closes"]
+    assert poses[0].header.frame_id == "madrob_door"
+    assert (poses[0].pose.position.x, poses[0].pose.position.y) == (1.5, -0.25)
+    assert math.isclose(abs(poses[0].pose.orientation.z), 1.0)
+
+
+def test_a_robot_hears_every_state_change_in_order(peer: Peer) -> None:
+    states = peer.listen("/madrob/referee/state", STRING, KEPT)
+    phases = ["idle", "ready", "countdown", "running", "stopped", "final"]
+    with Taker(source()) as taker:
+        peer.until(lambda: peer.own.count_publishers("/madrob/referee/state"))
+        for count, phase in enumerate(phases, 1):
+            taker.source.publish(said.state(phase))
+            peer.until(lambda count=count: len(states) >= count)  # type: ignore[misc]
+    assert [json.loads(s.data)["phase"] for s in states] == phases
+
+
+def test_the_bytes_that_are_published_are_those_of_the_message(peer: Peer) -> None:
+    message = said.state("ready", 12.5)
+    with Taker(source()) as taker:
+        taker.source.publish(message)
+        heard = peer.listen_raw(message.topic, STRING, KEPT)
+        peer.until(lambda: heard)
+        known = {topic.name: topic for topic in taker.source.topics()}
+    assert heard == [message.data]
+    for topic in referee_topics(MessageTypes()):
+        assert known[topic.name] == topic
+        assert topic.qos.durability is Durability.TRANSIENT_LOCAL
+
+
+LIVE = "LIVE ros domain"
+SIMULATED = "SIMULATED over ROS domain"
+CLOCK = "rosgraph_msgs/msg/Clock"
+BEFORE = 1_000_000
+"""Long before this program was written, s since the epoch."""
+
+
+def announce(peer: Peer, text: str) -> object:
+    """Say something, once for all; returns the publisher."""
+    publisher = peer.publisher(INFO_TOPIC, INFO_TYPE, KEPT)
+    publisher.publish(load_message_class(INFO_TYPE)(data=text))
+    return publisher
+
+
+def test_what_was_announced_before_is_heard_and_goes_with_who_said_it(peer: Peer) -> None:
+    publisher = announce(peer, info_text("slam"))
+    with Taker(source()) as taker:
+        peer.until(lambda: taker.source.announcement.simulated == "slam")
+        assert taker.source.label.startswith(SIMULATED)
+        (message,) = taker.source.announcement.messages
+        assert info_text("slam").encode() in message.data
+        assert INFO_TOPIC in {topic.name for topic in taker.source.topics()}
+        peer.own.destroy_publisher(publisher)
+        peer.until(lambda: taker.source.announcement == SILENT)
+        assert taker.source.label.startswith(LIVE)
+        assert INFO_TOPIC not in {topic.name for topic in taker.source.topics()}
+
+
+def test_what_is_announced_late_is_heard_too_and_one_of_two_testbeds_is_enough(
+    taker: Taker, peer: Peer
+) -> None:
+    real = announce(peer, '{"kind": "real"}')
+    peer.until(lambda: taker.source.announcement.messages)
+    assert taker.source.announcement.simulated is None
+    simulated = announce(peer, info_text("slow"))
+    peer.until(lambda: taker.source.announcement.simulated == "slow")
+    real.publish(load_message_class(INFO_TYPE)(data='{"kind": "real"}'))  # type: ignore[attr-defined]
+    peer.spin(1.0)
+    assert taker.source.announcement.simulated == "slow"
+    peer.own.destroy_publisher(simulated)
+    real.publish(load_message_class(INFO_TYPE)(data='{"kind": "real"}'))  # type: ignore[attr-defined]
+    peer.until(lambda: taker.source.announcement.simulated is None)
+
+
+def test_garbage_and_megabytes_make_no_run_practice_and_are_named(taker: Taker, peer: Peer) -> None:
+    publisher = announce(peer, "MADROB \x1b[2J rev 3")
+    peer.until(lambda: taker.source.announcement.problem)
+    told = taker.source.announcement
+    assert told.problem is not None
+    assert told.problem.startswith("not understood: 'MADROB")
+    assert told.problem.isprintable()
+    assert told.simulated is None
+    huge = info_text("x" * 3_000_000)
+    publisher.publish(load_message_class(INFO_TYPE)(data=huge))  # type: ignore[attr-defined]
+    peer.until(lambda: "bytes are no announcement" in str(taker.source.announcement.problem))
+    assert not taker.source.announcement.messages  # nor is it recorded
+    assert taker.source.announcement.simulated is None
+    assert taker.source.label.startswith(LIVE)
+
+
+def tell(publisher: RosObject, sec: int) -> None:
+    stamp = TYPES.make("builtin_interfaces/msg/Time", sec=sec)
+    publisher.publish(TYPES.encode(CLOCK, TYPES.make(CLOCK, clock=stamp)))
+
+
+def test_simulated_time_is_told_and_changes_nothing_where_it_is_not_followed(
+    taker: Taker, peer: Peer
+) -> None:
+    assert taker.source.announcement == SILENT
+    publisher = peer.publisher("/clock", CLOCK)
+
+    def told() -> float | None:
+        tell(publisher, 100)
+        return taker.source.announcement.simulated_time
+
+    peer.until(told)
+    assert told() == pytest.approx(100 - time.time(), abs=10)
+    assert taker.source.label.startswith(LIVE)
+    peer.own.destroy_publisher(publisher)
+    peer.until(lambda: taker.source.announcement == SILENT)
+
+
+def test_an_engine_that_follows_simulated_time_says_so_and_whether_it_is_there(peer: Peer) -> None:
+    clock, second = SimulationClock(), 100
+    publisher = peer.publisher("/clock", CLOCK)
+
+    def told() -> bool:
+        nonlocal second
+        second += 1
+        tell(publisher, second)
+        return BEFORE * NS > clock.now_ns() > second * NS
+
+    def silent() -> bool:
+        wanted = "/clock is silent: start the simulation"
+        return all(status.problem == wanted for status in taker.source.status())
+
+    with Taker(RosSource(DEFAULT_MAPPINGS, MessageTypes(), clock)) as taker:
+        assert taker.source.announcement.simulated == "time of /clock"
+        assert taker.source.label.startswith(SIMULATED)
+        peer.until(silent)
+        peer.until(told)
+        peer.until(lambda: not silent())
+        offset = taker.source.announcement.simulated_time
+        assert offset is not None
+        assert abs(offset) < 1.5
+        peer.until(silent)
+
+
+TYPE, HASH = "hall_msgs/msg/Gripper", "RIHS01_" + "5" * 64
+SOURCES = {
+    TYPE: "std_msgs/Header header\nhall_msgs/Force force\n",
+    "hall_msgs/msg/Force": "float64 newton\n",
+}
+PREFIXES = (Path(sys.prefix),)
+
+
+def serve(peer: Peer, *, encoding: str = "msg") -> list[RosObject]:
+    """As the nodes of ROS 2 tell what their types are made of."""
+    service = load_module("type_description_interfaces.srv").GetTypeDescription
+    source = load_module("type_description_interfaces.msg").TypeSource
+    asked: list[RosObject] = []
+
+    def answer(request: RosObject, response: RosObject) -> RosObject:
+        asked.append(request)
+        response.successful = request.type_name == TYPE
+        response.type_sources = [
+            source(type_name=name, encoding=encoding, raw_file_contents=text)
+            for name, text in SOURCES.items()
+        ]
+        return response
+
+    name = f"{peer.own.get_fully_qualified_name()}/get_type_description"
+    peer.own.create_service(service, name, answer)
+    return asked
+
+
+def found(peer: Peer, type_name: str = TYPE, type_hash: str = HASH) -> Definition:
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    who = peer.own.get_fully_qualified_name()
+    told: list[Definition] = []
+
+    def look() -> bool:
+        definition = words.find(type_name, type_hash, who)
+        if definition is not None:
+            told.append(definition)
+        return definition is not None
+
+    peer.until(look)
+    assert not words.pending
+    return told[0]
+
+
+def test_a_type_that_only_its_publisher_knows_is_told_by_its_node(peer: Peer) -> None:
+    asked = serve(peer)
+    definition = found(peer)
+    assert definition.type_hash == HASH
+    assert definition.text.startswith(SOURCES[TYPE])
+    assert f"MSG: hall_msgs/Force\n{SOURCES['hall_msgs/msg/Force']}" in definition.text
+    assert [(one.type_name, one.type_hash) for one in asked] == [(TYPE, HASH)]
+
+
+def test_a_type_that_nobody_knows_has_no_words_after_a_while(peer: Peer) -> None:
+    assert found(peer) == Definition("", HASH)
+
+
+def test_who_publishes_a_type_is_asked_as_soon_as_ros_knows_its_name(peer: Peer) -> None:
+    serve(peer)
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    assert words.find(TYPE, HASH, "") is None
+    who = peer.own.get_fully_qualified_name()
+    peer.until(lambda: words.find(TYPE, HASH, who))
+    definition = words.find(TYPE, HASH, who)
+    assert definition is not None
+    assert definition.text.startswith(SOURCES[TYPE])
+
+
+def test_a_type_whose_publisher_stays_without_a_name_has_no_words_after_a_while(
+    peer: Peer,
+) -> None:
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    peer.until(lambda: words.find(TYPE, HASH, "") == Definition("", HASH))
+    assert not words.pending
+
+
+def test_what_is_no_message_definition_is_not_taken_for_one(peer: Peer) -> None:
+    serve(peer, encoding="idl")
+    assert found(peer) == Definition("", HASH)
+
+
+def test_an_installed_type_is_known_at_once_and_another_version_of_it_is_asked_for(
+    peer: Peer,
+) -> None:
+    words = TypeWords(peer.node("asks"), PREFIXES)
+    installed = words.find("std_msgs/msg/Bool", "", "/nobody")
+    assert installed is not None
+    assert "bool data" in installed.text
+    assert words.find("std_msgs/msg/Bool", installed.type_hash, "/nobody") == installed
+    assert words.find("std_msgs/msg/Bool", HASH, "/nobody") is None
+    assert words.pending
+
+
+SUDDEN_CW = Condition(BenchmarkType.SUDDEN_FORCE, opening_side=Side.CW, starting_side=Side.CCW)
+NO_FORCE_CCW = Condition(BenchmarkType.NO_FORCE, opening_side=Side.CCW, starting_side=Side.CCW)
+
+
+def door_node(
+    peer: Peer, *, without: str = "", read_only: str = "", spun: bool = True
+) -> RosObject:
+    """A node `/madrob/door` as a testbed has it."""
+    descriptor = load_module("rcl_interfaces.msg").ParameterDescriptor
+    node = peer.node("door", spun=spun, parameter_services=True)
+    for name, value in door_parameters(NO_FORCE_CCW).items():
+        if name != without:
+            node.declare_parameter(name, value, descriptor(read_only=name == read_only))
+    return node
+
+
+def test_the_parameters_are_those_of_the_protocol() -> None:
+    parameters = door_parameters(SUDDEN_CW)
+    assert parameters["opening_side"] == "CW"
+    assert parameters["benchmark_type"] == "Sudden Force"
+    assert parameters["brake_enabled"] is True
+    cw, ccw = parameters["brake_lut_cw"], parameters["brake_lut_ccw"]
+    assert isinstance(cw, list)
+    assert cw == [0] * 112 + [4000] * 69
+    assert ccw == cw[::-1]
+    assert door_parameters(NO_FORCE_CCW)["brake_enabled"] is False
+
+
+def test_the_parameters_reach_the_testbed_and_are_confirmed(peer: Peer) -> None:
+    door = door_node(peer)
+    with Taker(source()) as taker:
+        assert taker.source.sides_problem == "the testbed's sides are not set yet: set up a run"
+        taker.source.configure(SUDDEN_CW)
+        assert taker.source.sides_problem == "node /madrob/door has not confirmed the sides yet"
+        peer.until(lambda: taker.source.sides_problem is None)
+    wanted = door_parameters(SUDDEN_CW)
+    assert {name: _plain(door.get_parameter(name).value) for name in wanted} == wanted
+
+
+def test_without_the_node_the_sides_must_be_set_by_hand_until_it_appears(peer: Peer) -> None:
+    absent = "node /madrob/door is not there: set the opening side by hand"
+    with Taker(source()) as taker:
+        taker.source.configure(SUDDEN_CW)
+        peer.until(lambda: taker.source.sides_problem == absent)
+        door = door_node(peer)
+        peer.until(lambda: taker.source.sides_problem is None)
+        peer.end_node(door)
+        peer.until(lambda: taker.source.sides_problem == absent)
+
+
+def test_a_restarted_node_is_set_again(taker: Taker, peer: Peer) -> None:
+    taker.source.configure(SUDDEN_CW)
+    peer.end_node(door_node(peer))
+    peer.until(lambda: "not there" in (taker.source.sides_problem or ""))
+    door = door_node(peer)
+    peer.until(lambda: taker.source.sides_problem is None)
+    assert door.get_parameter("opening_side").value == "CW"
+
+
+def test_a_refused_parameter_is_named(peer: Peer) -> None:
+    door_node(peer, read_only="opening_side")
+    with Taker(source()) as taker:
+        taker.source.configure(SUDDEN_CW)
+        peer.until(lambda: "refused" in (taker.source.sides_problem or ""))
+        problem = taker.source.sides_problem
+        assert problem is not None
+        assert problem.startswith("node /madrob/door refused opening_side (")
+        assert problem.endswith("): set the opening side by hand")
+
+
+def test_an_unknown_parameter_is_named(peer: Peer) -> None:
+    door_node(peer, without="brake_enabled")
+    with Taker(source()) as taker:
+        taker.source.configure(SUDDEN_CW)
+        peer.until(lambda: "refused brake_enabled" in (taker.source.sides_problem or ""))
+
+
+@pytest.mark.slow
+def test_a_node_that_hangs_is_named_and_asked_again(peer: Peer) -> None:
+    deaf = door_node(peer, spun=False)
+    with Taker(source()) as taker:
+        taker.source.configure(SUDDEN_CW)
+        peer.until(lambda: "does not answer" in (taker.source.sides_problem or ""))
+        peer.end_node(deaf)
+        door_node(peer)
+        peer.until(lambda: taker.source.sides_problem is None)
+
+
+def test_an_answer_without_results_is_no_confirmation(peer: Peer) -> None:
+    service = load_module("rcl_interfaces.srv").SetParameters
+    peer.node("door").create_service(
+        service, "/madrob/door/set_parameters", lambda _, response: response
+    )
+    with Taker(source()) as taker:
+        taker.source.configure(SUDDEN_CW)
+        peer.until(lambda: "refused the parameters" in (taker.source.sides_problem or ""))
+
+
+def _plain(value: object) -> object:
+    return value if isinstance(value, str | bool) else list(value)  # type: ignore[call-overload]
+
+
+DONE = CallAnswer(success=True, message="Done: abort")
+
+
+def told(replies: Replies) -> list[tuple[object, str]]:
+    """Everything that is owed."""
+    owed = []
+    while (one := replies.take()) is not None:
+        owed.append((one[0], one[1].message))
+    return owed
+
+
+@pytest.mark.pure
+def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was_done() -> None:
+    replies = Replies()
+    replies.refuse("first")
+    replies.answer("abort", DONE)
+    for number in range(2 * DEPTH):
+        replies.refuse(number)
+    owed = told(replies)
+    assert owed[0] == ("abort", "Done: abort")
+    assert owed[1:] == [(number, TOO_MANY) for number in range(DEPTH, 2 * DEPTH)]
+
+
+@pytest.mark.pure
+def test_answers_come_in_the_order_in_which_they_were_there() -> None:
+    replies = Replies()
+    for caller in ("one", "two"):
+        replies.answer(caller, DONE)
+    assert replies.answers == 2
+    assert [caller for caller, _ in told(replies)] == ["one", "two"]
+
+
+HEADER = "std_msgs/msg/Header"
+
+
+class Listening:
+    """Intakes, and what they have taken by topic."""
+
+    def __init__(self, domain: int, *topics: str) -> None:
+        choice = EvidenceChoice(topics)
+        self.intakes = EvidenceIntakes(
+            domain, choice, ("/hall/own",), environment=os.environ, name="listens"
+        )
+        self.taken: dict[str, list[bytes]] = {}
+
+    def look(self, *, recording: bool = False) -> None:
+        self.intakes.discover(recording=recording)
+        for taken in self.intakes.take(time.time_ns):
+            self.taken.setdefault(taken.topic.name, []).extend(m.data for m in taken.messages)
+
+    def looked(self, topic: str) -> str:
+        """What is wrong with a topic, after one more look."""
+        self.look()
+        return self.problem(topic)
+
+    def problem(self, topic: str) -> str:
+        return next((f.problem for f in self.intakes.flows() if f.topic == topic), "not there")
+
+    def qos(self, topic: str) -> tuple[Reliability, Durability] | None:
+        known = self.intakes._intakes[topic].topic
+        return None if known is None else (known.qos.reliability, known.qos.durability)
+
+
+def test_each_topic_is_asked_for_as_its_publishers_offer_it(ros_domain: int, peer: Peer) -> None:
+    here = Listening(ros_domain, "/hall/**")
+    offered = {"/hall/reliable": None, "/hall/lossy": BEST_EFFORT, "/hall/kept": KEPT}
+    senders = [
+        peer.publisher(name, BOOL, qos) if qos else peer.publisher(name, BOOL)
+        for name, qos in offered.items()
+    ]
+    own = peer.publisher("/hall/own", BOOL)
+
+    def heard() -> bool:
+        for sender in (*senders, own):
+            sender.publish(truth(True))
+        here.look()
+        return all(here.taken.get(name) for name in offered)
+
+    peer.until(heard)
+    assert set(here.taken) == set(offered)
+    assert here.qos("/hall/lossy") == (Reliability.BEST_EFFORT, Durability.VOLATILE)
+    assert here.qos("/hall/kept") == (Reliability.RELIABLE, Durability.TRANSIENT_LOCAL)
+    late = peer.publisher("/hall/reliable", BOOL, BEST_EFFORT)
+    weaker = (Reliability.BEST_EFFORT, Durability.VOLATILE)
+
+    def adapted() -> bool:
+        here.look()
+        return here.qos("/hall/reliable") == weaker
+
+    peer.until(adapted)
+    before = len(here.taken["/hall/reliable"])
+
+    def heard_late() -> bool:
+        late.publish(truth(False))
+        here.look()
+        return len(here.taken["/hall/reliable"]) > before
+
+    peer.until(heard_late)
+    here.intakes.close()
+
+
+def test_a_type_stays_while_it_is_recorded_and_changes_between_runs(
+    ros_domain: int, peer: Peer
+) -> None:
+    here = Listening(ros_domain, "/hall/state")
+    first = peer.publisher("/hall/state", BOOL)
+    peer.until(lambda: not here.looked("/hall/state"))
+    peer.own.destroy_publisher(first)
+    peer.publisher("/hall/state", HEADER)
+
+    def changed() -> bool:
+        here.look(recording=True)
+        return "its type has become std_msgs/msg/Header" in here.problem("/hall/state")
+
+    peer.until(changed)
+    peer.until(lambda: not here.looked("/hall/state"))
+    assert {flow.type for flow in here.intakes.flows()} == {HEADER}
+    here.intakes.close()
+
+
+def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
+    ros_domain: int, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Failing(Handover):
+        def listen(self, qos: object, publishers: int) -> None:
+            if self._name == "/hall/bad":
+                raise RuntimeError("no such thing\nas a subscription")
+            super().listen(qos, publishers)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(evidence_intake, "Handover", Failing)
+    here = Listening(ros_domain, "/hall/**")
+    bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
+
+    def heard() -> bool:
+        bad.publish(truth(True))
+        good.publish(truth(True))
+        here.look()
+        return bool(here.taken.get("/hall/good")) and "ROS fails" in here.problem("/hall/bad")
+
+    peer.until(heard)
+    assert here.problem("/hall/bad") == "ROS fails (no such thing)"
+    assert here.problem("/hall/good") == ""
+    here.intakes.close()
+
+
+def test_what_nobody_publishes_and_what_has_gone_is_known(ros_domain: int, peer: Peer) -> None:
+    here = Listening(ros_domain, "/hall/named", "/hall/never", "/hall/own", "/none/**")
+    sender = peer.publisher("/hall/named", BOOL)
+
+    def seen() -> bool:
+        here.look()
+        return "/hall/named" not in here.intakes.unseen
+
+    peer.until(seen)
+    assert here.intakes.unseen == ("/hall/never", "/none/**")
+    assert here.intakes.scored == ("/hall/own",)
+    peer.until(lambda: here.looked("/hall/named") == "nothing has come")
+
+    def heard() -> bool:
+        sender.publish(truth(True))
+        here.look()
+        return bool(here.taken.get("/hall/named"))
+
+    peer.until(heard)
+    assert here.problem("/hall/named") == ""
+    peer.own.destroy_publisher(sender)
+    peer.until(lambda: here.looked("/hall/named") == "" and here.intakes.flows()[0].silent)
+    assert "/hall/named" not in here.intakes.unseen

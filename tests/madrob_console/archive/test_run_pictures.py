@@ -1,0 +1,654 @@
+"""The pictures of a run, in a folder of their own and in its report."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import shutil
+import struct
+import tracemalloc
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from madrob_console.archive.check import check_run
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.scored import Scored, score_opened
+from madrob_console.cameras import SIDE
+from madrob_console.cameras.picture import (
+    MOST_BYTES,
+    MOST_MESSAGE,
+    PictureError,
+    decoded,
+    jpeg,
+    opened,
+)
+from madrob_console.cameras.run_pictures import (
+    MOST_PICTURES,
+    NO_PICTURES,
+    PictureEntry,
+    PictureIndex,
+    RunPictures,
+    difference_words,
+    moments_in,
+    pictures_of,
+    renewed_pictures,
+    run_pictures,
+    stored_pictures,
+)
+from madrob_console.cli.main import main
+from madrob_console.errors import MadrobError
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.referee.protests import Protest
+from madrob_console.report.camera_pictures import MOST_EMBEDDED, pictures
+from madrob_console.report.page import report_html
+from madrob_console.report.surroundings import Surroundings
+from recorder.bag import is_evidence
+from recorder.message import RawMessage
+from tests.madrob_console.archive.frames import (
+    COMPRESSED,
+    NS,
+    RAW,
+    compressed,
+    film,
+    packed,
+    pattern,
+    raw,
+    span,
+    stream,
+)
+from tests.madrob_console.recorded_runs import INCIDENT_AT, appealed
+from tests.recorder.samples import add_evidence
+
+FRONT, SIDE_CAMERA = "/camera/front/image/compressed", "/camera/side"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run with an incident, without evidence, that a test may change."""
+    return Path(shutil.copytree(appealed(), tmp_path / appealed().name))
+
+
+def index_of(folder: Path) -> PictureIndex:
+    text = (folder / PICTURES_FOLDER / PICTURES_INDEX).read_bytes()
+    return msgspec.json.decode(text, type=PictureIndex)
+
+
+def page_of(folder: Path, scored: Scored) -> str:
+    place = Surroundings().place_of(folder, scored)
+    page = report_html(scored, "1", place, renewed_pictures(folder, scored))
+    return page.replace("<wbr>", "")
+
+
+def test_each_event_and_each_incident_has_the_nearest_frame_of_each_camera(run: Path) -> None:
+    film(run, FRONT, SIDE_CAMERA)
+    scored = score_opened(run)
+    renewed_pictures(run, scored)
+    index = index_of(run)
+    events = [event.event.value for event in scored.result.events]
+    assert [one.event for one in index.pictures[::2]] == [m.name for m in moments_in(scored)]
+    assert {one.event for one in index.pictures} == {*events, "incident_collision"}
+    for entry in index.pictures:
+        assert entry.problem == ""
+        assert entry.difference is not None
+        assert abs(entry.difference) < 0.05
+        assert entry.clock.startswith("camera clock +0.1")
+        with Image.open(run / PICTURES_FOLDER / entry.file) as picture:
+            assert picture.format == "JPEG"
+            assert picture.size == (entry.width, entry.height) == (160, 120)
+    files = {entry.file for entry in index.pictures}
+    assert {path.name for path in (run / PICTURES_FOLDER).iterdir()} == {*files, PICTURES_INDEX}
+    assert "01_benchmark_start_camera_front_image_compressed.jpg" in files
+    (incident,) = (
+        e for e in index.pictures if e.event.startswith("inc") and e.topic == SIDE_CAMERA
+    )
+    assert incident.since_start == pytest.approx(INCIDENT_AT, abs=0.1)
+    assert incident.words == "incident: collision"
+
+
+def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:
+    film(run, FRONT)
+    scored = score_opened(run)
+    filed = Protest(
+        1, scored.result.start + 60, "Delft", "not open", "step 3", scored.result.start + 4.2,
+        scored.result.start + 90, "", "R. Eferee",
+    )  # fmt: skip
+    unnamed = replace(filed, number=2, at=None)
+    seen = run_pictures(
+        run, replace(scored, run=replace(scored.run, protests=(filed, unnamed)))
+    ).index.pictures
+    (shown,) = (entry for entry in seen if entry.event.startswith("protest"))
+    assert (shown.event, shown.words) == ("protest_1", "protest 1 (step 3)")
+    assert shown.since_start == pytest.approx(4.2)
+    assert shown.file.endswith("_protest_1_camera_front_image_compressed.jpg")
+
+
+def test_a_run_without_evidence_is_as_it_was(run: Path) -> None:
+    scored = score_opened(run)
+    place = Surroundings().place_of(run, scored)
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    assert renewed_pictures(run, scored) is NO_PICTURES
+    assert page_of(run, scored) == report_html(scored, "1", place)
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+
+
+def test_pictures_change_no_result_and_no_check(run: Path) -> None:
+    before = check_run(RunPath(run))
+    film(run, FRONT)
+    renewed_pictures(run, score_opened(run))
+    assert check_run(RunPath(run)) == before
+
+
+def test_the_page_has_small_pictures_with_words_for_who_cannot_see_them(run: Path) -> None:
+    film(run, FRONT)
+    page = page_of(run, score_opened(run))
+    assert "What the cameras saw" in page
+    pictures = re.findall(r'<img src="data:image/jpeg;base64,[^"]+" alt="([^"]+)"', page)
+    assert len(pictures) == len(index_of(run).pictures)
+    assert re.fullmatch(
+        rf"Camera {FRONT} at 0\.00 s, run starts; taken [0-9]+ ms (before|after) it\.", pictures[0]
+    )
+    assert re.search(r"[-+][0-9]+ ms</b> <bdi>/camera/front", page)
+    assert "against the testbed&#x27;s" in page
+    assert '<a href="#moment-1">run starts</a>' in page
+    for target in re.findall(r'href="(pictures/[^"]+)"', page):
+        assert (run / target).is_file()
+
+
+def test_the_same_run_gives_the_same_page(run: Path) -> None:
+    film(run, FRONT)
+    scored = score_opened(run)
+    assert page_of(run, scored) == page_of(run, scored)
+
+
+def test_a_page_stays_small_however_many_cameras_there_are(run: Path) -> None:
+    begin, end = span(run)
+    sent = [
+        one
+        for number in range(12)
+        for one in stream(f"/camera_{number}", begin, end, rate=2, size=(1280, 960))
+    ]
+    add_evidence(run, sent)
+    scored = score_opened(run)
+    without = len(report_html(scored, "1"))
+    assert len(page_of(run, scored)) < without + 1.2 * MOST_EMBEDDED
+
+
+def test_a_report_on_a_site_has_the_pictures_and_no_word_of_what_is_not_there(
+    run: Path, tmp_path: Path
+) -> None:
+    film(run, FRONT)
+    page = page_of(run, score_opened(run))
+    (run / "report.html").write_text(page)
+    assert main(["publish", str(tmp_path / "site"), str(run), "--practice"]) == 0
+    copy = next((tmp_path / "site").glob("runs/*/report.html")).read_text()
+    assert re.findall("<img [^>]*>", copy) == re.findall("<img [^>]*>", page)
+    assert "in the folder pictures" in page
+    assert "in the folder pictures" not in copy
+    assert 'href="pictures/' not in copy
+
+
+def test_pictures_are_made_anew_and_old_ones_go(run: Path) -> None:
+    evidence = film(run, FRONT)
+    scored = score_opened(run)
+    renewed_pictures(run, scored)
+    evidence.unlink()
+    film(run, SIDE_CAMERA)
+    renewed_pictures(run, scored)
+    names = [path.name for path in (run / PICTURES_FOLDER).iterdir()]
+    assert any("camera_side" in name for name in names)
+    assert not any("camera_front" in name for name in names)
+    assert not any(path.name.startswith(".pictures") for path in run.iterdir())
+
+
+def test_pictures_stay_when_the_evidence_is_gone(run: Path) -> None:
+    film(run, FRONT)
+    scored = score_opened(run)
+    page = page_of(run, scored)
+    for path in run.iterdir():
+        if is_evidence(path.name):
+            path.unlink()
+    assert "What the cameras saw" in page_of(run, scored)
+    shown = re.findall("<img [^>]*>", page)
+    assert re.findall("<img [^>]*>", page_of(run, scored)) == shown
+
+
+def test_a_folder_of_somebody_else_s_is_not_replaced(run: Path) -> None:
+    film(run, FRONT)
+    (run / PICTURES_FOLDER).mkdir()
+    (run / PICTURES_FOLDER / "mine.txt").write_text("mine")
+    with pytest.raises(MadrobError, match="is no folder of pictures; move it away"):
+        renewed_pictures(run, score_opened(run))
+    assert (run / PICTURES_FOLDER / "mine.txt").read_text() == "mine"
+
+
+def test_a_link_in_place_of_the_folder_is_not_followed(run: Path, tmp_path: Path) -> None:
+    film(run, FRONT)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / PICTURES_INDEX).write_text("{}")
+    (run / PICTURES_FOLDER).symlink_to(elsewhere)
+    with pytest.raises(MadrobError, match="is no folder of pictures"):
+        renewed_pictures(run, score_opened(run))
+    assert [path.name for path in elsewhere.iterdir()] == [PICTURES_INDEX]
+
+
+def test_a_camera_that_lies_is_named_and_harms_no_other(run: Path) -> None:
+    begin, end = span(run)
+    good = stream(FRONT, begin, end)
+    bad = [
+        compressed("/camera/bad", b"\x1b[2Jnone", m.receive_ns / NS, m.receive_ns / NS)
+        for m in good
+    ]
+    huge = [
+        raw(b"", "rgb8", 9**9, 9**9, 4, topic="/camera/huge", stamp=at, log=at)
+        for at in (m.receive_ns / NS for m in good)
+    ]
+    torn = [
+        msgspec.structs.replace(m, topic="/camera/torn", data=m.data[: len(m.data) // 2])
+        for m in good
+    ]
+    add_evidence(run, [*good, *bad, *huge, *torn])
+    scored = score_opened(run)
+    page = page_of(run, scored)
+    found = {e.topic: e for e in index_of(run).pictures if e.moment == 2}
+    assert found[FRONT].problem == ""
+    assert found["/camera/bad"].problem == "it is neither JPEG nor PNG"
+    assert found["/camera/huge"].problem.startswith("it claims 387420489 x 387420489 pixels")
+    assert found["/camera/torn"].problem == f"its bytes are no {COMPRESSED}"
+    assert re.search(
+        r"<bdi>/camera/bad</bdi>: no picture at \d+ of \d+ moments, it is neither", page
+    )
+    assert page.count("it is neither JPEG nor PNG") == 1
+    assert f"<bdi>{FRONT}</bdi>" in page
+
+
+def test_a_camera_that_saw_nothing_near_is_said_so(run: Path) -> None:
+    begin, _ = span(run)
+    add_evidence(run, stream(FRONT, begin, begin + 2))
+    page = page_of(run, score_opened(run))
+    assert re.search(r"no picture at \d+ of \d+ moments, no frame within 1 s\.", page)
+
+
+def test_evidence_that_nobody_can_read_is_named_in_the_page(run: Path) -> None:
+    evidence = film(run, FRONT)
+    evidence.write_bytes(b"garbage <script>")
+    page = page_of(run, score_opened(run))
+    assert f"{evidence.name}: it does not begin like an MCAP file" in page
+
+
+def test_the_work_ends_in_time_and_says_what_is_left(run: Path) -> None:
+    film(run, FRONT, SIDE_CAMERA)
+    scored = score_opened(run)
+    ticks = count(step=12)
+    made = pictures_of(
+        run, moments_in(scored), DEFAULT_MAPPINGS, monotonic=lambda: float(next(ticks))
+    )
+    assert 0 < len(made.files) < 2 * len(moments_in(scored))
+    assert "pictures were not made" in made.index.problems[0]
+
+
+def test_there_are_never_more_pictures_than_are_bounded(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("madrob_console.cameras.run_pictures.MOST_PICTURES", 3)
+    assert MOST_PICTURES == 200
+    film(run, FRONT, SIDE_CAMERA)
+    made = run_pictures(run, score_opened(run))
+    assert len(made.files) == 3
+    assert "at most 3" in made.index.problems[0]
+
+
+def test_an_index_that_lies_reads_no_other_file(run: Path) -> None:
+    film(run, FRONT)
+    scored = score_opened(run)
+    renewed_pictures(run, scored)
+    (run / "secret.jpg").write_bytes(b"secret")
+    place = run / PICTURES_FOLDER / PICTURES_INDEX
+    for file in ("../secret.jpg", "/etc/passwd", "..", "."):
+        entry = msgspec.structs.replace(index_of(run).pictures[0], file=file)
+        place.write_bytes(msgspec.json.encode(PictureIndex(pictures=(entry,))))
+        assert stored_pictures(run).files == {}
+    for text in (b"", b"{", b"[" * 100_000, b'{"pictures": 3}', b"\xff\xfe"):
+        place.write_bytes(text)
+        assert stored_pictures(run) is NO_PICTURES
+
+
+def entry(moment: int, topic: str, **known: Any) -> PictureEntry:  # noqa: ANN401
+    return PictureEntry(
+        moment=moment, event="door_opens", words="door opens", time=1e9 + moment,
+        since_start=float(moment), topic=topic, **known,
+    )  # fmt: skip
+
+
+def test_a_picture_far_from_its_event_is_set_apart() -> None:
+    assert difference_words(entry(1, FRONT, difference=0.008)) == "+8 ms"
+    assert difference_words(entry(1, FRONT, difference=0.389)) == "389 ms LATER"
+    assert difference_words(entry(1, FRONT, difference=-0.389)) == "389 ms EARLIER"
+    out = BytesIO()
+    Image.new("RGB", (16, 16)).save(out, "JPEG")
+    near, far = (
+        entry(1, FRONT, file="near.jpg", difference=0.008),
+        entry(2, FRONT, file="far.jpg", difference=0.389),
+    )
+    files = {one.file: out.getvalue() for one in (near, far)}
+    page = pictures(RunPictures(PictureIndex(pictures=(near, far)), files))
+    assert "<b>+8 ms</b>" in page
+    assert '<b class="far">389 ms LATER</b>' in page
+
+
+def test_a_camera_without_pictures_says_why_once() -> None:
+    broken = [entry(moment, "/camera/broken", problem="no JPEG") for moment in range(1, 9)]
+    once = entry(1, "/camera/late")
+    told = pictures(RunPictures(PictureIndex(pictures=(*broken, once))))
+    assert "<wbr>/camera<wbr>/broken</bdi>" in told
+    page = told.replace("<wbr>", "")
+    assert page.count("no JPEG") == 1
+    assert "/camera/broken</bdi>: no picture at 8 of 8 moments, no JPEG." in page
+    assert page.count('class="missing"') == 1
+    assert "no frame within 1 s" in page
+
+
+def seen(message: RawMessage) -> Image.Image:
+    return decoded(message).picture
+
+
+def message(data: bytes, told: str = "jpeg") -> RawMessage:
+    return compressed("/camera", data, 1.0, 1.0, told)
+
+
+COLOURS = (
+    np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [250, 250, 250]]], dtype=np.uint8)
+    .repeat(8, axis=0)
+    .repeat(8, axis=1)
+)
+"""Squares of red, green, blue and white, of 8 x 8 pixels each."""
+
+
+def corners(picture: Image.Image) -> list[tuple[int, ...]]:
+    pixels = np.asarray(picture.convert("RGB").resize((16, 16)))
+    return [tuple(map(int, pixels[y, x])) for y in (4, 12) for x in (4, 12)]
+
+
+def assert_shown(picture: Image.Image) -> None:
+    for seen, meant in zip(corners(picture), [(255, 0, 0), (0, 255, 0), (0, 0, 255)], strict=False):
+        assert max(abs(a - b) for a, b in zip(seen, meant, strict=True)) < 40
+
+
+def _opaque(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:
+    return np.dstack([pixels, np.full(pixels.shape[:2], 7, np.uint8)]).tobytes()
+
+
+def _mosaic(pattern_name: str) -> bytes:
+    channel = {"r": 0, "g": 1, "b": 2}
+    made = np.zeros(COLOURS.shape[:2], np.uint8)
+    for place, colour in enumerate(pattern_name):
+        y, x = divmod(place, 2)
+        made[y::2, x::2] = COLOURS[y::2, x::2, channel[colour]]
+    return made.tobytes()
+
+
+def _yuv(order: str) -> bytes:
+    whole = np.asarray(Image.fromarray(COLOURS).convert("YCbCr"))
+    first, second = whole[:, 0::2], whole[:, 1::2]
+    parts = {"y": first[..., 0], "u": first[..., 1], "v": first[..., 2], "Y": second[..., 0]}
+    return np.dstack([parts[name] for name in order]).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "size", "data"),
+    [
+        ("rgb8", 3, COLOURS.tobytes()),
+        ("bgr8", 3, COLOURS[..., ::-1].tobytes()),
+        ("8UC3", 3, COLOURS[..., ::-1].tobytes()),
+        ("rgba8", 4, _opaque(COLOURS)),
+        ("bgra8", 4, _opaque(COLOURS[..., ::-1])),
+        ("yuv422", 2, _yuv("uyvY")),
+        ("uyvy", 2, _yuv("uyvY")),
+        ("yuv422_yuy2", 2, _yuv("yuYv")),
+        ("yuyv", 2, _yuv("yuYv")),
+        *((f"bayer_{name}8", 1, _mosaic(name)) for name in ("rggb", "bggr", "gbrg", "grbg")),
+    ],
+)
+def test_raw_pictures_have_their_colours(encoding: str, size: int, data: bytes) -> None:
+    assert_shown(seen(raw(data, encoding, 16, 16, 16 * size)))
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_grey_of_two_bytes_is_stretched_to_the_brightest(*, big: bool) -> None:
+    values = np.array([[0, 1000], [2000, 4000]], dtype=">u2" if big else "<u2")
+    picture = seen(raw(values.tobytes(), "mono16", 2, 2, 4, big=big))
+    assert np.asarray(picture).ravel().tolist() == [0, 63, 127, 255]
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize(
+    ("encoding", "number", "depths", "grey", "words"),
+    [
+        ("32FC1", "f4", [0.4, 1.0, 2.5, 6.1], [40, 63, 119, 255], "depth 0.4 to 6.1 m"),
+        (
+            "32FC1",
+            "f4",
+            [math.nan, math.inf, -math.inf, 2.5],
+            [0, 0, 0, 40],
+            "depth 2.5 to 2.5 m, black: none",
+        ),
+        ("32FC1", "f4", [-3e38, 0.0, 0.0, 3e38], [40, 148, 148, 255], "depth -3e+38 to 3e+38 m"),
+        ("16UC1", "u2", [0, 400, 3250, 6100], [0, 40, 148, 255], "depth 0.4 to 6.1 m, black: none"),
+    ],
+)
+def test_depth_is_grey_from_the_nearest_to_the_farthest_and_says_which(
+    *, encoding: str, number: str, depths: list[float], grey: list[int], words: str, big: bool
+) -> None:
+    values = np.array(depths, dtype=f"{'>' if big else '<'}{number}")
+    step = 2 * values.itemsize + 3  # a row may be longer than its pixels
+    rows = b"".join(pair.tobytes() + b"\xff\xff\xff" for pair in (values[:2], values[2:]))
+    picture, scale = decoded(raw(rows, encoding, 2, 2, step, big=big))
+    assert np.asarray(picture).ravel().tolist() == pytest.approx(grey, abs=1)
+    assert scale == words
+
+
+def test_a_large_depth_image_takes_no_more_than_a_picture_does() -> None:
+    side = 2800  # as many as a message holds
+    depths = np.linspace(0.5, 9.0, side * side, dtype="<f4").reshape(side, side)
+    tracemalloc.start()
+    picture, scale = decoded(raw(depths.tobytes(), "32FC1", side, side, 4 * side))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (picture.size, scale) == ((SIDE, SIDE), "depth 0.5 to 9 m")
+    assert most < 6 * depths.nbytes
+
+
+def test_grey_of_one_byte_is_as_it_is() -> None:
+    assert np.asarray(seen(raw(bytes([1, 2, 3, 4]), "mono8", 2, 2, 2))).ravel().tolist() == [
+        1,
+        2,
+        3,
+        4,
+    ]
+
+
+def test_rows_may_be_longer_than_their_pixels() -> None:
+    rows = np.zeros((16, 64), np.uint8)
+    rows[:, :48] = COLOURS.reshape(16, 48)
+    assert_shown(seen(raw(rows.tobytes(), "rgb8", 16, 16, 64)))
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("told", ["jpeg", "png", "bgr8; jpeg compressed bgr8", "", "\x1b[2Jlie"])
+def test_what_a_compressed_picture_is_its_bytes_say(kind: str, told: str) -> None:
+    picture = seen(message(packed(pattern(3), kind), told))
+    assert picture.size == (160, 120)
+    assert picture.mode == "RGB"
+
+
+def test_a_large_picture_is_made_small() -> None:
+    picture = seen(message(packed(Image.effect_noise((3000, 2000), 90))))
+    assert picture.size == (SIDE, SIDE * 2 // 3)
+    made = jpeg(picture)
+    assert len(made.data) <= MOST_BYTES
+    assert opened(made.data).size == (made.width, made.height)
+
+
+def test_a_file_has_as_many_bytes_as_it_may_whatever_is_in_it() -> None:
+    noise = Image.effect_noise((960, 960), 255)
+    for most in (100_000, 20_000, 1000):
+        assert len(jpeg(noise, most).data) <= most
+    with pytest.raises(PictureError, match="smaller than 10 bytes"):
+        jpeg(noise, 10)
+
+
+def test_nothing_of_a_file_is_passed_on_but_the_picture() -> None:
+    file = io.BytesIO()
+    exif = Image.Exif()
+    exif[0x010E] = "SECRET"
+    pattern(1).save(file, "JPEG", comment=b"SECRET", exif=exif)
+    assert file.getvalue().count(b"SECRET") == 2
+    assert b"SECRET" not in jpeg(seen(message(file.getvalue()))).data
+
+
+def _png(width: int, height: int, data: bytes = b"") -> bytes:
+    """A PNG that claims a size, whatever is in it."""
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        )
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+def _scans(count: int) -> bytes:
+    file = io.BytesIO()
+    pattern(1).save(file, "JPEG", progressive=True)
+    data = file.getvalue()
+    last = data.rindex(b"\xff\xda")
+    return data[:last] + data[last:-2] * count + data[-2:]
+
+
+HOSTILE: dict[str, tuple[RawMessage, str]] = {
+    "empty": (message(b""), "it is empty"),
+    "text": (message(b"no picture at all"), "neither JPEG nor PNG"),
+    "another format": (message(packed(pattern(1), "BMP")), "neither JPEG nor PNG"),
+    "cut": (message(packed(pattern(1))[:900]), "cannot be decoded"),
+    "cut png": (message(packed(pattern(1), "PNG")[:300]), "cannot be decoded"),
+    "bomb": (message(_png(30_000, 30_000, zlib.compress(bytes(10**6)))), "30000 x 30000 pixels"),
+    "head of a bomb": (message(_png(60_000, 60_000)[:33]), "60000 x 60000 pixels, more than 24 me"),
+    "head of a png": (message(_png(600, 600)[:33]), "it is a damaged PNG"),
+    "head of a jpeg": (message(packed(pattern(1))[:20]), "it is a damaged JPEG"),
+    "large": (message(_png(8000, 8000)), "claims 8000 x 8000 pixels, more than 24 megapixels"),
+    "long": (message(_png(1_000_000, 1)), "more than 24 megapixels"),
+    "lies": (message(_png(4000, 4000, zlib.compress(bytes(100)))), "cannot be decoded"),
+    "unpacks without end": (message(_png(10, 10, zlib.compress(bytes(10**8)))), ""),
+    "scans": (message(_scans(150)), "more than 100 scans"),
+    "no such encoding": (raw(bytes(4), "\x1b[2Jrgb", 1, 1, 3), "the encoding"),
+    "another encoding": (raw(bytes(4), "32SC1", 1, 1, 4), "the encoding 32SC1 is not shown"),
+    "no depth": (raw(b"\x00\x00\xc0\x7f", "32FC1", 1, 1, 4), "no pixel of it has a depth"),
+    "no depth in mm": (raw(bytes(8), "16UC1", 2, 2, 4), "no pixel of it has a depth"),
+    "depth too short": (raw(bytes(10), "32FC1", 100, 100, 400), "not in its 10 bytes"),
+    "depth claims": (raw(bytes(4), "32FC1", 30_000, 30_000, 120_000), "megapixels"),
+    "too short": (raw(bytes(10), "rgb8", 100, 100, 300), "not in its 10 bytes"),
+    "rows too short": (raw(bytes(30_000), "rgb8", 100, 100, 3), "in rows of 3 bytes"),
+    "claims": (raw(bytes(10), "rgb8", 2**32 - 1, 2**32 - 1, 2**32 - 1), "megapixels"),
+    "nothing": (raw(b"", "rgb8", 0, 0, 0), "claims 0 x 0 pixels"),
+    "half a pair": (raw(bytes(6), "uyvy", 3, 1, 6), "odd number of pixels"),
+    "half a square": (raw(bytes(1), "bayer_rggb8", 1, 1, 1), "smaller than one square"),
+    "large message": (message(bytes(MOST_MESSAGE + 1)), "32 MB, more than 32 MB"),
+    "not of its type": (
+        RawMessage("/c", COMPRESSED, b"\x00\x01\x00\x00\xff", 1, 1),
+        "its bytes are no sensor_msgs",
+    ),
+    "another type": (RawMessage("/c", "std_msgs/msg/String", b"", 1, 1), "it is a std_msgs/msg/St"),
+    "no message": (RawMessage("/c", RAW, b"", 1, 1), "its bytes are no sensor_msgs"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_picture_that_lies_is_named_in_one_line(name: str) -> None:
+    sent, why = HOSTILE[name]
+    if not why:  # what it claims is there, and nothing of the rest is unpacked
+        assert seen(sent).size == (10, 10)
+        return
+    with pytest.raises(PictureError) as caught:
+        seen(sent)
+    told = str(caught.value)
+    assert why in told
+    assert told.isprintable()
+    assert len(told) < 200
+
+
+def _changed(data: bytes) -> st.SearchStrategy[bytes]:
+    def change(found: tuple[int, bytes, int]) -> bytes:
+        at, new, cut = found
+        return (data[:at] + new + data[at + len(new) :])[: len(data) - cut]
+
+    places = st.integers(0, len(data) - 1)
+    return st.tuples(places, st.binary(max_size=8), st.integers(0, len(data) // 2)).map(change)
+
+
+PICTURES = st.one_of(
+    _changed(packed(pattern(1))),
+    _changed(packed(pattern(1), "PNG")),
+    st.binary(max_size=200),
+)
+
+
+@given(PICTURES, st.text(max_size=20))
+@settings(max_examples=200, deadline=None)
+def test_whatever_bytes_come_there_is_a_small_picture_or_one_line(data: bytes, told: str) -> None:
+    _small_or_told(lambda: seen(message(data, told.replace("\0", ""))))
+
+
+sizes = st.integers(0, 40) | st.integers(0, 2**32 - 1)
+
+
+@given(
+    st.binary(max_size=400),
+    st.sampled_from(
+        [
+            *("rgb8", "mono16", "bayer_rggb8", "bayer_gbrg16", "uyvy", "yuyv", "bgra8"),
+            *("32FC1", "16UC1", "?"),
+        ]
+    ),
+    sizes,
+    sizes,
+    sizes,
+    st.booleans(),
+)
+@settings(max_examples=300, deadline=None)
+def test_whatever_a_raw_picture_claims_there_is_a_small_picture_or_one_line(
+    data: bytes, encoding: str, width: int, height: int, step: int, big: bool
+) -> None:
+    _small_or_told(lambda: seen(raw(data, encoding, width, height, step, big=big)))
+
+
+@given(st.binary(max_size=300), st.sampled_from([COMPRESSED, RAW]))
+@settings(max_examples=200, deadline=None)
+def test_whatever_a_message_is_there_is_a_small_picture_or_one_line(data: bytes, kind: str) -> None:
+    _small_or_told(lambda: seen(RawMessage("/c", kind, b"\x00\x01\x00\x00" + data, 1, 1)))
+
+
+def _small_or_told(make: Callable[[], Image.Image]) -> None:
+    try:
+        picture = make()
+    except PictureError as error:
+        said = str(error)
+    else:
+        said = "a picture"
+        assert max(picture.size) <= SIDE
+        assert len(jpeg(picture).data) <= MOST_BYTES
+    assert said.isprintable()

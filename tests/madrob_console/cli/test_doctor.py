@@ -1,0 +1,655 @@
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import os
+import pty
+import pwd
+import re
+import struct
+import subprocess
+import sys
+import termios
+import textwrap
+import threading
+import time
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from importlib import metadata
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+from madrob_console.engine.process.place import runtime_folder
+from madrob_console.kinds import RemoteService
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.preparing import doctor as doctor_module
+from madrob_console.preparing.doctor import (
+    doctor,
+    line,
+    look_at_packages,
+    look_at_python,
+    look_at_results,
+    look_at_terminal,
+    usable,
+    verdict,
+)
+from madrob_console.preparing.doctor_evidence import PATIENCE, look_at_evidence
+from madrob_console.preparing.doctor_lists import look_at_lists
+from madrob_console.preparing.doctor_ros import look_at_installation, look_at_messages
+from madrob_console.preparing.doctor_session import kills_processes, look_at_session
+from madrob_console.preparing.finding import Finding, Severity
+from madrob_console.preparing.overheard import overheard
+from madrob_console.referee.competition_plan import PlanSource
+from madrob_console.referee.teams import TeamSource
+from madrob_console.testbeds.evidence_choice import EvidenceChoice
+from madrob_console.testbeds.simulated import SimulatedTestbed
+from madrob_console.testbeds.simulated_node import serve_testbed
+from tests.madrob_console import said
+from tests.madrob_console.camera_peer import Kind, Stream, cameras
+from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, Peer, Taker, source
+
+ROOT = Path(__file__).parents[3]
+
+
+def by_subject(findings: Iterable[Finding]) -> dict[str, Finding]:
+    return {f.subject: f for f in findings}
+
+
+@pytest.mark.machine
+def test_a_live_testbed_is_shown_topic_by_topic(ros_domain: int, tmp_path: Path) -> None:
+    stop = threading.Event()
+    node = threading.Thread(
+        target=serve_testbed,
+        args=(SimulatedTestbed(), None, 0),
+        kwargs={"say": lambda _: None, "stop": stop},
+    )
+    node.start()
+    try:
+        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=1.0))
+    finally:
+        stop.set()
+        node.join()
+    for mapping in DEFAULT_MAPPINGS[:6]:
+        finding = found[mapping.topic]
+        assert finding.severity is Severity.OK
+        assert finding.text.startswith(f"1 publisher, {mapping.type}, ")
+        assert float(finding.text.split()[-2]) == pytest.approx(50, abs=10)
+    assert found["/madrob/door/locked"] == Finding(
+        Severity.OK, "/madrob/door/locked", "no publisher (optional)"
+    )
+    assert found["/madrob/door"].severity is Severity.OK
+    assert found["ros domain"].text == str(ros_domain)
+    assert found["middleware"].text.startswith("rmw_")
+    assert "console" not in found
+
+
+FILLED = """
+mount -t tmpfs -o size=16m tmpfs /dev/shm || exit 77
+dd if=/dev/zero of=/dev/shm/fill bs=4k count=10000 2>/dev/null
+truncate -s -$1 /dev/shm/fill
+shift
+exec "$@"
+"""
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("free", [0, 400_000])
+def test_full_shared_memory_is_named_and_the_doctor_gets_to_the_end(
+    ros_domain: int, free: int
+) -> None:
+    doctoring = [sys.executable, "-m", "madrob_console.cli.main", "doctor"]
+    ended = subprocess.run(
+        ["unshare", "-m", "sh", "-c", FILLED, "sh", str(free), *doctoring],
+        env={**os.environ, "ROS_DOMAIN_ID": str(ros_domain)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if ended.returncode == 77 or "unshare" in ended.stderr:
+        pytest.skip("a mount of its own is not allowed here")
+    lines = ended.stdout.splitlines()
+    assert lines[-1].startswith("usable, ")
+    assert all(re.match(r"(ok|warning|error) ", text) for text in lines[:-1])
+    assert any("/dev/shm has " in text and "make room" in text for text in lines)
+    if free == 0:
+        assert any("the system ends programs that load ROS then" in text for text in lines)
+    else:
+        assert sum(text.startswith("warning  ros says ") for text in lines) in range(1, 6)
+    assert ended.stderr == ""
+
+
+def test_what_libraries_write_past_python_is_caught_once_each(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    error = (
+        b"\x1b[37;1m2026-11-22 07:52:52.650 \x1b[31;1m[SHM Error]\x1b[0m no room -> Function f\n"
+    )
+    with overheard() as lines:
+        assert lines == []
+        for _ in range(3):
+            os.write(1, error)
+            os.write(2, b"and\n\n")
+    assert lines == ["[SHM Error] no room", "and"]
+    os.write(1, b"heard again\n")
+    out, err = capfd.readouterr()
+    assert (out, err) == ("heard again\n", "")
+
+
+@pytest.mark.machine
+@pytest.mark.usefixtures("ros_domain")
+def test_findings_come_one_by_one_and_nobody_is_listened_to_who_does_not_send(
+    tmp_path: Path,
+) -> None:
+    began = time.monotonic()
+    findings = doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=60.0)
+    assert next(findings).subject == "python"
+    assert time.monotonic() - began < 2
+    found = by_subject(findings)
+    assert found[DEFAULT_MAPPINGS[0].topic].text == "no publisher: start the testbed"
+    assert time.monotonic() - began < 30
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
+    silent, wrong, _ = (m.topic for m in DEFAULT_MAPPINGS[:3])
+    peer.publisher(silent, DEFAULT_MAPPINGS[0].type, BEST_EFFORT)
+    peer.publisher(wrong, BOOL)
+    twice = [peer.publisher(DEFAULT_MAPPINGS[3].topic, DEFAULT_MAPPINGS[3].type) for _ in range(2)]
+    enough = threading.Event()
+
+    def publish() -> None:
+        while not enough.wait(0.05):
+            twice[0].publish(twice[0].msg_type())
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    with Taker(source()) as other:
+        other.source.publish(said.state("idle"))
+        found = by_subject(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=2.0))
+    enough.set()
+    thread.join()
+    assert found[silent].text == (
+        "1 publisher, sensor_msgs/msg/JointState, but silent: look at its sensor"
+    )
+    assert found[wrong].text == (
+        "its type is std_msgs/msg/Bool, not geometry_msgs/msg/WrenchStamped: correct the settings"
+    )
+    assert found[DEFAULT_MAPPINGS[2].topic].text == "no publisher: start the testbed"
+    assert found[DEFAULT_MAPPINGS[3].topic].text.endswith(" Hz: stop all but one")
+    assert found["console"].text.startswith("one runs in domain ")
+    assert found["/madrob/door"].text == "not there: the sides must be set by hand"
+    assert {found[s].severity for s in (silent, wrong, "console")} == {Severity.WARNING}
+    assert usable(list(found.values()))
+
+
+@pytest.mark.machine
+def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path: Path) -> None:
+    program = f"""
+        import sys
+        from pathlib import Path
+        sys.modules["rclpy"] = None  # as if it were not installed
+        from madrob_console.cli.doctor import doctor, line, verdict
+        from madrob_console.messages.codec import DEFAULT_MAPPINGS
+        findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}), disk_space=1))
+        print(*map(line, findings), verdict(findings), sep="\\n")
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+    )
+    (found,) = [one for one in done.stdout.splitlines() if " ros  " in one]
+    assert found.startswith("warning")
+    assert "only simulated: install madrob-console[ros]" in found
+    assert done.stdout.splitlines()[-1].startswith("usable, ")
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("domain", ["door", "-1", "233"])
+def test_a_domain_that_does_not_exist_is_an_error(tmp_path: Path, domain: str) -> None:
+    findings = list(
+        doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, environment={"ROS_DOMAIN_ID": domain})
+    )
+    assert by_subject(findings)["ros domain"].severity is Severity.ERROR
+    assert not usable(findings)
+
+
+@pytest.mark.parametrize(
+    ("environment", "subject", "level", "text"),
+    [
+        ({}, "discovery", Severity.OK, "SUBNET"),
+        ({"ROS_DOMAIN_ID": "7"}, "ros domain", Severity.OK, "7"),
+        (
+            {"ROS_DOMAIN_ID": "150"},
+            "ros domain",
+            Severity.WARNING,
+            "150: its ports may be taken, use 0 to 101",
+        ),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+            "discovery",
+            Severity.OK,
+            "LOCALHOST: only testbeds on this machine",
+        ),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+            "discovery",
+            Severity.WARNING,
+            "OFF: nobody is found, unset it",
+        ),
+        (
+            {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_STATIC_PEERS": "10.0.0.2"},
+            "discovery",
+            Severity.OK,
+            "OFF, peers 10.0.0.2",
+        ),
+    ],
+)
+def test_how_ros_is_set_up_is_shown(
+    tmp_path: Path, environment: Mapping[str, str], subject: str, level: Severity, text: str
+) -> None:
+    findings = doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1, listen=0, environment=environment)
+    assert by_subject(findings)[subject] == Finding(level, subject, text)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_system_ros_beside_the_wheels_is_warned_of(tmp_path: Path) -> None:
+    if "wheels" not in next(look_at_installation({}, tmp_path)).text:
+        pytest.skip("ROS is not installed as wheels")
+    (tmp_path / "jazzy/share").mkdir(parents=True)
+    *_, warning = look_at_installation({}, tmp_path)
+    assert warning.severity is Severity.WARNING
+    assert warning.text.startswith(f"both {tmp_path}/jazzy and wheels are installed")
+
+
+def test_python_is_named() -> None:
+    (found,) = look_at_python()
+    assert found.severity is Severity.OK
+    assert found.text.startswith(".".join(map(str, sys.version_info[:3])))
+
+
+def packages_of(findings: Iterable[Finding]) -> list[Finding]:
+    first = takewhile(lambda finding: finding.subject in ("python", "packages"), findings)
+    return [finding for finding in first if finding.subject == "packages"]
+
+
+def names_in(finding: Finding) -> list[str]:
+    return [package.split()[0] for package in finding.text.split(", ")]
+
+
+@pytest.mark.parametrize("installed", [True, False], ids=["installed", "a plain checkout"])
+def test_every_library_that_is_needed_is_named(
+    installed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not installed:
+        monkeypatch.setattr(metadata, "requires", no_distribution)
+    found = packages_of(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1))
+    assert [finding.severity for finding in found] == [Severity.OK]
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert {"lz4", "zstandard", "rich", "joblib"} <= set(names_in(found[0]))
+    if not installed:
+        assert names_in(found[0]) == [re.split("[<>=]", name)[0] for name in needed]
+
+
+def no_distribution(name: str) -> list[str]:
+    raise metadata.PackageNotFoundError(name)
+
+
+def test_where_nothing_says_what_is_needed_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metadata, "requires", no_distribution)
+    monkeypatch.setattr(doctor_module, "__file__", str(tmp_path / "app.zip/console/doctor.py"))
+    (found,) = packages_of(doctor(DEFAULT_MAPPINGS, tmp_path, disk_space=1))
+    assert found.severity is Severity.WARNING
+    assert "install madrob-console" in found.text
+
+
+def test_a_library_that_is_missing_is_an_error_and_one_of_an_extra_is_not() -> None:
+    requirements = ["numpy>=1", "no-such-library>=2", "rclpy_x; extra == 'ros'"]
+    missing, rest = look_at_packages([*requirements, "pywin; sys_platform == 'win32'"])
+    assert missing.severity is Severity.ERROR
+    assert missing.text == "no-such-library is missing: install madrob-console again"
+    assert (rest.severity, names_in(rest)) == (Severity.OK, ["numpy"])
+    assert not usable([missing, rest])
+
+
+def test_the_results_folder_need_not_exist_but_must_be_writable(tmp_path: Path) -> None:
+    (good,) = look_at_results(tmp_path / "new/runs", 1)
+    assert good.severity is Severity.OK
+    assert good.text.startswith(f"{tmp_path}/new/runs: ")
+    (tmp_path / "file").touch()
+    (bad,) = look_at_results(tmp_path / "file/runs", 1)
+    assert bad == Finding(
+        Severity.ERROR,
+        "results",
+        f"{tmp_path}/file/runs cannot be written: set results.folder to another",
+    )
+    (full,) = look_at_results(tmp_path, 10**18)
+    assert full.severity is Severity.WARNING
+    assert full.text.endswith("less than 1000000000 GB: make room")
+
+
+def test_the_lists_of_a_competition_are_looked_at_line_by_line(tmp_path: Path) -> None:
+    teams, plan = tmp_path / "teams.csv", tmp_path / "plan.csv"
+    teams.write_text("3,Delft\n4,Ghent\nx,Late\n")
+    plan.write_text("3,1,2\n7,1,1\n9,20,1\n3,21,1\n")
+    found = list(look_at_lists(TeamSource({}, teams), PlanSource(file=plan)))
+    assert [(f.severity, f.subject, f.text) for f in found] == [
+        (Severity.WARNING, "teams", "teams.csv line 3: subject 'x' is no number from 1 to 999"),
+        (Severity.WARNING, "plan", "plan.csv line 4: condition '21' is no number from 1 to 20"),
+        (Severity.OK, "teams", "2 in the list"),
+        (Severity.OK, "plan", "4 attempts, teams: 3, conditions: 2"),
+        (
+            Severity.WARNING,
+            "plan",
+            "the plan has subject 7, 9, not in the list of teams: correct one of them",
+        ),
+    ]
+    plan.unlink()
+    (gone,) = look_at_lists(TeamSource({}), PlanSource(file=plan))
+    assert gone.severity is Severity.WARNING
+    assert "No such file" in gone.text
+    assert list(look_at_lists(TeamSource({}), PlanSource())) == []
+
+
+def test_output_that_goes_elsewhere_is_no_fault() -> None:
+    assert next(look_at_terminal({})).severity is Severity.OK
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize(
+    ("term", "size", "level", "text"),
+    [
+        ("xterm-256color", (100, 30), Severity.OK, "xterm-256color, 256 colours, 100x30"),
+        ("xterm", (80, 24), Severity.OK, "xterm, 16 colours, 80x24"),
+        (
+            "xterm",
+            (60, 20),
+            Severity.WARNING,
+            "xterm, 16 colours, 60x20: enlarge it to 80x24",
+        ),
+        ("dumb", (80, 24), Severity.WARNING, "TERM=dumb draws no screens: use TERM=xterm-256color"),
+    ],
+)
+def test_a_terminal_is_judged_by_kind_and_size(
+    term: str, size: tuple[int, int], level: Severity, text: str
+) -> None:
+    said = in_terminal(term, *size)
+    assert line(Finding(level, "terminal", text)) in said
+    assert line(Finding(Severity.OK, "characters", "UTF-8")) in said
+
+
+def in_terminal(term: str, columns: int, lines: int) -> str:
+    """What the doctor says of the terminal in a terminal of its own."""
+    program = """
+        import os
+        from madrob_console.cli.doctor import line, look_at_terminal
+        print(*map(line, look_at_terminal(os.environ)), sep="\\n")
+    """
+    environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLORTERM")}
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=ROOT,
+        env={**environment, "TERM": term, "PYTHONUTF8": "1"},
+        stdin=theirs,
+        stdout=theirs,
+    )
+    os.close(theirs)
+    text = b""
+    with suppress(OSError):  # the other end is closed
+        while chunk := os.read(ours, 4096):
+            text += chunk
+    os.close(ours)
+    assert process.wait(10) == 0
+    return text.decode()
+
+
+def test_a_check_that_breaks_is_a_finding_of_its_own(tmp_path: Path) -> None:
+    before = time.monotonic()
+    findings = list(doctor(None, tmp_path, disk_space=1, listen=0.1, environment={"TERM": "xterm"}))  # type: ignore[arg-type]
+    assert time.monotonic() - before < 5
+    assert all("\n" not in f.text for f in findings)
+    assert by_subject(findings)["ros"].text
+
+
+def test_the_report_ends_with_a_verdict() -> None:
+    good = Finding(Severity.OK, "python", "3.11")
+    warning = Finding(Severity.WARNING, "ros", "not found")
+    error = Finding(Severity.ERROR, "results", "cannot be written")
+    assert line(good) == "ok       python                     3.11"
+    assert verdict([good]) == "usable"
+    assert verdict([good, warning]) == "usable, 1 warning"
+    assert verdict([error]) == "not usable: see the errors above"
+    assert not usable([good, warning, error])
+
+
+@pytest.mark.parametrize(
+    ("services", "severity"), [((), Severity.OK), ((RemoteService.ABORT,), Severity.ERROR)]
+)
+def test_the_type_of_services_may_be_missing_where_none_is_allowed(
+    services: tuple[RemoteService, ...], severity: Severity, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    found = by_subject(look_at_messages(services))
+    assert found["std_srvs"].severity is severity
+    assert found["diagnostic_msgs"].severity is Severity.OK
+    assert "ros.services" in found["std_srvs"].text
+
+
+HALL = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
+
+
+def looked(*topics: str, own: tuple[str, ...] = (), domain: int = 0) -> dict[str, Finding]:
+    choice = EvidenceChoice(topics)
+    found = look_at_evidence(choice, own, domain, 100 * 10**9, os.environ)
+    return {finding.subject: finding for finding in found}
+
+
+def test_without_a_wish_nothing_is_looked_for() -> None:
+    (finding,) = looked().values()
+    assert finding == Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
+
+
+@pytest.mark.machine
+def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
+    ros_domain: int, peer: Peer
+) -> None:
+    left, right = HALL.topics
+    with cameras(HALL):
+        peer.until(lambda: peer.own.count_publishers(left))
+        found = looked("/camera/**", own=(right,), domain=ros_domain)
+    assert right not in found  # it is recorded anyway
+    assert found[left].text.startswith(f"evidence, {HALL.kind.type}, ")
+    assert found[left].severity is Severity.OK
+    assert "1 topic, " in found["evidence"].text
+    assert " GB an hour, the budget of 100 GB is " in found["evidence"].text
+
+
+@pytest.mark.machine
+def test_patterns_that_match_nothing_are_said(ros_domain: int) -> None:
+    finding = looked("/camera/**", domain=ros_domain)["evidence"]
+    assert finding.severity is Severity.WARNING
+    assert finding.text.startswith(f"nobody publishes /camera/**, not seen within {PATIENCE:g} s: ")
+
+
+@pytest.mark.machine
+def test_what_is_recorded_with_the_score_needs_no_pattern(ros_domain: int) -> None:
+    found = looked("/madrob/**", own=("/madrob/door", "/madrob/handle"), domain=ros_domain)
+    said = "/madrob/**: recorded with the score, remove the pattern"
+    assert found == {"evidence": Finding(Severity.WARNING, "evidence", said)}
+
+
+@pytest.mark.machine
+def test_what_turns_up_late_is_waited_for(ros_domain: int) -> None:
+    left, right = HALL.topics
+    found: dict[str, Finding] = {}
+
+    def look() -> None:
+        found.update(looked(left, right, domain=ros_domain))
+
+    looking = threading.Thread(target=look)
+    looking.start()
+    looking.join(4.0)
+    with cameras(HALL):
+        looking.join(30.0)
+    assert {left, right} <= set(found)
+    assert found["evidence"].severity is Severity.OK
+
+
+@pytest.mark.machine
+def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
+    ros_domain: int, peer: Peer
+) -> None:
+    silent = peer.publisher("/hall/silent", BOOL)
+    peer.until(lambda: peer.own.count_publishers("/hall/silent"))
+    choice = EvidenceChoice(("/hall/**", "/camera/**"))
+    found = list(look_at_evidence(choice, (), ros_domain, 10**11, os.environ))
+    assert silent is not None
+    texts = [one.text for one in found if one.severity is Severity.WARNING]
+    assert any(text.endswith(": nothing comes now") for text in texts)
+    assert any(text.startswith("nobody publishes /camera/**, not seen within ") for text in texts)
+
+
+@pytest.mark.machine
+def test_large_pictures_that_are_lost_on_the_way_are_told_with_the_remedy(
+    ros_domain: int, peer: Peer
+) -> None:
+    large = Stream(Kind.RAW, "/camera/raw", size=2_000_000)
+    remedy = " lost on the way: have it published reliably, or "
+
+    def told() -> bool:
+        finding = looked("/camera/**", domain=ros_domain).get("/camera/raw")
+        return finding is not None and remedy in finding.text
+
+    with cameras(large):
+        peer.until(lambda: peer.own.count_publishers("/camera/raw"))
+        peer.until(told)  # what floods the way may hold up that it is found
+
+
+USER = pwd.getpwuid(os.getuid()).pw_name
+SERVICE = "run it as a service (`madrob engine unit`)"
+
+
+def silent(_command: Sequence[str]) -> str | None:
+    return None
+
+
+def says(word: str) -> str:
+    return f"b {word}\n"
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A system that systemd runs, with nothing set."""
+    (tmp_path / "run/systemd/system").mkdir(parents=True)
+    return tmp_path
+
+
+def configure(root: Path, path: str, *lines: str) -> None:
+    file = root / path
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("\n".join(("[Login]", *lines, "")))
+
+
+def found(root: Path, told: str | None = None, **environment: str) -> dict[str, Finding]:
+    findings = look_at_session(environment, root, lambda _: told)
+    return {finding.subject: finding for finding in findings}
+
+
+def test_without_systemd_nothing_is_wrong(tmp_path: Path) -> None:
+    findings = found(tmp_path)
+    assert findings["log-out"].text == "no systemd here: it ends no engine"
+    assert {finding.severity for finding in findings.values()} == {Severity.OK}
+
+
+def test_where_the_socket_lies_is_told_and_what_to_do_without_a_folder_of_the_login(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "own"
+    own.mkdir(mode=0o700)
+    wide = tmp_path / "wide"
+    wide.mkdir(mode=0o755)
+    for given, severity, words in (
+        (str(own), Severity.OK, ""),
+        ("", Severity.WARNING, ": XDG_RUNTIME_DIR is not set, as after"),
+        (str(wide), Severity.WARNING, f"{wide}, which cannot be used, as after"),
+    ):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", given)
+        socket = found(root, XDG_RUNTIME_DIR=given)["socket"]
+        assert socket.severity is severity
+        assert socket.text.startswith(str(runtime_folder()))
+        assert words in socket.text
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(own))
+    (own / "madrob").chmod(0o755)
+    assert found(root, XDG_RUNTIME_DIR=str(own))["socket"].severity is Severity.ERROR
+
+
+def test_lingering_is_told_with_its_remedy(root: Path) -> None:
+    off = found(root)["linger"]
+    assert off.severity is Severity.WARNING
+    assert "`loginctl enable-linger`" in off.text
+    linger = root / "var/lib/systemd/linger" / USER
+    linger.parent.mkdir(parents=True)
+    linger.touch()
+    assert found(root)["linger"].severity is Severity.OK
+
+
+@pytest.mark.parametrize(
+    ("told", "severity", "words"),
+    [
+        (says("true"), Severity.WARNING, SERVICE),
+        (says("false"), Severity.OK, "KillUserProcesses=no"),
+        (None, Severity.WARNING, "not known"),
+        ("nonsense", Severity.WARNING, "not known"),
+    ],
+)
+def test_what_a_log_out_ends_is_told_as_logind_says_it(
+    told: str | None, severity: Severity, words: str, root: Path
+) -> None:
+    configure(root, "etc/systemd/logind.conf", "KillExcludeUsers=")
+    log_out = found(root, told)["log-out"]
+    assert log_out.severity is severity
+    assert words in log_out.text
+
+
+def test_where_logind_says_nothing_its_settings_count_the_last_one_most(root: Path) -> None:
+    assert kills_processes("ada", root, silent) is None
+    configure(root, "usr/lib/systemd/logind.conf", "KillUserProcesses=yes")
+    assert kills_processes("ada", root, silent) is True
+    configure(root, "etc/systemd/logind.conf", "#KillUserProcesses=yes", "KillUserProcesses = no")
+    assert kills_processes("ada", root, silent) is False
+    configure(root, "usr/lib/systemd/logind.conf.d/50-kill.conf", "KillUserProcesses=yes")
+    assert kills_processes("ada", root, silent) is True
+    configure(root, "etc/systemd/logind.conf.d/50-kill.conf", "KillUserProcesses=no")
+    assert kills_processes("ada", root, silent) is False
+    configure(root, "run/systemd/logind.conf.d/60-kill.conf", "KillUserProcesses=1")
+    assert kills_processes("ada", root, silent) is True
+
+
+def test_users_that_are_left_out_are_not_told_that_they_lose_anything(root: Path) -> None:
+    def asked(_command: Sequence[str]) -> str | None:
+        return says("true")
+
+    assert kills_processes("root", root, asked) is False
+    configure(root, "etc/systemd/logind.conf", "KillExcludeUsers=ada bob")
+    assert kills_processes("ada", root, asked) is False
+    assert kills_processes("root", root, asked) is True
+    configure(root, "etc/systemd/logind.conf", "KillOnlyUsers=bob")
+    assert kills_processes("ada", root, asked) is False
+    assert kills_processes("bob", root, asked) is True
+
+
+def test_a_file_that_is_none_tells_nothing(root: Path) -> None:
+    (root / "etc/systemd").mkdir(parents=True)
+    (root / "etc/systemd/logind.conf").write_bytes(b"no section\xff\n[Login\n")
+    assert kills_processes("ada", root, silent) is None

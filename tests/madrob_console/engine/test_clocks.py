@@ -1,0 +1,310 @@
+"""Clocks that differ: a simulation's, the machine's own, stamps of another clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle, pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from madrob_console.clock import NS, SimulationClock, SystemClock
+from madrob_console.engine.live.core import Engine
+from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.engine.process.own_time import OwnTime, ThreadState
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.acts import Abort, Start, Waive
+from madrob_console.referee.on_record import CheckName
+from madrob_console.referee.run import Phase
+from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from recorder.message import RawMessage
+from scoring.protocol import Outcome
+from tests.madrob_console.engine.deck import Deck
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.machine_time import Machine
+from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
+
+BEGIN = 100 * NS
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
+    machine = Machine()
+    monkeypatch.setattr("madrob_console.clock.time", machine)
+    return machine
+
+
+class World(SystemClock):
+    """The time in a simulation, which may be paused.
+
+    Args:
+        pace: so many times as fast as the machine's clock.
+    """
+
+    def __init__(self, pace: float = 1.0) -> None:
+        super().__init__()
+        self.pace = pace
+        self.hold()
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        self._now = BEGIN
+
+    def now_ns(self) -> int:
+        return self._now
+
+    def sleep(self, duration: float) -> None:
+        super().sleep(duration)
+        self._now += round(duration * self.pace * NS)
+
+
+def follow(
+    clock: SimulationClock, world: World, duration: float, period: float = 0.1
+) -> list[float]:
+    """Listen for so many seconds of the machine; how far off the clock was every 10 ms, s."""
+    off = []
+    for n in range(round(duration / 0.01)):
+        if n % round(period / 0.01) == 0:
+            clock.hear(world.now_ns(), 0)
+        off.append((clock.now_ns() - world.now_ns()) / NS)
+        world.sleep(0.01)
+    return off
+
+
+@pytest.mark.parametrize("pace", [0.05, 0.5, 1.0, 3.0])
+def test_it_goes_as_the_simulation_goes_between_two_of_its_words_too(
+    pace: float, machine: Machine
+) -> None:
+    clock, world = SimulationClock(), World(pace)
+    follow(clock, world, 10.0)
+    assert max(map(abs, follow(clock, world, 10.0))) < 0.005
+    world.pace = pace / 2
+    assert max(map(abs, follow(clock, world, 1.0))) < 0.1 * max(1.0, pace)
+    assert max(map(abs, follow(clock, world, 20.0)[1000:])) < 0.005
+    assert not clock.silent
+
+
+def test_what_was_said_some_time_ago_is_not_taken_for_now(machine: Machine) -> None:
+    clock, world = SimulationClock(), World(0.5)
+    for _ in range(200):
+        told = world.now_ns()
+        world.sleep(0.04)
+        clock.hear(told, 40_000_000)
+    assert clock.now_ns() == pytest.approx(world.now_ns(), abs=1_000_000)
+
+
+def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_when_it_goes_on(
+    machine: Machine,
+) -> None:
+    clock, world = SimulationClock(), World()
+    follow(clock, world, 3.0)
+    clock.hold()
+    world.pace = 0.0
+    off = follow(clock, world, 30.0)
+    assert clock.silent
+    assert 27.0 < off[-1] < 31.0
+    world.pace = 1.0
+    off = follow(clock, world, 5.0)
+    assert max(off) - min(off) < 0.2  # a bag is open: nothing goes back
+    clock.release()
+    assert max(map(abs, follow(clock, world, 5.0)[50:])) < 0.01
+
+
+def test_a_simulation_that_begins_anew_is_followed_back(machine: Machine) -> None:
+    clock, world = SimulationClock(), World()
+    follow(clock, world, 60.0)
+    world.begin_anew()
+    assert max(map(abs, follow(clock, world, 5.0))) < 0.2
+    assert clock.now_ns() < BEGIN + 6 * NS
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(-(10**12), 10**12), st.integers(0, NS), st.floats(0, 3)), max_size=30
+    )
+)
+def test_whatever_a_simulation_says_a_held_clock_never_goes_back(
+    said: list[tuple[int, int, float]],
+) -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        machine = Machine()
+        patched.setattr("madrob_console.clock.time", machine)
+        clock = SimulationClock()
+        clock.hear(BEGIN, 0)
+        clock.hold()
+        read = [clock.now_ns()]
+        for told, age, pause in said:
+            clock.hear(told, age)
+            read.append(clock.now_ns())
+            machine.sleep(pause)
+            read.append(clock.now_ns())
+    assert all(earlier <= later for earlier, later in pairwise(read))
+
+
+class InWorld(SimulatedSource):
+    """A testbed on simulated time, and `/clock`."""
+
+    def __init__(self, clock: SimulationClock, world: World, types: MessageTypes) -> None:
+        super().__init__(SimulatedTestbed(Scenario.NOMINAL, 0), world, types)
+        self._engine_clock = clock
+
+    def take(self, timeout: float) -> list[RawMessage]:
+        messages = super().take(timeout)
+        self._engine_clock.hear(self._clock.now_ns(), 0)
+        return messages
+
+
+class WorldDrive(Drive):
+    def __init__(self, results: Path, world: World) -> None:
+        types, clock = MessageTypes(), SimulationClock()
+        config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
+        self.engine = Engine(InWorld(clock, world, types), clock, config, types)
+        self.engine.open()
+        self.engine.step(0.02)  # from here on it is simulated time
+
+
+@pytest.mark.parametrize("pace", [0.5, 2.0])
+def test_a_timeout_is_simulated_time(pace: float, machine: Machine, tmp_path: Path) -> None:
+    drive = WorldDrive(tmp_path, World(pace))
+    drive.start(make_setup(timeout=8.0))
+    began = machine.monotonic_ns()
+    drive.finish()
+    run = drive.engine.run
+    assert run.start is not None
+    assert (run.outcome, run.stop) == (Outcome.TIMEOUT, run.start + 8.0)
+    assert (machine.monotonic_ns() - began) / NS == pytest.approx((8.0 + 1.1) / pace, rel=0.1)
+
+
+def test_a_simulation_that_is_paused_for_good_holds_up_no_abort_and_no_next_run(
+    machine: Machine, tmp_path: Path
+) -> None:
+    world = World()
+    drive = WorldDrive(tmp_path, world)
+    drive.start(make_setup())
+    drive.wait(3.0)
+    world.pace = 0.0
+    began = machine.monotonic_ns()
+    drive.act(Abort("the simulation hangs"))
+    assert drive.engine.run.phase is Phase.STOPPED
+    while drive.engine.scored is None:
+        drive.engine.step(0.02)
+        assert machine.monotonic_ns() - began < 5 * NS
+    world.pace = 1.0
+    drive.wait(5.0)
+    drive.whole_run(make_setup(run_number=2))
+    assert drive.engine.run.outcome is Outcome.COMPLETED
+
+
+def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_same(
+    machine: Machine, tmp_path: Path
+) -> None:
+    world = World()
+    drive = WorldDrive(tmp_path, world)
+    drive.wait(60.0)
+    drive.prepare(make_setup())
+    world.begin_anew()
+    drive.engine.step(0.02)
+    drive.wait(3.0)
+    drive.act(Start())
+    drive.finish()
+    assert drive.engine.run.outcome is Outcome.COMPLETED
+    engine = Deck(drive.folder, speed=0.0).engine
+    while engine.scored is None:
+        engine.step(0.02)
+    assert engine.replay is not None
+    assert engine.replay.view(engine.scored.result).agrees
+
+
+class Told:
+    """A process whose threads a test tells, looked at once a second."""
+
+    def __init__(self) -> None:
+        self.threads = {1: ThreadState("S", 0.0), 2: ThreadState("S", 0.0)}
+        self.now = 0.0
+        self.time = OwnTime(self.now, lambda: dict(self.threads))
+
+    def own_time(self, seconds: int, *, state: str = "S", waits: float = 0.0) -> float:
+        """How much more it had in so long; of each second one thread waits a part."""
+        before = self.time.since(self.now)
+        for _ in range(seconds):
+            self.now += 1.0
+            self.threads[2] = ThreadState(state, self.threads[2].waited + waits)
+            own = self.time.since(self.now)
+        return own - before
+
+
+def test_a_process_that_nothing_holds_up_has_all_the_time() -> None:
+    told = Told()
+    told.own_time(1)
+    assert told.own_time(30) == 30.0
+    assert told.own_time(30, state="R") == 30.0
+
+
+def test_a_process_that_waits_for_a_disk_has_none() -> None:
+    told = Told()
+    assert told.own_time(600, state="D") == 0.0
+
+
+def test_a_process_to_which_others_leave_little_of_the_processor_has_little() -> None:
+    told = Told()
+    told.own_time(1)
+    assert 5.0 < told.own_time(100, state="R", waits=0.9) < 15.0
+
+
+def test_it_counts_anew_when_the_process_says_something() -> None:
+    told = Told()
+    told.own_time(20)
+    told.time.begin(told.now)
+    assert told.time.since(told.now) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("off", "clock", "words"),
+    [
+        (-1.7e9, None, "stamps are not of this clock (simulated time?): set it, or use"),
+        (11.0, 2000.0, "stamps are not of this clock (simulated time?): set it, or use"),
+        (-1.7e9, -1.7e9, "stamps are of simulated time: end the engine, start with"),
+        (0.3, 0.3, "stamps are of simulated time: end the engine, start with"),
+        (1e8, 0.0, "stamps are not of /clock: stamp by it, or start without"),
+    ],
+)
+def test_stamps_of_another_clock_are_named_first_with_what_to_do_and_cannot_be_waived(
+    off: float, clock: float | None, words: str, tmp_path: Path
+) -> None:
+    drive = FaultyDrive(tmp_path)
+    drive.faulty.simulated_time = clock
+    shift_stamps(drive, [off])
+    drive.set_up()
+    wanted = f"{words} --use-sim-time"
+    assert drive.check(CheckName.CLOCK) == f"failed: {wanted}"
+    assert drive.engine.perform(Start()) == f"{CheckName.CLOCK}: {wanted} (and 1 more)"
+    refused = drive.engine.perform(Waive(CheckName.CLOCK, "looks fine"))
+    assert refused == f"the check 'clock skew' cannot be waived: {wanted}"
+    shift_stamps(drive, [0.0])
+    drive.wait(2.1)
+    drive.act(Start())
+
+
+def test_a_wild_stamp_now_and_then_is_of_no_other_clock(tmp_path: Path) -> None:
+    drive = FaultyDrive(tmp_path)
+    shift_stamps(drive, [0.0, 1000.0])
+    drive.faulty.spoil(HANDLE, Fault.ZERO_STAMPS)
+    drive.set_up()
+    assert drive.check(CheckName.CLOCK).startswith("failed: stamps differ by 100")
+    drive.act(Waive(CheckName.CLOCK, "known testbed fault"))
+
+
+def shift_stamps(drive: FaultyDrive, off: Sequence[float]) -> None:
+    """From now on the stamps of each topic are off by these times in turn, s."""
+
+    def shifting() -> Edit:
+        shifts = cycle([round(each * NS) for each in off])
+        return lambda content: shift_stamp(content, next(shifts))
+
+    for topic in drive.topics():
+        drive.faulty.fake(topic, shifting())

@@ -1,0 +1,702 @@
+"""`madrob publish`: a competition's pages, self-contained, written whole and where changed."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import re
+import shutil
+from contextlib import suppress
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import madrob_console.archive.scored
+import madrob_console.pages.publish
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.history import RunSummary
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.scored import Scored, score_once
+from madrob_console.archive.stored_runs import stored_run
+from madrob_console.cli.main import main
+from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.errors import MadrobError
+from madrob_console.files.bounded import read_all
+from madrob_console.publishing.hall_page import REFRESH
+from madrob_console.publishing.publish import site_files
+from madrob_console.publishing.site_content import (
+    HALL,
+    SiteContent,
+    alike_among,
+    condition_place,
+    team_place,
+)
+from madrob_console.publishing.site_folder import (
+    SiteFile,
+    SiteNotWrittenError,
+    SiteRefusedError,
+    Written,
+    site_held,
+    write_site,
+)
+from madrob_console.standings.competition import competition_standings
+from scoring.protocol import Outcome
+from scoring.result import Uncertainty
+from tests.madrob_console.engine.drive import OfficialDrive, make_setup
+from tests.madrob_console.pages.competition_runs import (
+    LEVEL,
+    RUNS,
+    SMOOTH,
+    TIME,
+    of,
+    publish,
+    publish_code,
+    put_recorded,
+    stamps,
+)
+from tests.madrob_console.run_folders import EPOCH, VALUES, write
+
+
+class Page(HTMLParser):
+    """What a page has: its elements, where it links to, its rows."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.rows: list[str] = []
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag == "tr":
+            self.rows.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.rows:
+            self.rows[-1] += data
+
+    def found(self, name: str) -> list[str]:
+        """The values of an attribute."""
+        return [value for attribute, value in self.attributes if attribute == name]
+
+
+def pages(site: Path) -> list[Page]:
+    return [Page(path) for path in sorted(site.rglob("*.html"))]
+
+
+# ---------------------------------------------------------------- what is there
+
+
+@pytest.mark.parametrize("options", [(), ("--practice",)])
+def test_every_link_leads_to_a_file_of_the_site(results: Path, options: tuple[str, ...]) -> None:
+    put_recorded(results)
+    site = publish(results, *options)
+    links = 0
+    for page in pages(site):
+        ids = set(page.found("id"))
+        for href in page.found("href"):
+            links += 1
+            if href.startswith("#"):
+                assert href[1:] in ids
+            else:
+                target = Path(os.path.normpath(page.path.parent / unquote(href)))
+                assert target.is_file(), (page.path, href)
+                assert target.is_relative_to(site)
+    assert links > 100
+
+
+def test_no_page_asks_for_anything_from_outside_or_runs_a_script(results: Path) -> None:
+    put_recorded(results)
+    found = pages(publish(results)) + pages(publish(results, "--practice", site="apart"))
+    assert len(found) > 20
+    for page in found:
+        assert not {"script", "img", "link", "iframe", "form", "object"} & set(page.tags)
+        assert not re.search(r"https?:|url\([^#]|@import|\son\w+=", page.path.read_text())
+        assert (
+            "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+            "form-action 'none'"
+        ) in page.found("content")
+
+
+def test_every_page_has_its_landmarks_one_title_and_captions(results: Path) -> None:
+    for page in pages(publish(results)):
+        if page.path.name == REPORT_FILE:
+            continue
+        assert [page.tags.count(tag) for tag in ("main", "header", "nav", "h1", "footer")] == [
+            1
+        ] * 5
+        assert page.found("lang") == ["en"]
+        assert "#main" in page.found("href")
+        headings = [int(tag[1]) for tag in page.tags if re.fullmatch("h[1-6]", tag)]
+        assert all(after <= before + 1 for before, after in pairwise(headings))
+        assert set(page.found("scope")) <= {"row", "col"}
+
+
+def test_only_the_page_of_the_hall_is_loaded_again_by_itself(results: Path) -> None:
+    again = [
+        page.path.name for page in pages(publish(results)) if "refresh" in page.found("http-equiv")
+    ]
+    assert again == ["hall.html"]
+    assert REFRESH >= 5
+
+
+@pytest.mark.parametrize(("teams", "lasting"), [(12, REFRESH), (30, 60)])
+def test_no_team_and_no_condition_is_left_out_on_the_screen_of_the_hall(
+    tmp_path: Path, teams: int, lasting: int
+) -> None:
+    """They turn where there are more than can be read, and all were there when it is reloaded."""
+    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n1,1,2\n")
+    for subject in range(1, teams + 1):
+        for condition in (1, 2, 3, 4) if teams == 12 else (1, 2, 3, 4, 7):
+            write(tmp_path / "results", of(subject, 1, condition))
+    site = publish(tmp_path / "results")
+    text, page = (site / HALL).read_text(), Page(site / HALL)
+    assert f'content="{lasting}"' in text
+    named = [link for link in page.found("href") if link.startswith("teams/")]
+    assert {f"teams/{n:03d}.html" for n in range(1, teams + 1)} <= set(named)
+    leaves = re.findall('<div class="leaf"', text)
+    if teams == 12:
+        assert len(leaves) == 1
+        assert "@keyframes" not in text
+        return
+    assert len(leaves) * 10 == lasting
+    delays = [int(found) for found in re.findall(r"animation-delay: (\d+)s", text)]
+    assert delays == list(range(0, lasting, 10))
+    assert f"animation: leaf {lasting}s step-end infinite" in text
+    for words in ("teams 1-12 of 30", "teams 25-30 of 30", "conditions 5 of 5"):
+        assert words in text
+
+
+def test_teams_stand_by_level_first_and_no_failed_run_is_on_top(site: Path) -> None:
+    rows = [row for row in Page(site / "conditions/07.html").rows if re.match(r"\d ", row)]
+    assert [row[0] for row in rows[:3]] == ["1", "3", "2"]  # the smoothness of 2 is 539.5
+    assert "timeout" in rows[2]
+    assert "539.5" in rows[2]
+    assert "Ordered by capability level first" in (site / "conditions/07.html").read_text()
+    overview = [row for row in Page(site / "index.html").rows if re.match(r"\d ", row)]
+    assert [row[0] for row in overview] == ["3", "1", "2"]  # 3 in two conditions
+
+
+def test_flags_voids_protests_doubts_and_reasons_are_told(site: Path) -> None:
+    one, three = ((site / f"teams/{n}.html").read_text() for n in ("001", "003"))
+    assert "PROTESTED by the team" in one
+    assert "UNDECIDED" in one
+    assert "INVALID" in one
+    assert "a child ran in" in one
+    assert "VOID" in three
+    assert "3.9000?" in three
+    assert "11.00 +- 0.01" in one  # digits and uncertainty as a report has them
+
+
+def test_values_of_which_no_uncertainty_is_known_say_so(results: Path) -> None:
+    write(results, of(5, uncertainties=dict.fromkeys(VALUES, Uncertainty(0.005, 0.01))))
+    site, words = publish(results), "no uncertainty is known of them"
+    for subject, told in ((2, True), (5, False)):
+        pages = [site / team_place(subject), *site.glob(f"runs/subject_00{subject}*/index.html")]
+        assert len(pages) == 2
+        assert [words in page.read_text() for page in pages] == [told, told]
+
+
+def test_a_run_with_an_open_protest_is_not_final_on_every_page(results: Path) -> None:
+    write(results, of(2, 2, protest_due=EPOCH))
+    site = publish(results)
+    for name in ("index.html", "teams/002.html", "conditions/07.html"):
+        assert "NOT FINAL: a PROTEST is open" in (site / name).read_text(), name
+    assert "PROTEST open against run 2 of subject 2" in (site / "index.html").read_text()
+    assert "NOT FINAL: 1 PROTEST open" in (site / "teams/002.html").read_text()
+
+
+def test_best_runs_that_cannot_be_told_apart_are_marked(results: Path) -> None:
+    near = Uncertainty(0.5, 1.0)
+    write(results, of(5, condition=3, own={TIME: 20.0}, uncertainties={TIME: near}))
+    write(results, of(6, condition=3, own={TIME: 20.9}, uncertainties={TIME: near}))
+    write(results, of(8, condition=3, own={TIME: 30.0}, uncertainties={TIME: near}))
+    site = publish(results)
+    for name in ("conditions/03.html", "index.html"):
+        text = (site / name).read_text()
+        assert ">20~ +- 1<" in text
+        assert ">21~ +- 1<" in text
+        assert ">30 +- 1<" in text
+
+
+def test_a_run_that_goes_on_is_none_that_was_interrupted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results"
+    (tmp_path / "plan.csv").write_text("subject,condition,attempts\n3,1,3\n")
+    drive = OfficialDrive(results)
+    drive.whole_run(make_setup())
+    drive.start(make_setup(run_number=2))
+    write(results, of(3, 3, 1, ruleset="protocol")).write_text("{")
+    assert publish_code(results) == BAD_INPUT  # for the damaged one
+    site = tmp_path / "site"
+    for name in ("index.html", "teams/003.html"):
+        text = (site / name).read_text()
+        assert "1 completed, 1 without a result yet" in text
+        assert "INTERRUPTED" not in text
+    assert "Run 3 does not count: <bdi>its result cannot be used</bdi>." in text
+    assert not [page for page in site.rglob("*.html") if "`madrob " in page.read_text()]
+    with (site / "data/standings.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert (row["interrupted"], row["without_result"]) == ("0", "1")
+    capsys.readouterr()
+    assert main(["standings", "--results", str(results)]) == BAD_INPUT
+    assert "1 completed, 1 without a result yet" in capsys.readouterr().out
+    drive.engine.close()
+
+
+def test_a_teams_zip_is_linked_once_it_is_there_and_stays(results: Path) -> None:
+    zipped = publish(results) / "downloads/team_003.zip"
+    zipped.parent.mkdir()
+    zipped.write_bytes(b"PK")
+    site = publish(results)
+    assert "../downloads/team_003.zip" in Page(site / "teams/003.html").found("href")
+    assert "../downloads/team_001.zip" not in Page(site / "teams/001.html").found("href")
+    assert zipped.read_bytes() == b"PK"
+
+
+def test_practice_is_published_apart_and_says_so(results: Path) -> None:
+    assert not any("Rehearsal" in page.path.read_text() for page in pages(publish(results)))
+    apart = publish(results, "--practice", site="apart")
+    assert "Rehearsal" in (apart / "index.html").read_text()
+    assert all("PRACTICE" in p.path.read_text() for p in pages(apart) if p.path.name != REPORT_FILE)
+
+
+def test_names_have_no_power(site: Path) -> None:
+    text = (site / "teams/003.html").read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert not {"\x1b", "\u202e"} & set(text)
+
+
+def test_the_plan_is_there_with_its_progress_and_what_comes_next(site: Path) -> None:
+    overview = (site / "index.html").read_text()
+    assert "3 of 5 attempts done, 2 left." in overview
+    assert '<progress value="3" max="5"' in overview
+    assert "attempt 2 of 2" in overview
+    assert "0 of 1" in (site / "plan.html").read_text()
+
+
+def test_reports_are_led_to_pages_of_the_site_alone(results: Path) -> None:
+    put_recorded(results)
+    site = publish(results, "--practice")
+    (report,) = site.glob("runs/subject_003_cond_001_run_001_*/report.html")
+    hrefs = Page(report).found("href")
+    (other,) = site.glob("runs/subject_003_cond_001_run_002_*")
+    assert f"../{other.name}/report.html" in hrefs
+    assert not [href for href in hrefs if "mcap" in href]
+    assert "../../teams/003.html" in hrefs
+
+
+def test_a_report_is_rendered_from_its_run_and_never_copied(results: Path) -> None:
+    put_recorded(results)
+    site = publish(results, "--practice")
+    reports = list(site.glob("runs/*/report.html"))
+    assert len(reports) == 2
+    for report in reports:
+        assert "Where the time went" in report.read_text()
+        assert not re.search("evil|javascript", report.read_text())
+
+
+def test_a_report_is_rendered_again_once_what_it_tells_of_the_team_has_changed(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = put_recorded(results)
+    site = publish(results, "--practice")
+    (report,) = site.glob(f"runs/{first.name}_*/report.html")
+    assert "other runs in this condition is run 2." in report.read_text()
+    before = stamps(site)
+    rendered: list[Path] = []
+
+    def scored(folder: Path) -> Scored:
+        rendered.append(folder)
+        return score_once(folder)
+
+    monkeypatch.setattr(madrob_console.archive.scored, "score_once", scored)
+    write(results, of(5, source="simulated"))  # another team's
+    publish(results, "--practice")
+    assert rendered == []
+    assert stamps(site)[str(report.relative_to(site))] == before[str(report.relative_to(site))]
+    shutil.rmtree(second)
+    publish(results, "--practice")
+    assert rendered == [first]
+    assert "run 2" not in report.read_text()
+
+
+def test_a_report_that_can_be_rendered_no_more_leaves_no_older_one(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = put_recorded(results)
+    site = publish(results, "--practice")
+    for recording in second.glob("*.mcap"):
+        recording.unlink()
+    (second / RESULT_FILE).touch()  # a process keeps what it has read of an unchanged run
+    shutil.rmtree(first)
+    assert publish_code(results, "--practice") == BAD_INPUT
+    assert f"practice/{second.name}: no report on the site (" in capsys.readouterr().err
+    assert not list(site.glob("runs/*/report.html"))
+    assert list(site.glob(f"runs/{second.name}_*/index.html"))
+
+
+def test_a_run_without_a_report_is_published_and_named(
+    capsys: pytest.CaptureFixture[str], site: Path
+) -> None:
+    assert f"{RUNS[0].folder}: no report of its result to show" in capsys.readouterr().err
+    (page,) = site.glob("runs/subject_001_cond_007_run_001_*/index.html")
+    assert not page.with_name(REPORT_FILE).exists()
+    assert "result.json" in page.read_text()
+
+
+def test_tables_have_the_published_runs_and_no_path_of_the_machine(
+    site: Path, results: Path
+) -> None:
+    with (site / "data/runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(RUNS) - 1  # without practice
+    assert all((site / row["place"]).is_file() for row in rows)
+    text = "".join(p.read_text() for p in site.rglob("*") if p.suffix in {".csv", ".html"})
+    assert str(results) not in text
+
+
+def test_two_halls_are_one_competition(results: Path) -> None:
+    other = results.parent / "other"
+    shutil.copytree(results, other)  # the same names, as two testbeds may give
+    site = results.parent / "both"
+    assert main(["publish", str(site), str(results), str(other)]) == 0
+    assert len(list(site.glob("runs/*/index.html"))) == 2 * (len(RUNS) - 1)
+
+
+_NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            of,
+            st.integers(1, 3),
+            st.integers(1, 999),
+            st.sampled_from([1, 7]),
+            own=st.fixed_dictionaries({TIME: _NUMBERS, SMOOTH: _NUMBERS, LEVEL: st.integers()}),
+            uncertainties=st.just({}) | st.builds(lambda x: {TIME: Uncertainty(x, x)}, _NUMBERS),
+            outcome=st.sampled_from(Outcome),
+            ruleset=st.sampled_from(["protocol", "robust-2026"]),
+        ),
+        max_size=6,
+        unique_by=lambda run: run.folder,
+    )
+)
+def test_whatever_results_say_there_are_pages(runs: list[RunSummary]) -> None:
+    runs = sorted(runs, key=lambda run: run.started)
+    content = SiteContent(
+        root=Path("nowhere"),
+        runs=runs,
+        standings=competition_standings(runs, made=0.0),
+        plan=None,
+        names={},
+        software="1",
+    )
+    files, without = site_files(content)
+    assert without == list(runs)
+    names = {file.name for file in files}
+    assert {team_place(run.subject) for run in runs} <= names
+    assert {condition_place(run.condition) for run in runs} <= names
+    assert set(content.places.values()) <= names
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_what_did_not_change_is_not_touched(site: Path, results: Path) -> None:
+    before = stamps(site)
+    publish(results)
+    assert stamps(site) == before
+
+
+def test_a_new_result_touches_its_own_pages_alone(site: Path, results: Path) -> None:
+    before = stamps(site)
+    write(results, of(2, 2))
+    publish(results)
+    after = stamps(site)
+    changed = {name for name in after if after[name] != before.get(name)}
+    assert {"index.html", "hall.html", "teams/002.html", "conditions/07.html"} <= changed
+    assert not {"teams/001.html", "teams/003.html", "conditions/12.html"} & changed
+    runs = {name for name in changed if name.startswith("runs/")}
+    assert all(name.startswith("runs/subject_002_") for name in runs)
+
+
+def test_pages_of_runs_that_are_gone_go_and_nothing_else(site: Path, results: Path) -> None:
+    mine = site / "notes.txt"
+    mine.write_text("mine")
+    beside = next(site.glob("runs/subject_003_cond_012_*")) / "photo.jpg"
+    beside.write_text("mine")
+    shutil.rmtree(results / RUNS[6].folder)
+    shutil.rmtree(results / RUNS[3].folder)
+    publish(results)
+    assert not (site / "teams/002.html").exists()
+    assert not (site / "conditions/12.html").exists()
+    assert not list(site.glob("runs/subject_002_*"))
+    assert [p.name for p in beside.parent.iterdir()] == ["photo.jpg"]
+    assert mine.read_text() == "mine"
+
+
+def test_a_folder_with_other_things_is_refused_with_the_remedy(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(results.iterdir())
+    assert main(["publish", str(results), "--results", str(results)]) == BAD_INPUT
+    assert "holds other things; name an empty folder" in capsys.readouterr().err
+    assert sorted(path for path in results.iterdir() if path.name[0] != ".") == [
+        path for path in before if path.name[0] != "."
+    ]
+
+
+def page(name: str, text: str) -> SiteFile:
+    return SiteFile.of(name, text)
+
+
+def put(folder: Path, files: list[SiteFile]) -> Written:
+    """Write a site of these files."""
+    with site_held(folder):
+        return write_site(folder, files)
+
+
+def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
+    put(tmp_path / "site", [page("index.html", "old")])
+    (tmp_path / "site/hall.html").write_text("mine")
+    with pytest.raises(SiteRefusedError, match="move it away"):
+        put(tmp_path / "site", [page("index.html", "new"), page("hall.html", "new")])
+    assert (tmp_path / "site/index.html").read_text() == "old"
+
+
+def test_who_is_cut_off_leaves_whole_files_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    put(site, [page("a.html", "old a"), page("b.html", "old b")])
+
+    def full() -> bytes:
+        assert (site / "a.html").read_text() == "new a"  # in the order given
+        raise MadrobError("no room")
+
+    files = [page("a.html", "new a"), SiteFile("b.html", "2", full), page("c.html", "new c")]
+    with pytest.raises(MadrobError, match="no room"):
+        put(site, files)
+    assert {p.name: p.read_text() for p in site.glob("*.html")} == {
+        "a.html": "new a",
+        "b.html": "old b",
+    }
+    done = put(site, [page("a.html", "new a"), page("c.html", "new c")])
+    assert (done.removed, {p.name for p in site.glob("*.html")}) == (1, {"a.html", "c.html"})
+    assert not [p for p in site.iterdir() if p.suffix in {".part", ".lock"}]
+
+
+def test_a_file_that_somebody_changed_is_made_again(tmp_path: Path) -> None:
+    put(tmp_path / "site", [page("a.html", "whole")])
+    (tmp_path / "site/a.html").write_text("cut")
+    put(tmp_path / "site", [page("a.html", "whole")])
+    assert (tmp_path / "site/a.html").read_text() == "whole"
+
+
+def test_names_in_the_list_lead_nowhere_else(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    put(site, [page("a.html", "a")])
+    (tmp_path / "mine.txt").write_text("mine")
+    listed = next(site.glob(".madrob_site.json"))
+    listed.write_text(listed.read_text().replace('"a.html"', '"../mine.txt"'))
+    (site / "a.html").unlink()
+    put(site, [page("b.html", "b")])
+    assert (tmp_path / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("linked", ["teams", "runs", "runs/one"])
+def test_no_page_is_written_or_removed_through_a_link(tmp_path: Path, linked: str) -> None:
+    site, victim = tmp_path / "site", tmp_path / "victim"
+    put(site, [page("runs/one/a.html", "a"), page("teams/b.html", "b")])
+    shutil.copytree(site / linked, victim)
+    (victim / "journal.jsonl").write_text("mine")
+    before = {path: path.read_bytes() for path in victim.rglob("*") if path.is_file()}
+    shutil.rmtree(site / linked)
+    (site / linked).symlink_to(victim)
+    listed = site / ".madrob_site.json"
+    listed.write_text(
+        listed.read_text().replace(
+            '"teams/b.html"', f'"teams/b.html":{{}},"{linked}/journal.jsonl"'
+        )
+    )
+    for files in ([page("index.html", "new")], [page(f"{linked}/new.html", "new")]):
+        with pytest.raises(SiteRefusedError, match=f"{linked}: is a link.*; remove it"):
+            put(site, files)
+    assert {path: path.read_bytes() for path in victim.rglob("*") if path.is_file()} == before
+    assert not (site / "index.html").exists()
+
+
+def test_a_link_that_comes_while_a_site_is_written_is_not_followed(tmp_path: Path) -> None:
+    site, victim = tmp_path / "site", tmp_path / "victim"
+    victim.mkdir()
+
+    def make() -> bytes:
+        with suppress(FileNotFoundError):
+            (site / "teams").rmdir()
+        (site / "teams").symlink_to(victim)
+        return b"b"
+
+    with pytest.raises(SiteNotWrittenError):
+        put(site, [SiteFile("teams/b.html", "1", make)])
+    assert not list(victim.iterdir())
+
+
+def test_a_linked_folder_of_a_site_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], site: Path, results: Path
+) -> None:
+    shutil.move(site / "teams", results.parent / "elsewhere")
+    (site / "teams").symlink_to(results.parent / "elsewhere")
+    capsys.readouterr()
+    assert publish_code(results) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert told == f"madrob: {site}/teams: is a link, which leads out of the site; remove it\n"
+
+
+def test_without_runs_there_is_a_site_that_says_so(results: Path) -> None:
+    shutil.rmtree(results)
+    results.mkdir()
+    site = publish(results)
+    assert "No run counts yet." in (site / "index.html").read_text()
+
+
+def change(results: Path, number: int, **fields: object) -> None:
+    """Other words in the result of one of the runs."""
+    path = results / RUNS[number].folder / RESULT_FILE
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
+def page_of(results: Path, number: int, name: str = "index.html") -> Path:
+    """Of one of the runs."""
+    (found,) = (results.parent / "site/runs").glob(f"{RUNS[number].folder}_*")
+    return found / name
+
+
+def test_a_slow_publisher_writes_no_older_pages_over_newer_ones(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    codes = []
+
+    def slow(content: SiteContent) -> object:
+        monkeypatch.undo()
+        change(results, 0, voided={"reason": "unsafe"})  # after this one has read the runs
+        codes.append(publish_code(results))
+        return site_files(content)
+
+    monkeypatch.setattr(madrob_console.pages.publish, "site_files", slow)
+    publish(results)
+    assert codes == [os.EX_TEMPFAIL]  # the engine tries it again
+    assert "another `madrob publish` writes there now" in capsys.readouterr().err
+    publish(results)
+    assert "VOID" in page_of(results, 0).read_text()
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENOENT])
+def test_what_cannot_be_read_or_is_gone_meanwhile_keeps_nothing_else_from_being_written(
+    results: Path,
+    number: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bad = results / RUNS[0].folder / RESULT_FILE
+
+    def read(path: Path, limit: int) -> bytes:
+        if path == bad:
+            raise OSError(number, os.strerror(number))
+        return read_all(path, limit)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.pages.publish, "read_all", read)
+        assert publish_code(results) == BAD_INPUT
+    told = capsys.readouterr().err
+    assert f"{bad}: cannot be read ({os.strerror(number)}); `madrob " in told
+    assert len([line for line in told.splitlines() if "madrob: note: " not in line]) == 1
+    site = results.parent / "site"
+    assert (site / "index.html").exists()
+    assert page_of(results, 1, RESULT_FILE).exists()
+    assert not page_of(results, 0, RESULT_FILE).exists()
+    publish(results)
+    assert page_of(results, 0, RESULT_FILE).exists()
+
+
+@pytest.mark.parametrize("run_id", ["abcdefg\u00e9", "../../..", "0190\u0661\u0662\u0663\u0664"])
+def test_whatever_a_run_says_it_is_its_page_is_found_again(results: Path, run_id: str) -> None:
+    change(results, 0, run_id=run_id)
+    publish(results)
+    publish(results)
+    place = page_of(results, 0).relative_to(results.parent / "site").as_posix()
+    assert re.fullmatch(r"runs/[a-z0-9_]+/index\.html", place)
+
+
+def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(run: RunPath) -> object:
+        if RUNS[0].folder in str(run.path):
+            raise MadrobError("too many open files")
+        return stored_run(run)
+
+    def rows() -> int:
+        return len((results.parent / "site/data/runs.csv").read_text().splitlines()) - 1
+
+    with monkeypatch.context() as patched:
+        patched.setattr(madrob_console.pages.publish, "stored_run", read)
+        publish(results)
+        assert rows() == len(RUNS) - 2  # without practice and this one
+    publish(results)
+    assert rows() == len(RUNS) - 1
+
+
+def test_reports_follow_the_teams_name_and_lead_to_no_plan_that_is_gone(results: Path) -> None:
+    first, _ = put_recorded(results)
+    teams, site = results.parent / "teams.csv", results.parent / "site"
+
+    def report() -> str:
+        publish(results, "--practice", "--teams", teams)
+        (page,) = site.glob(f"runs/{first.name}_*/{REPORT_FILE}")
+        return page.read_text()
+
+    teams.write_text("subject,team\n3,Old Name\n")
+    text = report()
+    assert "Old Name" in text
+    assert "plan.html" in text
+    teams.write_text("subject,team\n3,New Name\n")
+    (results.parent / "plan.csv").write_text("")
+    text = report()
+    assert "New Name" in text
+    assert "Old Name" not in text
+    assert "plan.html" not in text
+
+
+def test_a_failed_run_is_like_no_other() -> None:
+    wide = dict.fromkeys(VALUES, Uncertainty(5.0, 10.0))
+    one, near = (of(n, own={TIME: 59.9}, uncertainties=wide) for n in (1, 2))
+    failed = of(3, outcome=Outcome.TIMEOUT, own={TIME: 60.0}, uncertainties=wide)
+    assert failed.folder not in alike_among([one, near, failed])
+    assert alike_among([one, near])[one.folder] == set(VALUES)
+    assert alike_among([one, failed]) == {}
+
+
+def test_halls_whose_folders_are_no_text_are_published(results: Path) -> None:
+    hall = results.rename(results.parent / os.fsdecode(b"hall \xff"))
+    site = results.parent / "site"
+    assert main(["publish", str(site), str(hall / RUNS[0].folder), str(hall / RUNS[3].folder)]) == 0
+    assert len(list((site / "runs").iterdir())) == 2
+
+
+def test_practice_alone_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "results", of(4, source="simulated"))
+    publish(tmp_path / "results")
+    assert "no official run, 1 of practice: --practice shows them" in capsys.readouterr().err
