@@ -1,4 +1,4 @@
-"""The rosbag2 layout of a bag: file names, topics, QoS and `metadata.yaml`."""
+"""The rosbag2 layout of a bag: file names, messages, topics, QoS, `metadata.yaml`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from enum import StrEnum
 from itertools import chain
 from typing import Any
 
+import msgspec
 import yaml
 
 METADATA_FILE = "metadata.yaml"
@@ -260,3 +261,27 @@ def _dump(value: object) -> str:
         return str(yaml.dump(value, Dumper=quick, sort_keys=False, allow_unicode=True))
     except UnicodeEncodeError:
         return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+
+
+# One message as it came over the wire.
+
+
+class RawMessage(msgspec.Struct, frozen=True, gc=False):
+    """A serialised message; what every source yields and what a bag stores.
+
+    Not a dataclass because there are so many: a frozen one takes ten times as long to make.
+
+    Attributes:
+        topic: full topic name, for example `/madrob/door/angle`.
+        type: full type name, for example `sensor_msgs/msg/JointState`.
+        data: the CDR bytes, with their 4-byte encapsulation header, untouched.
+        publish_ns: when the publisher sent it, ns since the epoch.
+        receive_ns: when it was received, steady time (protocol section 8), ns since the
+            epoch; the bag's log time.
+    """
+
+    topic: str
+    type: str
+    data: bytes
+    publish_ns: int
+    receive_ns: int

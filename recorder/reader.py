@@ -16,14 +16,20 @@ from recorder.bag import (
     BAG_INFORMATION,
     METADATA_FILE,
     YAML_PROBLEMS,
+    RawMessage,
     Topic,
     is_evidence,
     load_yaml,
 )
-from recorder.catalogue import Catalogue
 from recorder.errors import RecorderError
-from recorder.mcap_stream import DamageError, ForeignError, Gap, read_records, read_summary
-from recorder.message import RawMessage
+from recorder.mcap_reader import (
+    Catalogue,
+    DamageError,
+    ForeignError,
+    Gap,
+    read_records,
+    read_summary,
+)
 
 RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""

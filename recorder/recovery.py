@@ -21,19 +21,17 @@ from typing import BinaryIO, TypeAlias
 
 from mcap.records import Metadata
 
-from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Topic, is_evidence
-from recorder.errors import RecorderError
-from recorder.listing import (
-    listing,
-    metadata_part,
-    prepare_metadata,
-    put_listing,
-    put_metadata,
-    summarised,
+from recorder.bag import (
+    METADATA_FILE,
+    YAML_PROBLEMS,
+    BagInformation,
+    RawMessage,
+    Topic,
+    is_evidence,
 )
-from recorder.mcap_file import ROSBAG2_RECORD, McapFile
-from recorder.mcap_stream import DamageError, ForeignError
-from recorder.message import RawMessage
+from recorder.errors import RecorderError
+from recorder.mcap_reader import DamageError, ForeignError
+from recorder.mcap_writer import ROSBAG2_RECORD, McapFile
 from recorder.reader import (
     RECOVERY_RECORD,
     bag_files,
@@ -44,8 +42,21 @@ from recorder.reader import (
     read_items,
     refuse_sqlite,
 )
-from recorder.survey import Survey
-from recorder.torn_file import TORN, keep, lock, open_file, put_back, remove
+from recorder.survey import (
+    TORN,
+    Survey,
+    keep,
+    listing,
+    lock,
+    metadata_part,
+    open_file,
+    prepare_metadata,
+    put_back,
+    put_listing,
+    put_metadata,
+    remove,
+    summarised,
+)
 
 _SUFFIX = ".mcap"
 _PART = ".recovering"

@@ -1,19 +1,358 @@
-"""Single messages of a bag, found by their time without reading what lies between them."""
+"""Single messages of a bag, found by their time through its chunk indexes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+import struct
+from bisect import bisect_left
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
-from recorder.bag import Topic
-from recorder.chunk_table import ChunkTable, MessagePlace
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex, Message
+from mcap.writer import MCAP0_MAGIC
+
+from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.mcap_stream import DamageError, ForeignError
-from recorder.message import RawMessage
+from recorder.mcap_reader import (
+    FRAME,
+    MESSAGE_HEAD,
+    RECORD_LIMIT,
+    Catalogue,
+    DamageError,
+    ForeignError,
+    read_summary,
+    records_in,
+    unpack,
+)
 from recorder.reader import bag_files, open_recording
+
+# Where the chunks of one recording lie and what is in them, without reading them.
+#
+# A finished recording says it at its end. One that was cut off is walked from record to record,
+# past the chunks, from the heads of which and the indexes behind them the same is learned.
+
+
+MOST_RECORDS = 1_000_000
+"""Of a recording that was cut off so many are walked: a camera at 30 Hz for hours has less."""
+
+MOST_UNPACKED = 64
+"""Chunks that are unpacked to learn what no index says."""
+
+_CHUNK_HEAD = struct.Struct("<QQQII")  # first time, last time, size, checksum, length of a name
+_COUNT = struct.Struct("<HI")  # channel, bytes of entries
+_ENTRY = struct.Struct("<QQ")  # log time, offset
+_SIZE = struct.Struct("<Q")
+_NAME_LIMIT = 32
+_KINDS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
+_INDEX_LIMIT = 16 * 1024 * 1024
+_KEPT = 48 * 1024 * 1024  # bytes of unpacked chunks: neighbours are often in one chunk
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChunkPlace:
+    """A chunk on disk.
+
+    Attributes:
+        offset: of its record, bytes.
+        begin_ns, end_ns: its first and last log time, ns since the epoch.
+        indexes: where the index of each of its channels lies, bytes.
+    """
+
+    offset: int
+    begin_ns: int
+    end_ns: int
+    indexes: Mapping[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MessagePlace:
+    """A message on disk.
+
+    Attributes:
+        log_ns: its log time, ns since the epoch.
+        chunk: in which it is.
+        offset: of its record in what the chunk unpacks to, bytes.
+    """
+
+    log_ns: int
+    chunk: ChunkPlace
+    offset: int
+
+
+class ChunkTable:
+    """The chunks of an open recording; what is asked for is read, and nothing else.
+
+    Args:
+        file: the recording, open for as long as anything is asked.
+
+    Attributes:
+        catalogue: its channels and their types, as far as they are known.
+        channels: the channels of which there are messages.
+        problem: why there may be more than is known, in words; None = it is complete.
+
+    Raises:
+        ForeignError: it is no recording of ROS 2 messages.
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.catalogue = Catalogue()
+        self.problem: str | None = None
+        self._fd = file.fileno()
+        self._size = os.fstat(self._fd).st_size
+        self._unpacked: OrderedDict[int, bytes] = OrderedDict()
+        self._found: dict[tuple[int, int], list[MessagePlace]] = {}
+        self._to_unpack = MOST_UNPACKED
+        if os.pread(self._fd, len(MCAP0_MAGIC), 0) != MCAP0_MAGIC:
+            raise ForeignError(
+                "it does not begin like an MCAP file" if self._size else "it is empty"
+            )
+        try:
+            self._chunks = self._by_summary(file)
+        except DamageError:  # it is unfinished
+            self.catalogue = Catalogue()
+            self._chunks = self._by_walking()
+        self._chunks = [self._indexed(chunk) for chunk in self._chunks]
+        self._of_channel: dict[int, list[ChunkPlace]] = defaultdict(list)
+        for chunk in self._chunks:
+            for channel in chunk.indexes:
+                self._of_channel[channel].append(chunk)
+        self.channels = tuple(sorted(self._of_channel))
+        self._learn_channels()
+
+    def places(self, channel: int, begin_ns: int, end_ns: int) -> Iterator[MessagePlace]:
+        """The messages of a channel that were logged from one time to another, chunk by chunk.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        for chunk in self._of_channel.get(channel, ()):
+            if chunk.begin_ns <= end_ns and chunk.end_ns >= begin_ns:
+                for place in self._entries(chunk, channel):
+                    if begin_ns <= place.log_ns <= end_ns:
+                        yield place
+
+    def spread(self, channel: int, most: int) -> Iterator[MessagePlace]:
+        """The messages of at most so many chunks of a channel, evenly over the recording.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        chunks = self._of_channel.get(channel, [])
+        step = max(1.0, len(chunks) / most)
+        for number in range(min(most, len(chunks))):
+            yield from self._entries(chunks[int(number * step)], channel)
+
+    def head(self, place: MessagePlace, size: int) -> bytes:
+        """The first bytes of a message's data; in a chunk that is not packed only they are read.
+
+        Raises:
+            DamageError: there is no message.
+            OSError: it cannot be read.
+        """
+        return self._message(place, size).data
+
+    def message(self, place: MessagePlace, limit: int) -> Message:
+        """A message of at most `limit` bytes.
+
+        Raises:
+            DamageError: there is no message, or a larger one.
+            OSError: it cannot be read.
+        """
+        message = self._message(place, limit + 1)
+        if len(message.data) > limit:
+            raise DamageError(f"it has more than {limit / 1e6:.0f} MB")
+        return message
+
+    def _message(self, place: MessagePlace, most: int) -> Message:
+        head = FRAME.size + MESSAGE_HEAD.size
+        record = self._part(place.chunk, place.offset, head)
+        if len(record) < head:
+            raise DamageError("its index points behind its chunk")
+        opcode, length = FRAME.unpack_from(record)
+        if opcode != Opcode.MESSAGE or length < MESSAGE_HEAD.size:
+            raise DamageError("its index points to something else")
+        size = min(length - MESSAGE_HEAD.size, most)
+        data = self._part(place.chunk, place.offset + head, size)
+        if len(data) < size:
+            raise DamageError("it is cut off")
+        channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record, FRAME.size)
+        return Message(channel, log_time, data, publish_time, sequence)
+
+    # ------------------------------------------------------------------ chunks
+
+    def _by_summary(self, file: BinaryIO) -> list[ChunkPlace]:
+        chunks: list[ChunkPlace] = []
+        for record in read_summary(file, chunks=True):
+            if isinstance(record, ChunkIndex):
+                place = _place(record)
+                if max(place.offset, *place.indexes.values(), 0) >= self._size:
+                    raise DamageError("an index points behind its end")
+                chunks.append(place)
+            else:
+                self.catalogue.add(record)
+        told = self.catalogue.statistics
+        if told is None or not self.catalogue.whole or told.chunk_count != len(chunks):
+            raise DamageError("its summary is not complete")
+        return sorted(chunks, key=lambda chunk: chunk.offset)
+
+    def _by_walking(self) -> list[ChunkPlace]:
+        chunks: list[ChunkPlace] = []
+        indexes: dict[int, int] = {}
+        offset = len(MCAP0_MAGIC)
+        for _ in range(MOST_RECORDS):
+            frame = os.pread(self._fd, FRAME.size, offset)
+            if len(frame) < FRAME.size:
+                break
+            opcode, length = FRAME.unpack(frame)
+            body, following = offset + FRAME.size, offset + FRAME.size + length
+            cut = following > self._size
+            if opcode == Opcode.CHUNK:
+                head = os.pread(self._fd, _CHUNK_HEAD.size, body)
+                if len(head) == _CHUNK_HEAD.size:
+                    begin_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
+                    indexes = {}
+                    chunks.append(ChunkPlace(offset, begin_ns, end_ns, indexes))
+            if opcode == 0 or cut:
+                break
+            if opcode == Opcode.FOOTER:
+                return chunks
+            if opcode == Opcode.MESSAGE_INDEX and length >= _COUNT.size:
+                channel, _ = _COUNT.unpack(os.pread(self._fd, _COUNT.size, body))
+                indexes[channel] = offset
+            elif opcode in _KINDS and length <= RECORD_LIMIT:
+                self._take(frame + os.pread(self._fd, length, body))
+            offset = following
+        else:
+            self.problem = f"it was not finished; its first {MOST_RECORDS} records are looked at"
+            return chunks
+        self.problem = "it was not finished"
+        indexes.clear()  # those of the last chunk may not be all
+        return chunks
+
+    def _indexed(self, chunk: ChunkPlace) -> ChunkPlace:
+        """The same chunk; one without an index is unpacked to make it."""
+        if chunk.indexes:
+            return chunk
+        found = self._look_into(chunk)
+        self._found |= {(chunk.offset, channel): places for channel, places in found.items()}
+        return ChunkPlace(chunk.offset, chunk.begin_ns, chunk.end_ns, dict.fromkeys(found, 0))
+
+    def _entries(self, chunk: ChunkPlace, channel: int) -> list[MessagePlace]:
+        """The messages of a channel in a chunk, as its index has them."""
+        known = self._found.get((chunk.offset, channel))
+        if known is not None:
+            return known
+        offset = chunk.indexes[channel]
+        if not offset:
+            return []
+        head = os.pread(self._fd, FRAME.size + _COUNT.size, offset)
+        if len(head) < FRAME.size + _COUNT.size:
+            return []
+        opcode, _ = FRAME.unpack_from(head)
+        there, size = _COUNT.unpack_from(head, FRAME.size)
+        if opcode != Opcode.MESSAGE_INDEX or there != channel or size > _INDEX_LIMIT:
+            return []
+        entries = os.pread(self._fd, size, offset + len(head))
+        whole = len(entries) - len(entries) % _ENTRY.size
+        return [MessagePlace(at, chunk, where) for at, where in _ENTRY.iter_unpack(entries[:whole])]
+
+    # ------------------------------------------------------------------ what is in them
+
+    def _part(self, chunk: ChunkPlace, offset: int, size: int) -> bytes:
+        """So many bytes of what a chunk unpacks to; fewer at its end."""
+        if offset >= RECORD_LIMIT:
+            return b""
+        if chunk.offset not in self._unpacked:
+            start = chunk.offset + FRAME.size
+            head = os.pread(self._fd, _CHUNK_HEAD.size + _NAME_LIMIT + _SIZE.size, start)
+            if len(head) < _CHUNK_HEAD.size + _SIZE.size:
+                return b""
+            *_, name = _CHUNK_HEAD.unpack_from(head)
+            if name == 0:
+                (length,) = _SIZE.unpack_from(head, _CHUNK_HEAD.size)
+                begin = start + _CHUNK_HEAD.size + _SIZE.size
+                return os.pread(self._fd, max(0, min(size, length - offset)), begin + offset)
+        return self._content(chunk)[offset : offset + size]
+
+    def _content(self, chunk: ChunkPlace) -> bytes:
+        """What a chunk unpacks to; nothing where it is damaged."""
+        if chunk.offset in self._unpacked:
+            self._unpacked.move_to_end(chunk.offset)
+            return self._unpacked[chunk.offset]
+        frame = os.pread(self._fd, FRAME.size, chunk.offset)
+        content = b""
+        if len(frame) == FRAME.size:
+            opcode, length = FRAME.unpack(frame)
+            if opcode == Opcode.CHUNK and length <= RECORD_LIMIT:
+                body = os.pread(self._fd, length, chunk.offset + FRAME.size)
+                content = unpack(body).records  # of one that is cut what is left, else nothing
+        self._unpacked[chunk.offset] = content
+        while len(self._unpacked) > 1 and sum(map(len, self._unpacked.values())) > _KEPT:
+            self._unpacked.popitem(last=False)
+        return content
+
+    def _look_into(self, chunk: ChunkPlace) -> dict[int, list[MessagePlace]]:
+        """Unpack a chunk for its channels and messages, as long as some more may be."""
+        if self._to_unpack == 0:
+            self.problem = "it has no index; its first chunks are looked at"
+            return {}
+        self._to_unpack -= 1
+        content = self._content(chunk)
+        found: dict[int, list[MessagePlace]] = defaultdict(list)
+        offset = 0
+        while offset + FRAME.size <= len(content):
+            opcode, length = FRAME.unpack_from(content, offset)
+            start, end = offset + FRAME.size, offset + FRAME.size + length
+            if opcode == 0 or end > len(content):
+                break
+            if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD.size:
+                channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
+                found[channel].append(MessagePlace(log_ns, chunk, offset))
+            elif opcode in _KINDS:
+                self._take(content[offset:end])
+            offset = end
+        return found
+
+    def _learn_channels(self) -> None:
+        """Look into the chunks where channels without a type come first, and before them."""
+        for channel in self.channels:
+            first = self._of_channel[channel][0]
+            number = bisect_left(self._chunks, first.offset, key=lambda chunk: chunk.offset)
+            while number >= 0 and not self._knows(channel) and self._to_unpack:
+                self._look_into(self._chunks[number])
+                number -= 1
+
+    def _knows(self, channel: int) -> bool:
+        try:
+            self.catalogue.topic(channel)
+        except ForeignError:
+            return True
+        except DamageError:
+            return False
+        return True
+
+    def _take(self, record: bytes) -> None:
+        """A type or a channel; one that is damaged is unknown."""
+        try:
+            for parsed in records_in(record):
+                self.catalogue.add(parsed)
+        except DamageError as error:
+            self.problem = self.problem or str(error)
+
+
+def _place(index: ChunkIndex) -> ChunkPlace:
+    return ChunkPlace(
+        index.chunk_start_offset,
+        index.message_start_time,
+        index.message_end_time,
+        dict(index.message_index_offsets),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,19 +1,41 @@
-"""Read a whole recording once: what it holds, and what is wrong with it."""
+"""Surveys a recording for repair, and lists the files of a bag."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
+import re
+import stat
+import threading
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
-from recorder.bag import BagInformation, Topic
-from recorder.catalogue import Catalogue
+from recorder.bag import (
+    MAX_NS,
+    METADATA_FILE,
+    YAML_PROBLEMS,
+    BagInformation,
+    RawMessage,
+    Topic,
+    is_evidence,
+)
 from recorder.errors import RecorderError
-from recorder.mcap_stream import DamageError, ForeignError, Gap, read_summary
-from recorder.message import RawMessage
-from recorder.reader import end_of, left_out, read_items
+from recorder.mcap_reader import Catalogue, DamageError, ForeignError, Gap, read_summary
+from recorder.reader import (
+    METADATA_LIMIT,
+    end_of,
+    information_in,
+    left_out,
+    listed_names,
+    natural_order,
+    read_items,
+)
 
 _GAPS_TOLD = 3
 
@@ -123,3 +145,263 @@ class Survey:
             self.cut.append("its summary tells of other topics")
         except DamageError as error:
             self.cut.append(str(error))
+
+
+# The file to be repaired: locked, kept under a second name, never out of sight.
+#
+# All names are names in one open folder, so that no link leads out of it.
+
+
+TORN = ".torn"
+"""What is added to the name of a file that was repaired."""
+
+_NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
+
+
+def open_file(folder_fd: int, name: str) -> BinaryIO:
+    """Open a file of the folder for reading.
+
+    Raises:
+        ForeignError: it is no plain file.
+        OSError: it cannot be opened, or is a link.
+    """
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    fd = os.open(name, flags, dir_fd=folder_fd)
+    if not stat.S_ISREG(os.fstat(fd).st_mode):
+        os.close(fd)
+        raise ForeignError(f"{name} is not a file")
+    return os.fdopen(fd, "rb")
+
+
+def lock(folder_fd: int, name: str, file: BinaryIO) -> None:
+    """Make sure that nobody records to the file or repairs it, until it is closed.
+
+    Raises:
+        RecorderError: somebody does.
+    """
+    busy = RecorderError(f"{name} is being written; end its recording or repair, then try again")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise busy from None
+    except OSError:
+        pass  # not every network disk has locks
+    if not _is_named(folder_fd, name, os.fstat(file.fileno())):
+        raise busy  # a repair has just ended
+
+
+def keep(folder_fd: int, name: str) -> str:
+    """Give a file a second name, `NAME.torn`; where a disk has no hard links, a new name."""
+    info = os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
+    for number in count(1):
+        kept = _torn_name(name, number)
+        if _is_named(folder_fd, kept, info):
+            return kept  # an earlier repair was ended here
+        if _exists(folder_fd, kept):
+            continue
+        try:
+            os.link(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
+        except OSError as error:
+            if error.errno not in _NO_LINKS:
+                raise
+            os.rename(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        return kept
+    raise AssertionError
+
+
+def put_back(folder_fd: int, name: str) -> None:
+    """Undo the first half of an exchange that was cut off, on a disk without hard links.
+
+    Raises:
+        RecorderError: the exchange is going on.
+        OSError: the disk refuses.
+    """
+    if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
+        return
+    last = next(n for n in count(1) if not _exists(folder_fd, _torn_name(name, n + 1)))
+    kept = _torn_name(name, last)
+    with open_file(folder_fd, kept) as file:
+        lock(folder_fd, kept, file)
+        if not _exists(folder_fd, name):
+            os.rename(kept, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+
+
+def remove(folder_fd: int, name: str) -> None:
+    """Remove a file if it is there."""
+    with suppress(FileNotFoundError):
+        os.unlink(name, dir_fd=folder_fd)
+
+
+def _torn_name(name: str, number: int) -> str:
+    return name + TORN + (f".{number}" if number > 1 else "")
+
+
+def _exists(folder_fd: int, name: str) -> bool:
+    try:
+        os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
+    """Whether this is a name of that file."""
+    try:
+        return os.path.samestat(os.stat(name, dir_fd=folder_fd, follow_symlinks=False), info)
+    except FileNotFoundError:
+        return False
+
+
+# `metadata.yaml` of a bag of several files: the recording first, then its evidence.
+#
+# Listed is what a reader can open: evidence that is still written, was cut off or is damaged is
+# left out until it is whole, since readers refuse a bag of which they cannot open a file.
+
+
+_SUFFIX = ".mcap"
+_PART = re.compile(rf"{re.escape(METADATA_FILE)}\.[0-9]+\.part")
+_GOES = 100
+"""Of listing again; each needs a file that came or went meanwhile."""
+
+
+def put_listing(
+    folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
+) -> BagInformation | None:
+    """List all files of a bag in its `metadata.yaml`; on the disk on return.
+
+    Whoever has finished, repaired or removed a file of the bag calls it then. Several processes
+    may do so at once and wait for nobody: who was last looks once more, so all is listed.
+
+    Args:
+        folder_fd: the open bag folder.
+        recording: what is known of the bag's one recording; without it, its summary tells.
+        without: evidence that is not to be listed, because it is about to be removed.
+
+    Returns:
+        What is listed; None if the recording is unfinished: who finishes or repairs it lists all.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    listed = listing(folder_fd, recording, without)
+    for _ in range(_GOES):
+        if listed is None:
+            break
+        try:
+            prepare_metadata(folder_fd, listed)
+            put_metadata(folder_fd)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(metadata_part(), dir_fd=folder_fd)
+            raise
+        before, listed = listed, listing(folder_fd, recording, without)
+        if listed == before:
+            break
+    return listed
+
+
+def listing(
+    folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
+) -> BagInformation | None:
+    """What `put_listing` would write, by the summaries of the files; reads no message.
+
+    Raises:
+        OSError: the folder cannot be read.
+    """
+    names = [name for name in os.listdir(folder_fd) if name.endswith(_SUFFIX)]
+    evidence = sorted(filter(is_evidence, names), key=natural_order)
+    if recording is None:
+        others = sorted(set(names).difference(evidence), key=natural_order)
+        known = [summarised(folder_fd, name) for name in _told(folder_fd) or others]
+    else:
+        known = [recording]
+    files = [file for file in known if file is not None]
+    if not files or len(files) < len(known):
+        return None
+    found = [summarised(folder_fd, name) for name in evidence if name not in without]
+    listed = replace(files[0], more=(*files[1:], *(file for file in found if file is not None)))
+    while len(listed.more) >= len(files) and not _is_readable(listed):
+        listed = replace(listed, more=listed.more[:-1])
+    return listed
+
+
+def _told(folder_fd: int) -> list[str]:
+    """The recordings of a bag by its `metadata.yaml`: a copy that lies beside them is none."""
+    try:
+        with open_file(folder_fd, METADATA_FILE) as file:
+            names = listed_names(information_in(file.read(METADATA_LIMIT)))
+    except (DamageError, OSError, *YAML_PROBLEMS):
+        return []
+    return [name for name in names if not is_evidence(name)]
+
+
+def _is_readable(listed: BagInformation) -> bool:
+    """Whether readers here take what is listed: evidence may have topics without end."""
+    text = listed.metadata_yaml().encode()
+    try:
+        return len(text) <= METADATA_LIMIT and bool(information_in(text))
+    except YAML_PROBLEMS:
+        return False
+
+
+def summarised(folder_fd: int, name: str) -> BagInformation | None:
+    """What a file's summary says of it; None for one that no reader can open as it is."""
+    try:
+        with open_file(folder_fd, name) as file:
+            catalogue = Catalogue(read_summary(file))
+        topics, statistics = catalogue.topics(), catalogue.statistics
+        if statistics is None or not catalogue.whole:
+            return None
+        counts = Counter[str]()
+        for channel, number in statistics.channel_message_counts.items():
+            counts[catalogue.topic(channel).name] += number
+    except (DamageError, OSError):
+        return None
+    if not counts.total():
+        return BagInformation(name, topics, {}, None, None)
+    start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
+    if not start_ns <= end_ns < MAX_NS:
+        return None
+    return BagInformation(name, topics, counts, start_ns, end_ns)
+
+
+def metadata_part() -> str:
+    """The name of `metadata.yaml` before it is whole, another for each who writes one.
+
+    No reader looks at it.
+    """
+    return f"{METADATA_FILE}.{threading.get_native_id()}.part"
+
+
+def remove_metadata_parts(folder_fd: int) -> None:
+    """Remove what killed writers of `metadata.yaml` have left; nobody may write one now.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    for name in filter(_PART.fullmatch, os.listdir(folder_fd)):
+        os.unlink(name, dir_fd=folder_fd)
+
+
+def prepare_metadata(folder_fd: int, information: BagInformation) -> None:
+    """Write the next `metadata.yaml` beside the one that stands; on the disk on return.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    fd = os.open(metadata_part(), flags, 0o666, dir_fd=folder_fd)
+    with os.fdopen(fd, "w", encoding="utf-8") as file:
+        file.write(information.metadata_yaml())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def put_metadata(folder_fd: int) -> None:
+    """Make the prepared `metadata.yaml` the one that counts; after a crash it is either of them.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    os.rename(metadata_part(), METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+    os.fsync(folder_fd)

@@ -1,27 +1,224 @@
-"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file.
-
-The caller never waits for the disk, and the order of `put` is the order in the bag.
-"""
+"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file."""
 
 from __future__ import annotations
 
+import os
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from recorder.bag import MAX_NS, Topic, topic_problem
-from recorder.bag_folder import BagFolder
+from recorder.bag import MAX_NS, METADATA_FILE, RawMessage, Topic, bag_file_name, topic_problem
 from recorder.errors import RecorderError, remedy
-from recorder.mcap_file import McapFile
-from recorder.mcap_writer import CHUNK_BYTES
-from recorder.message import RawMessage
-from recorder.stats import Account, BagSummary, DropReason, RecorderState, RecorderStats
+from recorder.mcap_writer import CHUNK_BYTES, McapFile
+from recorder.survey import metadata_part, prepare_metadata, put_listing, put_metadata
+
+# A bag folder while it is written: made exclusively, and a bag from its first moment on.
+
+
+class BagFolder:
+    """The folder, its recording and its `metadata.yaml`; not thread-safe.
+
+    The folder is held open, so that it may be renamed while it is recorded to.
+
+    Attributes:
+        file: the recording.
+    """
+
+    def __init__(
+        self, folder: Path, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]
+    ) -> None:
+        """Make everything; it has reached the disk on return.
+
+        Raises:
+            RecorderError: it cannot be made; nothing is left behind.
+        """
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            raise RecorderError(
+                f"{folder} exists already; move it away or record under another name"
+            ) from None
+        except OSError as error:
+            raise _cannot_record(folder, error) from None
+        name = bag_file_name(folder.name)
+        self._folder, self._name = folder, name
+        with ExitStack() as undo:
+            undo.callback(_remove, folder, name)
+            try:
+                self._fd = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+                undo.callback(os.close, self._fd)
+                self.file = McapFile(self._fd, name)
+                undo.callback(self.file.close)
+                self.file.start(topics, records)
+                prepare_metadata(self._fd, self.file.information())
+                put_metadata(self._fd)
+                _sync_folder(folder.parent)
+            except OSError as error:
+                raise _cannot_record(folder, error) from None
+            undo.pop_all()
+
+    def finish(self) -> None:
+        """Complete the recording and `metadata.yaml`; both are on the disk on return.
+
+        Listed is what evidence is whole by then; evidence that comes later lists itself.
+        """
+        self.file.finish()
+        put_listing(self._fd, self.file.information())
+
+    def close(self) -> None:
+        """Let go of everything, as it is."""
+        with suppress(OSError):
+            self.file.close()
+        with suppress(OSError):
+            os.close(self._fd)
+
+    def remove(self) -> None:
+        """Close it and take it away again, as long as nothing was recorded."""
+        self.close()
+        _remove(self._folder, self._name)
+
+
+def _cannot_record(folder: Path, error: OSError) -> RecorderError:
+    otherwise = "choose a folder that exists and can be written, on a disk with room"
+    hint = remedy(error) or otherwise
+    return RecorderError(f"cannot record to {folder}: {error.strerror or error}; {hint}")
+
+
+def _remove(folder: Path, name: str) -> None:
+    """Take away what was just made here, and nothing else."""
+    for made in (name, METADATA_FILE, metadata_part()):
+        with suppress(OSError):
+            (folder / made).unlink()
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the names in a folder survive a power cut."""
+    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+# What a recorder tells about itself.
+
+
+class RecorderState(StrEnum):
+    """The life of a recorder."""
+
+    CLOSED = "closed"
+    """Not opened yet."""
+    RECORDING = "recording"
+    FAILED = "failed"
+    """The disk refused; the bag is unfinished, what was written before stays readable."""
+    FINISHED = "finished"
+
+
+class DropReason(StrEnum):
+    """Why a message is not in the bag."""
+
+    NOT_RECORDING = "not recording"
+    FAILED = "recording failed"
+    QUEUE_FULL = "queue full"
+    TOO_LARGE = "larger than the queue"
+    UNKNOWN_TOPIC = "topic not registered"
+    OTHER_TYPE = "type differs from the topic's"
+    BAD_TIME = "time outside 1970..2262"
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderStats:
+    """A recorder at one instant.
+
+    Attributes:
+        state: its life.
+        written: messages in the file.
+        received: messages handed to `put`, per topic.
+        dropped: those of them that are not and will not be in the bag, per topic.
+        drop_reasons: the same, per reason.
+        queued_bytes: memory of the messages on their way to the file.
+        file_bytes: size of the recording.
+        seconds_since_sync: since everything received had reached the disk; None before `open`.
+        error: why the recording failed, with the remedy; else None.
+    """
+
+    state: RecorderState
+    written: int
+    received: Mapping[str, int]
+    dropped: Mapping[str, int]
+    drop_reasons: Mapping[DropReason, int]
+    queued_bytes: int
+    file_bytes: int
+    seconds_since_sync: float | None
+    error: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class BagSummary:
+    """What became of a recording.
+
+    Attributes:
+        folder: the bag.
+        counts: messages in the file, per registered topic.
+        dropped: messages handed in that are not in the file, per topic.
+        start_ns: earliest log time, ns since the epoch; None without messages.
+        end_ns: latest log time, ns since the epoch; None without messages.
+        file_bytes: size of the recording.
+        error: why the bag is unfinished, with the remedy; None when it is finished.
+    """
+
+    folder: Path
+    counts: Mapping[str, int]
+    dropped: Mapping[str, int]
+    start_ns: int | None
+    end_ns: int | None
+    file_bytes: int
+    error: str | None
+
+
+class Account:
+    """Where every message handed in has gone: received = saved + dropped + on its way."""
+
+    def __init__(self) -> None:
+        self.received: Counter[str] = Counter()
+        self.saved: Counter[str] = Counter()
+        self._dropped: Counter[tuple[str, DropReason]] = Counter()
+
+    def drop(self, topic: str, reason: DropReason) -> None:
+        """Count a message that will not be in the bag."""
+        self._dropped[topic, reason] += 1
+
+    def drop_rest(self) -> None:
+        """Count all that is on its way as lost to a failure."""
+        rest = self.received - self.saved - self.dropped()
+        self._dropped.update({(topic, DropReason.FAILED): n for topic, n in rest.items()})
+
+    def dropped(self) -> Counter[str]:
+        """Dropped messages per topic."""
+        return self._sum(0)
+
+    def reasons(self) -> Counter[DropReason]:
+        """Dropped messages per reason."""
+        return self._sum(1)
+
+    def _sum(self, part: int) -> Counter[Any]:
+        total: Counter[Any] = Counter()
+        for key, count in self._dropped.items():
+            total[key[part]] += count
+        return total
+
+
+# The caller never waits for the disk, and the order of `put` is the order in the bag.
+
 
 _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""

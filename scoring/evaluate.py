@@ -16,29 +16,18 @@ from functools import partial
 import numpy as np
 
 from scoring import indicators as pi
-from scoring.deciding import DecidingEdge, EdgeKind
 from scoring.door_angle import DoorAngle
-from scoring.doubts import all_doubts, by_indicator, edge_doubts
+from scoring.doubts import Grounds, all_doubts, by_indicator, edge_doubts
 from scoring.events import EventDetector
-from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState, joint_state
+from scoring.kinematics import JointState, Rows, cut_rows, joint_state, process_rows
 from scoring.procedure import Procedure, Ruling, follow_procedure
-from scoring.protocol import (
-    Condition,
-    Event,
-    EventName,
-    LockDetection,
-    Outcome,
-    Signal,
-    Thresholds,
-)
+from scoring.protocol import Condition, Event, EventName, LockDetection, Outcome, Signal, Thresholds
 from scoring.quality import AGAINST_OPENING, BY_THE_RULES, Quality, QualityCounter
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
-from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, ForceRule, Ruleset
-from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.signals import DecidingEdge, DoorSample, EdgeKind, HandleSample, Sample
 from scoring.uncertainty import uncertainties
 
 _MOST_PROBLEMS = 20

@@ -1,16 +1,22 @@
-"""The protocol's own words and numbers (protocol sections 1, 4 and 7).
-
-Every number here is the default of a setting: a testbed with other sensors changes
-`Thresholds`, not code.
-"""
+"""The protocol's own words and numbers (protocol sections 1, 4 and 7)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum, StrEnum
+from typing import Protocol, Self
 
-from scoring.errors import ScoringError
+# The one root exception of `scoring`.
+
+
+class ScoringError(Exception):
+    """Something given to `scoring` cannot be used; the message names it and the remedy."""
+
+
+# Every number here is the default of a setting: a testbed with other sensors changes
+# `Thresholds`, not code.
+
 
 POST_ROLL = 1.0
 """Recording goes on this long after the stop is decided, s (section 3)."""
@@ -422,3 +428,28 @@ class StartPose:
     def mirrored(self) -> StartPose:
         """As far from the threshold on its other side, at the same place along the wall."""
         return StartPose(-self.x, self.y, math.remainder(180.0 - self.yaw, 360.0))
+
+
+# Tables whose rows cannot be forgotten: enums, each member of which is a name with its row.
+
+
+class Named(Protocol):
+    """A row of a table."""
+
+    @property
+    def name(self) -> str:
+        """As files have it."""
+
+
+class NamedRow(StrEnum):
+    """The name of a row, with the row as `spec`; a name without one cannot be imported."""
+
+    _value_: str
+    spec: Named
+
+    def __new__(cls, spec: Named) -> Self:
+        """A name with its row."""
+        member = str.__new__(cls, spec.name)
+        member._value_ = spec.name
+        member.spec = spec
+        return member

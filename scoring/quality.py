@@ -1,16 +1,100 @@
-"""How good the data of a run are: rates, gaps, jitter, clock skew, dropped stamps."""
+"""How good the data of a run are; increasing stamps, and samples joined by them (sections 4, 8)."""
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from statistics import median
 
+from msgspec.structs import replace
+
 from scoring.protocol import PASSAGE_SENSORS, SENSORS_PER_STRIP, Signal, Thresholds
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
-from scoring.stamps import KEPT_STEPS, StampGuard
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+
+# Stamps that always increase (protocol section 8: duplicate or backward stamps, stepped clock).
+
+
+LARGEST_JUMP = 0.5
+"""A jump of stamp minus log time above this is a step of the publisher's clock, s."""
+
+KEPT_STEPS = 5
+"""Steps that are kept by their times; of a clock that jumps all the time the others are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep:
+    """The publisher's clock was stepped by `jump` s at steady time `log_time`."""
+
+    log_time: float
+    jump: float
+
+
+class StampGuard:
+    """Admits the samples of one signal with increasing, step-free stamps.
+
+    A stamp that is missing (zero), repeats or goes back is dropped and counted. Where stamp
+    minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. Messages
+    that are merely delivered late (a stalled link: log times jump, stamps go on) are not shifted,
+    nor are those that follow a stamp that stood still.
+
+    Attributes:
+        dropped, shifted: so many samples.
+        steps: the first steps of the publisher's clock.
+        step_count: how many there were.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self.shifted = 0
+        self.steps: list[ClockStep] = []
+        self.step_count = 0
+        self._shift = 0.0
+        self._newest: float | None = None
+        self._previous: Sample | None = None
+        self._reference = 0.0
+
+    def admit(self, sample: Sample) -> Sample | None:
+        """The sample with its stamp corrected; None when it has to be dropped."""
+        if sample.time == 0:  # never set: it tells nothing of the publisher's clock
+            self.dropped += 1
+            return None
+        self._follow_clock(sample)
+        self._previous = sample
+        time = sample.time - self._shift
+        if self._newest is not None and time <= self._newest:
+            self.dropped += 1
+            return None
+        self._newest = time
+        if self._shift == 0.0:
+            return sample
+        self.shifted += 1
+        return replace(sample, time=time)
+
+    def _follow_clock(self, sample: Sample) -> None:
+        offset = sample.time - sample.log_time
+        previous = self._previous
+        if previous is None:
+            self._reference = offset
+            return
+        stamp_interval = sample.time - previous.time
+        if abs(offset - self._reference) <= LARGEST_JUMP:
+            if stamp_interval != 0:  # a stamp that stands still is no clock that goes slow
+                self._reference = offset
+            return
+        log_interval = sample.log_time - previous.log_time
+        jump = stamp_interval - log_interval
+        delivered_late = log_interval > LARGEST_JUMP and 0 < stamp_interval < log_interval
+        if abs(jump) > LARGEST_JUMP and not delivered_late:
+            self._shift += jump
+            self._reference = offset
+            self.step_count += 1
+            if self.step_count <= KEPT_STEPS:
+                self.steps.append(ClockStep(sample.log_time, jump))
+
 
 LARGEST_UNEVENNESS = 1 / 3
 """A jitter above this part of the mean interval is worth a remark: a flood, several publishers."""
@@ -308,3 +392,79 @@ def is_reading(sample: PassageSample, element: int) -> bool:
         return False
     distance = sample.ranges[element]
     return sample.range_min <= distance <= sample.range_max or math.isinf(distance)
+
+
+# Joins passage samples with the door angle at their stamps, whichever comes first (section 4).
+
+
+LONGEST_WAIT = 0.25
+"""A passage sample waits so long for the door sample after it, s of arrival."""
+
+_KEPT = 4096
+"""Door samples that are kept at least: over a minute at 50 Hz."""
+
+_stamp = attrgetter("time")
+
+
+class PanelAngles:
+    """Hands on each passage sample with the door angle at its stamp.
+
+    The angle is linear between the two door samples around the stamp. A sample that has waited
+    `LONGEST_WAIT` for the later one gets the last angle before it: a guess. Before any door sample
+    the door counts as closed.
+
+    Args:
+        join: takes a passage sample and the door angle at its stamp, rad.
+
+    Attributes:
+        guesses: stamp, s since the epoch, and angle, rad, of each sample that got a guess.
+    """
+
+    def __init__(self, join: Callable[[PassageSample, float], None]) -> None:
+        self.guesses = array("d")
+        self._join = join
+        self._waiting: list[PassageSample] = []
+        self._times: list[float] = []
+        self._angles: list[float] = []
+
+    def add_door(self, sample: DoorSample) -> None:
+        """Take the next door angle that is a reading, and hand on what waited for it."""
+        if len(self._times) >= 2 * _KEPT:
+            del self._times[:_KEPT], self._angles[:_KEPT]
+        self._times.append(sample.time)
+        self._angles.append(sample.angle)
+        if self._waiting:
+            known = [each for each in self._waiting if each.time <= sample.time]
+            self._waiting = [each for each in self._waiting if each.time > sample.time]
+            self._hand_on(known)
+
+    def add_passage(self, sample: PassageSample) -> None:
+        """Take the next passage sample; it waits where the door angle at its stamp is not known."""
+        if self._times and sample.time <= self._times[-1]:
+            self._join(sample, self._at(sample.time))
+        else:
+            self._waiting.append(sample)
+
+    def end_waits(self, now: float) -> None:
+        """Hand on what has waited too long at a log time, s since the epoch; inf = all of it."""
+        if self._waiting and self._waiting[0].log_time + LONGEST_WAIT < now:
+            late = [each for each in self._waiting if each.log_time + LONGEST_WAIT < now]
+            self._waiting = self._waiting[len(late) :]
+            for sample in late:
+                self.guesses.extend((sample.time, self._at(sample.time)))
+            self._hand_on(late)
+
+    def _hand_on(self, samples: list[PassageSample]) -> None:
+        for sample in sorted(samples, key=_stamp):
+            self._join(sample, self._at(sample.time))
+
+    def _at(self, time: float) -> float:
+        times, angles = self._times, self._angles
+        after = bisect_left(times, time)
+        if after == len(times):
+            return angles[-1] if angles else 0.0
+        if after == 0:
+            return angles[0]
+        since, until = times[after - 1], times[after]
+        before = angles[after - 1]
+        return before + (angles[after] - before) * (time - since) / (until - since)

@@ -1,20 +1,21 @@
-"""The handle's force at rest, before a run and after it, and how far it drifted (section 11).
-
-NumPy is imported where it is needed, so that screens can hold these types without it.
-"""
+"""The handle's force at rest (section 11), and the braking tables of the door (section 3)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
-from scoring.protocol import Thresholds
+from scoring.protocol import BenchmarkType, Side, Thresholds
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
+
+# NumPy is imported where it is needed, so that screens can hold these types without it.
+
 
 REST_TIME = 0.5
 """How long the handle is looked at, before the start and at the end of the recording, s."""
@@ -226,3 +227,50 @@ def _stretch(
     if gaps.max() > known.largest_gap:
         return None
     return rest_of(within.tolist(), forces[first:last].tolist())
+
+
+# The braking tables with which the testbed makes the door resist (protocol section 3).
+
+
+_CW_RUNS: dict[BenchmarkType, tuple[tuple[int, int], ...]] = {
+    BenchmarkType.NO_FORCE: ((0, 181),),
+    BenchmarkType.CONSTANT_FORCE: ((4000, 181),),
+    BenchmarkType.SUDDEN_FORCE: ((0, 112), (4000, 69)),
+    BenchmarkType.SUDDEN_RAMP: (
+        (0, 112),
+        (2000, 2),
+        (3000, 2),
+        (5000, 2),
+        (8000, 3),
+        (12000, 3),
+        (20000, 5),
+        (0, 52),
+    ),
+    BenchmarkType.WIND_RAMP: (
+        (0, 7),
+        (1000, 11),
+        (2000, 15),
+        (3000, 20),
+        (4000, 77),
+        (3000, 20),
+        (2000, 15),
+        (1000, 11),
+        (0, 5),
+    ),
+}
+"""The CW tables as runs of (force, how many degrees)."""
+
+
+def braking_table(benchmark_type: BenchmarkType, side: Side) -> tuple[int, ...]:
+    """The 181 braking forces, gram-force, for door angles of -90..+90 deg in steps of 1 deg.
+
+    The CCW table is the CW table reversed.
+    """
+    runs = _CW_RUNS[benchmark_type]
+    table = tuple(chain.from_iterable(repeat(force, degrees) for force, degrees in runs))
+    return table if side is Side.CW else table[::-1]
+
+
+def door_controller_mode(benchmark_type: BenchmarkType) -> int:
+    """The mode of the testbed's door controller: 0 = brake off, 1 = brake by table."""
+    return 0 if benchmark_type is BenchmarkType.NO_FORCE else 1

@@ -9,10 +9,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
-from scoring.protocol import Event, EventName, LockDetection, Outcome
+from scoring.protocol import Event, EventName, LockDetection, Outcome, ScoringError
 from scoring.quality import Quality
 from scoring.rest import RestForce
 from scoring.rulesets import RulesetName

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, StrEnum, auto
 from sys import float_info
 
-from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Thresholds
+from scoring.protocol import ScoringError, Thresholds
 
 
 class RulesetName(StrEnum):

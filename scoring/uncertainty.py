@@ -16,8 +16,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.deciding import DecidingEdge
-from scoring.grounds import Grounds
+from scoring.doubts import Grounds
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import SMOOTHNESS_SCALE
 from scoring.kinematics import (
@@ -26,14 +25,15 @@ from scoring.kinematics import (
     jerk_rows,
     low_pass,
     low_pass_response,
+    median_of_three,
     noise_kernel,
     other_windows,
     smoothed,
 )
 from scoring.protocol import Event, EventName, Signal
 from scoring.result import Indicator, Uncertainty
-from scoring.rows import median_of_three
 from scoring.rulesets import Ruleset
+from scoring.signals import DecidingEdge
 
 DRAWS = 200
 """Draws of each value."""

@@ -21,9 +21,9 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
 from madrob_console.cli.main import COMMANDS, build_parser, main
+from madrob_console.common.names import Scenario
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
-from madrob_console.kinds import Scenario
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_EVENT_TOPIC,
@@ -31,11 +31,11 @@ from madrob_console.messages.codec import (
     decode_text,
 )
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.pages.outputs import COLUMNS
 from madrob_console.referee.acts import ACTS
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
-from madrob_console.standings.data_files import COLUMNS
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName

@@ -1,6 +1,6 @@
-"""RUNS ON DISK: folders, results, history, unfinished runs, scoring again, checking.
+"""RUNS ON DISK: folders, results, history, pictures, scoring again, checking, repairing.
 
-What goes on now is in engine; what teams take home is in report, export and standings.
+What goes on now is in engine; what teams take home is in pages and export.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[Scored
         MadrobError: a run cannot be scored; the message names path and remedy.
     """
     # lists of runs do without numpy and SciPy
-    from madrob_console.archive.run_paths import runs_at
+    from madrob_console.archive.folders import runs_at
     from madrob_console.archive.scored import score_run
 
     return (score_run(run, (rules,))[0] for run in runs_at(Path(path)))

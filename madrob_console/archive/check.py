@@ -1,26 +1,88 @@
-"""A stored result against what its recording gives today (protocol section 11)."""
+"""A stored result compared with what its recording gives today (protocol section 11)."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from madrob_console.archive.digests import lists_evidence
-from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.archive.grades import Grade, libraries_told
+from madrob_console.archive.folders import RESULT_FILE, RunPath
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
+from madrob_console.archive.result_summary import ListedResult, lists_evidence
 from madrob_console.archive.scored import Scored, score_recording
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
+from scoring.indicator_table import IndicatorName
 from scoring.libraries import Libraries, libraries_here
+from scoring.result import Result
+
+# How far two computations of one result agree, and by which libraries each (section 11).
+
+
+CLOSEST = 1e-9
+"""Relative; libraries that round otherwise stay far below it."""
+
+_NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
+"""As they call themselves."""
+
+
+class Grade(StrEnum):
+    """How a stored result compares with what its recording gives."""
+
+    SAME = "same digits"
+    CLOSE = "equal to 1e-9"
+    DIFFERS = "differs"
+
+    @classmethod
+    def of(cls, stored: object, now: object) -> Grade:
+        """Of one value that was computed: numbers may differ in their last digits, nothing else.
+
+        Args:
+            stored: the value that was stored.
+            now: what it is now.
+        """
+        if stored == now:
+            return cls.SAME
+        numbers = isinstance(stored, float) and isinstance(now, float)
+        if numbers and math.isclose(stored, now, rel_tol=CLOSEST):  # type: ignore[arg-type]
+            return cls.CLOSE
+        return cls.DIFFERS
+
+    @classmethod
+    def worst(cls, grades: Iterable[Grade]) -> Grade:
+        """Of the parts, that of the whole."""
+        return max(grades, key=list(cls).index, default=cls.SAME)
+
+
+def libraries_told(stored: Libraries | None, now: Libraries) -> str:
+    """Which libraries computed a stored result and which compute now, in words.
+
+    Args:
+        stored: None = the result does not say, it is of an older version.
+        now: those of this process.
+    """
+    names = [(each.name, _NAMES[each.name]) for each in fields(Libraries)]
+    here = ", ".join(f"{name} {getattr(now, key)}" for key, name in names)
+    if stored is None:
+        return f"the stored result does not name its libraries, now {here}"
+    if stored == now:
+        return f"the same libraries ({here}): another processor, or a changed file"
+    changed = (
+        f"{name} {getattr(stored, key)} stored, {getattr(now, key)} now"
+        for key, name in names
+        if getattr(stored, key) != getattr(now, key)
+    )
+    return f"libraries differ: {'; '.join(changed)}"
+
 
 _NOT_COMPARED = {
     *("format", "software", "libraries", "remark", "files_left_out", "flags"),
@@ -256,3 +318,91 @@ def _file_differences(
 def _short(value: object) -> str:
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+# What a stored result says against what its bag says: that is what an appeal is about.
+
+
+EQUAL = "equals the stored result to the last digit"
+"""What is said of the result of a replay that differs in nothing."""
+
+_DIGITS = (2, 3, 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What a result is beside the stored one (protocol section 11).
+
+    Attributes:
+        words: all of it, on one line.
+        grade: how far the two agree; None = there is none to compare with.
+    """
+
+    words: str
+    grade: Grade | None = None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing but the last digits differs."""
+        return self.grade in {Grade.SAME, Grade.CLOSE}
+
+
+def stored_result(path: Path) -> ListedResult | str:
+    """The stored result of a run folder, or why there is none, in words; a bag alone has none."""
+    try:
+        return read_result(str(path))[0]
+    except FileNotFoundError:
+        return "no stored result lies beside the recording"
+    except UnusableResultError as error:
+        return terminal_safe(str(error))
+
+
+def compared(stored: ListedResult | str, result: Result) -> Comparison:
+    """What a result is beside the stored one; why there is none, where there is none.
+
+    Digits are given until they tell two values apart.
+    """
+    if isinstance(stored, str):
+        return Comparison(stored)
+    found = tuple(_result_differences(stored, result))
+    grade = Grade.worst(each for each, _ in found)
+    values = "; ".join(words for each, words in found if each is grade)
+    match grade:
+        case Grade.SAME:
+            return Comparison(EQUAL, grade)
+        case Grade.CLOSE:
+            told = terminal_safe(libraries_told(stored.libraries, libraries_here()))
+            return Comparison(f"equals the stored result to 1e-9: {values} ({told})", grade)
+        case Grade.DIFFERS:
+            return Comparison(f"differs from the stored result: {values}", grade)
+
+
+def _result_differences(stored: ListedResult, result: Result) -> Iterator[tuple[Grade, str]]:
+    if stored.ruleset != result.ruleset:
+        ruleset = terminal_safe(stored.ruleset)
+        yield Grade.DIFFERS, f"ruleset {result.ruleset}, stored {ruleset}"
+    if stored.outcome is not result.outcome:
+        yield Grade.DIFFERS, f"outcome {result.outcome}, stored {stored.outcome}"
+    if stored.start != result.start:
+        yield Grade.DIFFERS, f"start {result.start - stored.start:+.6g} s from the stored one"
+    for name in IndicatorName:
+        value, part = result.indicators[name].value, stored.indicators.get(name)
+        known = None if part is None else part.value
+        if value != known:
+            here, there = _apart(value, known)
+            yield Grade.of(known, value), f"{name.replace('_', ' ')} {here}, stored {there}"
+
+
+def _apart(value: float | None, stored: float | None) -> tuple[str, str]:
+    """Two values that differ, with as many digits as it takes to see that."""
+    for digits in _DIGITS:
+        texts = _text(value, digits), _text(stored, digits)
+        if texts[0] != texts[1]:
+            return texts
+    return repr(value), repr(stored)
+
+
+def _text(value: float | None, digits: int) -> str:
+    if value is None:
+        return "none"
+    return str(value) if isinstance(value, int) else f"{value:.{digits}f}"

@@ -1,9 +1,10 @@
-"""The runs of any number of results folders and testbeds as one list, each once."""
+"""The runs of several results folders as one list, each once, and the filter over it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -13,14 +14,15 @@ from msgspec.structs import replace
 from madrob_console.archive.folders import (
     PRACTICE_FOLDER,
     RESULT_FILE,
+    RunPath,
+    all_runs_at,
     named_by_recording,
     parse_folder_name,
 )
 from madrob_console.archive.history import History, RunSummary, twins_told
-from madrob_console.archive.run_paths import RunPath, all_runs_at
-from madrob_console.errors import MadrobError
-from madrob_console.files.plain import refusal
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import refusal
+from madrob_console.common.names import terminal_safe
 
 _LINK = "is behind a link and left out: name the folder itself"
 
@@ -203,3 +205,51 @@ def _place(run: Path) -> tuple[Path, str]:
     if within.name == PRACTICE_FOLDER:
         return within.parent, f"{PRACTICE_FOLDER}/{run.name}"
     return run.parent, run.name
+
+
+# What somebody types to see few of many runs.
+
+
+_NUMBERS: Mapping[str, Callable[[RunSummary], int]] = {
+    "subject": lambda run: run.subject,
+    "sub": lambda run: run.subject,
+    "cond": lambda run: run.condition,
+    "run": lambda run: run.run_number,
+}
+_TEXTS: Mapping[str, Callable[[RunSummary], str]] = {
+    "team": lambda run: run.team,
+    "outcome": lambda run: f"{run.outcome_word} {run.outcome or ''}",
+    "closed": lambda run: run.closing,
+    "ruleset": lambda run: run.ruleset,
+    "testbed": lambda run: run.testbed,
+    "competition": lambda run: run.competition or "",
+}
+_FIELD = re.compile(r"([^\W\d]+):(.*)", re.DOTALL)
+"""A word that looks at one field alone; a time of day, `14:28`, does not."""
+
+
+def matches(run: RunSummary, text: str) -> bool:
+    """Whether a run passes a filter: every word of the text occurs in the run's words.
+
+    Capitals do not matter. `subject:3`, `run:2`, `cond:5` and `team:delft` look at that alone.
+    """
+    return all(_has(run, word) for word in text.casefold().split())
+
+
+def filter_problem(text: str) -> str | None:
+    """Why no run can pass a filter, in words: it names a field that no run has; None = one can."""
+    found = (_FIELD.fullmatch(word) for word in text.casefold().split())
+    known = (*_NUMBERS, *_TEXTS)
+    unknown = next((word[1] for word in found if word and word[1] not in known), None)
+    if unknown is None:
+        return None
+    return f"no field {unknown}: there are {', '.join(known)}"
+
+
+def _has(run: RunSummary, word: str) -> bool:
+    field, _, wanted = word.partition(":")
+    if field in _NUMBERS:
+        return not wanted or wanted.lstrip("0") == str(_NUMBERS[field](run))
+    if field in _TEXTS:
+        return wanted in _TEXTS[field](run).casefold()
+    return word in run.words

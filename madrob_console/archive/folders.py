@@ -1,17 +1,12 @@
-"""Runs on disk: folder names, run numbers, safe writing (protocol section 10).
-
-A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a
-run number is never used again, even when its folder is gone. Its sub-folder `practice` has the same
-for practice runs (section 2), with numbers of their own. A run is named by its folder as seen from
-the results folder: `subject_...` or `practice/subject_...`.
-"""
+"""Runs on disk: folder names, run numbers, paths, duplicates, shards (protocol section 10)."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,10 +14,15 @@ from typing import Final
 
 import msgspec
 
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import read_all
-from madrob_console.files.plain import checked_plain, refusal
-from scoring.eurobench.run_info import series_prefix
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import checked_plain, open_plain, read_all, refusal
+from scoring.eurobench.run_info import run_prefixes, series_prefix
+
+# A results folder holds one folder a run and `run_numbers.jsonl`, the numbers ever given out: a
+# run number is never used again, even when its folder is gone. Its sub-folder `practice` has the
+# same for practice runs (section 2), with numbers of their own. A run is named by its folder as
+# seen from the results folder: `subject_...` or `practice/subject_...`.
+
 
 LARGEST_NUMBER = 999
 """Subjects and runs are numbered from 1 to this: file names have three digits for them."""
@@ -315,3 +315,222 @@ def _unusable(root: Path, error: OSError) -> MadrobError:
     return MadrobError(
         f"{root}: cannot be used for results ({error.strerror}); choose another results folder"
     )
+
+
+# Whether a run could be recorded in a results folder.
+
+
+_REMEDY = "choose another results folder"
+_OPEN_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NONBLOCK | os.O_CLOEXEC
+_NAMELESS_FILE = os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC
+_UNSUPPORTED = (errno.EOPNOTSUPP, errno.EISDIR, errno.ENOENT)
+"""Of file systems that know no file without a name: FAT, NFS."""
+
+
+def recording_problem(root: Path, *, attempt: bool, practice: bool = False) -> str | None:
+    """Why no run could be recorded in a results folder, in words; None when one could.
+
+    Args:
+        root: the results folder; one that is not there yet will be made.
+        attempt: make a file without a name there, too: a disk that turned read-only shows itself
+            only then, and one that hangs lets this wait. It leaves nothing.
+        practice: a practice run.
+    """
+    if practice and (problem := link_problem(root)) is not None:
+        return problem
+    root = series_folder(root, practice=practice)
+    place = next((p for p in (root, *root.absolute().parents) if os.path.lexists(p)), root)
+    try:
+        os.close(os.open(place, _OPEN_FOLDER))
+        if not os.access(place, os.W_OK | os.X_OK):
+            return f"{place}: nothing can be written there; make it yours, or {_REMEDY}"
+        if attempt:
+            _make_nameless_file(place)
+    except OSError as error:
+        return f"{place}: {error.strerror}; {_REMEDY}"
+    return None if place != root else _numbers_problem(root / NUMBERS_FILE)
+
+
+def _make_nameless_file(folder: Path) -> None:
+    try:
+        os.close(os.open(folder, _NAMELESS_FILE, 0o600))
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+
+
+def _numbers_problem(path: Path) -> str | None:
+    """Why no run number can be given out, in words."""
+    try:
+        os.close(open_plain(path))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        return f"{path}: cannot be used ({refusal(error)}); put a plain file in its place"
+    if os.access(path, os.W_OK):
+        return None
+    return f"{path}: cannot be written; make it yours"
+
+
+# The runs behind the paths that somebody names: bags, run folders, published files.
+
+
+@dataclass(frozen=True, slots=True)
+class RunPath:
+    """One run on disk.
+
+    Attributes:
+        path: its bag, or the folder that holds its files.
+        prefix: how the names of its published files begin; empty for a recorded run.
+    """
+
+    path: Path
+    prefix: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called, its folder included; the runs of one folder differ in it."""
+        return str(self.path / self.prefix)
+
+    @property
+    def own_name(self) -> str:
+        """How files made of it are called: like its folder, or its bag where that is a file."""
+        whole = Path(os.path.abspath(self.path))  # noqa: PTH100  `..` has a name, too
+        return self.prefix or (whole.name if whole.is_dir() else whole.stem)
+
+
+def runs_at(path: Path) -> list[RunPath]:
+    """The runs at a path, at any depth, in the order of their names.
+
+    Run folders, also those that somebody renamed, and folders of published files; else the path
+    itself, which may be a bag, or nothing that can be read: reading it says so. In a folder with a
+    bag, the bag is the run. Links and hidden folders in it are not followed.
+    """
+    return list(_runs_below(path)) or [RunPath(path)]
+
+
+def all_runs_at(paths: Iterable[Path]) -> list[RunPath]:
+    """The runs at some paths, in their order; what lies at two of them once."""
+    found: dict[tuple[str, str], RunPath] = {}
+    for path in paths:
+        for run in runs_at(path):
+            found.setdefault((os.path.realpath(run.path), run.prefix), run)
+    return list(found.values())
+
+
+def _runs_below(top: Path) -> Iterator[RunPath]:
+    folders = [top]
+    while folders:
+        path = folders.pop()
+        try:
+            names = os.listdir(path)  # noqa: PTH208  ten thousand Paths take too long
+        except NotADirectoryError:
+            continue
+        except OSError:  # reading it says why; the path that was named is looked at by `runs_at`
+            if path is not top:
+                yield RunPath(path)
+            continue
+        if _is_bag(names):
+            yield RunPath(path)
+        elif prefixes := run_prefixes(names):
+            yield from (RunPath(path, prefix) for prefix in prefixes)
+        elif path is not top and parse_folder_name(path.name) is not None:
+            yield RunPath(path)  # its recording is missing
+        else:
+            below = (path / name for name in sorted(names, reverse=True) if name[0] != ".")
+            folders += [folder for folder in below if not folder.is_symlink()]
+
+
+def _is_bag(names: Iterable[str]) -> bool:
+    return any(name == "metadata.yaml" or name.endswith((".mcap", ".db3")) for name in names)
+
+
+# Shares of many runs: each shard has its own, and all shards together have every run once.
+
+
+_FORM = re.compile(r"([0-9]{1,7})/([0-9]{1,7})", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """One of several shares of the runs.
+
+    Which share a run is in follows from its own name alone (that of its folder, bag or files):
+    machines that see it under other paths, and tasks that start hours apart while runs come in,
+    agree on it. All copies of a run are in one share, and shares are about equally large.
+
+    Attributes:
+        number: which, from 1.
+        count: how many there are.
+    """
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def __contains__(self, run: RunPath) -> bool:
+        digest = hashlib.sha256(run.own_name.encode(errors="surrogateescape")).digest()
+        return int.from_bytes(digest[:8]) % self.count == self.number - 1
+
+    @property
+    def folder_name(self) -> str:
+        """How a folder of its files is called."""
+        return f"shard_{self.number}_of_{self.count}"
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """A shard from `2/8`.
+
+        Raises:
+            MadrobError: it is none.
+        """
+        match = _FORM.fullmatch(text)
+        if match is None or not 1 <= int(match[1]) <= int(match[2]):
+            raise MadrobError(f"'{text}': give i/n, from 1/n to n/n")
+        return cls(int(match[1]), int(match[2]))
+
+
+def shared_out(runs: Iterable[RunPath], shard: Shard | None) -> list[RunPath]:
+    """The runs of a share, in their order; None = all of them."""
+    return [run for run in runs if shard is None or run in shard]
+
+
+# Runs that are there several times: which place of each counts (protocol section 2).
+
+
+@dataclass(frozen=True, slots=True)
+class RunPlace:
+    """Where a run with a usable result lies.
+
+    Attributes:
+        name: of the place, unlike any other.
+        run_id: of the run; empty = not known, so that it is like no other.
+        practice: whether it counts for nothing there.
+        issue: of the result there.
+    """
+
+    name: str
+    run_id: str
+    practice: bool
+    issue: int
+
+
+def places_that_count(places: Iterable[RunPlace]) -> dict[str, str]:
+    """By `run_id`, the name of the place that counts: official, of the latest issue, the first."""
+    kept: dict[str, RunPlace] = {}
+    for place in places:
+        other = kept.get(place.run_id)
+        if place.run_id and (other is None or _rank(place) > _rank(other)):
+            kept[place.run_id] = place
+    return {run_id: place.name for run_id, place in kept.items()}
+
+
+def _rank(place: RunPlace) -> tuple[bool, int]:
+    return not place.practice, place.issue
+
+
+def why_twin(place: str, counting: str) -> str:
+    """Why the run at a place does not count although it is valid, in words."""
+    return f"{place} is the same run as {counting}, which counts"

@@ -1,8 +1,4 @@
-"""The runs of a results folder: what each `result.json` says, with an index for speed.
-
-The index `.history.json` is only a cache: it is made again whenever it is missing, damaged or
-of another version, and not kept where the folder cannot be written.
-"""
+"""The runs of a results folder: what each `result.json` says, with an index for speed."""
 
 from __future__ import annotations
 
@@ -10,47 +6,119 @@ import math
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 from msgspec.structs import replace
 
-from madrob_console.archive.agreement import disagreement, out_of_date
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
     RunName,
+    RunPlace,
     lies_in_practice,
     parse_folder_name,
+    places_that_count,
     run_folder_names,
+    why_twin,
 )
-from madrob_console.archive.listed_result import ListedResult, Name, StartTime
 from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
     read_result,
     read_setup,
 )
+from madrob_console.archive.result_summary import ListedResult, Name, StartTime
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
+    disagreement,
     ever_protested,
+    is_held,
+    out_of_date,
     read_run_journal,
 )
-from madrob_console.archive.stamped_index import StampedIndex
-from madrob_console.archive.twins import RunPlace, places_that_count, why_twin
-from madrob_console.archive.unfinished import is_held
-from madrob_console.files.bounded import Stamp, stamp_of
-from madrob_console.kinds import SourceKind
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Stamp, atomic_write, read_bounded, stamp_of
+from madrob_console.common.names import SourceKind
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import VALID_OUTCOMES
-from scoring.errors import ScoringError
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, Outcome, Thresholds
+from scoring.protocol import Condition, Outcome, ScoringError, Thresholds
 from scoring.result import DOUBTED, Uncertainty
+
+# What was read of many files, kept with their stamps in one file: only a cache.
+
+
+_Item = TypeVar("_Item")
+
+Stamps = tuple[Stamp | None, ...]
+"""Of all files that an item was read from, each time in the same order; None = there is none."""
+
+_Kept = tuple[tuple[int, int, int] | None, ...]  # equal to stamps, and decoded sooner
+
+_LARGEST = 100_000_000  # bytes; a larger index is none
+
+
+class StampedIndex(Generic[_Item]):
+    """Items by name, each good as long as its files have the same stamps.
+
+    An index that is missing, damaged or of another version is empty; one that cannot be written
+    is not kept.
+
+    Args:
+        path: the file.
+        kind: the type of the items; msgspec must be able to read it.
+        version: of what the items mean.
+    """
+
+    def __init__(self, path: Path, kind: type[_Item], version: tuple[int, int]) -> None:
+        self._path = path
+        self._version = version
+        layout: Any = tuple[tuple[int, int], dict[str, tuple[_Kept, kind]]]  # type: ignore[valid-type]
+        self._decoder = msgspec.json.Decoder(layout)
+        self._items = self._read()
+        self._changed = False
+
+    def get(self, name: str, stamps: Stamps) -> _Item | None:
+        """The item of files that have these stamps; None if there is none."""
+        kept = self._items.get(name)
+        return kept[1] if kept is not None and kept[0] == stamps else None
+
+    def put(self, name: str, stamps: Stamps, item: _Item) -> None:
+        """Keep an item."""
+        self._items[name] = (stamps, item)
+        self._changed = True
+
+    def keep_only(self, names: Iterable[str]) -> None:
+        """Forget the items of all other names."""
+        for name in self._items.keys() - set(names):
+            del self._items[name]
+            self._changed = True
+
+    def save(self) -> None:
+        """Write the file if anything changed; a folder that refuses is no problem."""
+        if self._changed:
+            self._changed = False
+            with suppress(MadrobError):
+                atomic_write(self._path, msgspec.json.encode((self._version, self._items)))
+
+    def _read(self) -> dict[str, tuple[Stamps, _Item]]:
+        try:
+            data, _ = read_bounded(str(self._path), _LARGEST)
+            version, items = self._decoder.decode(data)
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            return {}
+        return items if version == self._version else {}
+
+
+# The index `.history.json` is only a cache: it is made again whenever it is missing, damaged or
+# of another version, and not kept where the folder cannot be written.
+
 
 INDEX_FILE = ".history.json"
 """In the results folder."""

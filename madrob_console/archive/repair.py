@@ -1,39 +1,54 @@
-"""Repairs a run: its torn recording, and a result that is damaged or not what the journal says."""
+"""Repairs a run, and re-issues results after a rule change."""
 
 from __future__ import annotations
 
+import hashlib
+import re
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from uuid import UUID
 
-from madrob_console.archive.agreement import Details, written_details
-from madrob_console.archive.digests import (
+from madrob_console.archive.check import Difference, Grade, compare
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.result_files import has_content, result_files, write_result
+from madrob_console.archive.result_reader import (
+    UnusableResultError,
+    read_file_digests,
+    read_result,
+    read_whole_result,
+)
+from madrob_console.archive.result_summary import (
     identity_record,
     kept_run_id,
     lists_evidence,
     run_id_at,
 )
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.result_reader import (
-    UnusableResultError,
-    read_file_digests,
-    read_result,
-)
-from madrob_console.archive.result_writer import result_files, write_result
-from madrob_console.archive.run_journal import journal_held
+from madrob_console.archive.run_journal import Details, is_held, journal_held, written_details
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
-from madrob_console.archive.scored import Scored, open_run
-from madrob_console.archive.unfinished import is_held
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import stamp_of
-from madrob_console.files.held import Hold
-from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
-from madrob_console.referee.rebuild import Change
+from madrob_console.archive.scored import OpenedRun, Scored, open_run
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold, stamp_of
+from madrob_console.common.names import SourceKind
+from madrob_console.referee.journal import (
+    HOLD_FILE,
+    Entry,
+    Journal,
+    Origin,
+    read_journal,
+    refusal_words,
+)
+from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
+from madrob_console.referee.records import JournalMark, TeamWord
+from madrob_console.referee.run import Phase, Run
 from recorder.bag import METADATA_FILE
 from recorder.reader import read_bag
 from recorder.recovery import Recovered, recover
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.rulesets import RulesetName
 
 
 def recover_recording(path: Path) -> Recovered:
@@ -133,3 +148,307 @@ def _has_all_files(folder: Path) -> bool:
         if stamp is None or stamp.size != size:
             return False
     return True
+
+
+# Re-issues results after a rule change: next issues are made anywhere, and written in one place.
+#
+# Who makes one touches nothing. Who writes it holds the run, finds the journal as it was, and
+# adds the journal's line first: whatever ends it afterwards, the result is made again from that
+# line (`archive/repair.py`), and there is no second issue.
+
+
+_VALUE = re.compile(r"indicators\.(\w+)\.value")
+_WHOSE = ("run_id", "subject", "condition_number", "run_number")
+_RECORDING = re.compile(r"files\..*\.mcap\b")
+
+
+@dataclass(frozen=True, slots=True)
+class RuleChange:
+    """Why results are re-issued, and by what.
+
+    Attributes:
+        reason: for the journal.
+        rules: the ruleset; None = that of each result, as this version of the program has it.
+        referee: who says so; empty where no name is known.
+        time: when, s since the epoch.
+    """
+
+    reason: str
+    rules: RulesetName | None
+    referee: str
+    time: float
+
+    @property
+    def entry(self) -> Entry:
+        """The journal's line of it."""
+        details = {} if self.rules is None else {"ruleset": self.rules.value}
+        return Entry(self.time, Origin.REFEREE, Change.REISSUED, self.referee, self.reason, details)
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedValue:
+    """An indicator that a rule change changes.
+
+    Attributes:
+        indicator: which.
+        before, after: its values; None = it has none.
+    """
+
+    indicator: IndicatorName
+    before: int | float | None
+    after: int | float | None
+
+    @property
+    def words(self) -> str:
+        """All of it, with as many digits as tell the two apart."""
+        texts = [_rounded(self.before), _rounded(self.after)]
+        if texts[0] == texts[1]:
+            texts = [str(self.before), str(self.after)]
+        return f"{self.indicator.words} {' -> '.join(texts)}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NextIssue:
+    """The next issue of a result that a rule change changes, to be written.
+
+    Attributes:
+        folder: of the run.
+        number: of the issue.
+        values: what it changes of the indicators.
+        others: how much else differs.
+        signed: the team's word on the issue before; None = that was not final.
+        counts: whether the run enters the standings: it is valid and official.
+        made_of: the journal that it was made of, with all its lines.
+        entry: the journal's next line.
+        files: of the result, those that are to be written.
+    """
+
+    folder: Path
+    number: int
+    values: tuple[ChangedValue, ...]
+    others: int
+    signed: TeamWord | None
+    counts: bool
+    made_of: JournalMark
+    entry: Entry
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def words(self) -> str:
+        """What it changes, on one line."""
+        parts = [value.words for value in self.values]
+        if self.others:
+            parts.append(f"{self.others} {'others' if parts else 'beside the values'}")
+        signed = "" if self.signed is None else f" (was final, {self.signed}: not final any more)"
+        return f"issue {self.number}{signed}: {', '.join(parts)}"
+
+
+class OutOfDateError(MadrobError):
+    """A result that is not what its journal says: it is to be made again first."""
+
+
+class UnwrittenError(MadrobError):
+    """An issue that is journalled, but whose result the disk refuses.
+
+    Args:
+        folder: of the run.
+        number: of the issue.
+        why: in words.
+    """
+
+    def __init__(self, folder: Path, number: int, why: object) -> None:
+        super().__init__(
+            f"{folder}: issue {number} is journalled, its result is not written yet: the same "
+            f"command writes it ({why})"
+        )
+
+
+def next_issue(run: RunPath, change: RuleChange, *, files: bool = True) -> NextIssue | None:
+    """Score a run and see whether its result would be another one; nothing is written.
+
+    Args:
+        run: a run folder.
+        change: by what.
+        files: whether they are wanted.
+
+    Returns:
+        The next issue; None = there is nothing to re-issue: the result stays as it is, or the run
+        was aborted and has no indicators.
+
+    Raises:
+        OutOfDateError: the result is not what the journal says.
+        MadrobError: there is no result, the recording is another one, or somebody works on the run.
+    """
+    folder = run.path
+    if run.prefix or not (folder / RESULT_FILE).is_file():
+        raise MadrobError(f"{run.name}: has no {RESULT_FILE} to re-issue: name run folders")
+    if not (folder / JOURNAL_FILE).is_file():
+        raise MadrobError(f"{run.name}: has no {JOURNAL_FILE}, where a re-issue has to stand")
+    if is_held(folder / JOURNAL_FILE):
+        raise _busy(folder)
+    opened = open_run(folder, change.rules)
+    before = opened.recorded.run
+    if opened.out_of_date:
+        raise OutOfDateError(
+            f"{folder}: {RESULT_FILE} is not what the journal says: `madrob recover` makes it again"
+        )
+    if before.phase not in (Phase.STOPPED, Phase.FINAL):
+        raise MadrobError(f"{folder}: was cut off: open it in the console, the referee decides")
+    if before.outcome is Outcome.ABORTED:
+        return None
+    return _issue(opened, opened.recorded.entries, before, change.entry, files=files)
+
+
+def unwritten_issue(folder: Path) -> NextIssue | None:
+    """The issue whose line a journal has, but that was not written: the disk was full, say.
+
+    `archive/repair.py` writes it; this tells what it changes, as long as it is not written.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        It, without its files; None = there is none, or nobody can tell what it changes.
+
+    Raises:
+        MadrobError: the run cannot be read.
+    """
+    opened = open_run(folder)
+    recorded = opened.recorded
+    if not opened.out_of_date or recorded.entries[-1].what != Change.REISSUED:
+        return None
+    *earlier, entry = recorded.entries
+    set_as = recorded.recorded_as
+    before = rebuild(earlier, set_as.handle_zero, set_as.zero_samples)
+    before = replace(before, journal=mark_of(earlier))
+    try:
+        return _issue(opened, earlier, before, entry, files=False)
+    except MadrobError:
+        return None
+
+
+def _issue(
+    opened: OpenedRun, entries: Sequence[Entry], before: Run, entry: Entry, *, files: bool
+) -> NextIssue | None:
+    """The issue that a line makes of a run; None = the result stays as it is.
+
+    Args:
+        opened: the run, followed by the rules of the line.
+        entries: the lines before.
+        before: the state after these.
+        entry: the line.
+        files: whether they are wanted.
+
+    Raises:
+        MadrobError: the recording is not the one that the stored result was made of.
+    """
+    folder, recorded = opened.folder, opened.recorded
+    found = _differences(folder, Scored.of(recorded.record, before, opened.assessment))
+    if not found:
+        return None
+    reissued = replace(after(before, entry), journal=mark_of((*entries, entry)))
+    values = tuple(_values(found))
+    data: dict[str, bytes] = {}
+    if files:
+        data = result_files(folder, Scored.of(recorded.record, reissued, opened.assessment))
+    return NextIssue(
+        folder,
+        reissued.issue,
+        values,
+        len(found) - len(values),
+        None if before.closure is None else before.closure.team_word,
+        before.valid and not before.practice and recorded.record.source is SourceKind.ROS,
+        _whole(entries),
+        entry,
+        {name: data[name] for name in data if not has_content(folder / name, data[name])},
+    )
+
+
+def write_next_issue(made: NextIssue, now: float) -> None:
+    """Journal and write a next issue; the one before stays under its number.
+
+    Args:
+        made: the issue, with its files.
+        now: s since the epoch.
+
+    Raises:
+        UnwrittenError: the disk refuses the result, but took the journal's line.
+        MadrobError: somebody works on the run or did so since, or the disk refuses.
+    """
+    folder = made.folder
+    path, journal = folder / JOURNAL_FILE, Journal()
+    if is_held(path):
+        raise _busy(folder)
+    try:
+        journal.reopen(path)
+    except BlockingIOError:
+        raise _busy(folder) from None
+    except OSError as error:
+        raise MadrobError(
+            f"{path}: cannot be written ({error.strerror}): nothing was re-issued"
+        ) from None
+    try:
+        if _whole(read_journal(path)[0]) != made.made_of:
+            raise MadrobError(f"{folder}: the referee went on meanwhile: re-issue it once more")
+        if not journal.append([made.entry]):
+            assert journal.refused is not None
+            raise MadrobError(f"{folder}: {refusal_words(journal.refused)}: nothing was re-issued")
+        try:
+            write_result(folder, made.files, made.number)
+        except MadrobError as error:
+            raise UnwrittenError(folder, made.number, error) from None
+        details = written_details(made.files[RESULT_FILE], made.number)
+        journal.append([Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)])
+    finally:
+        journal.close()
+
+
+def _whole(entries: Sequence[Entry]) -> JournalMark:
+    """The mark of every line, of those too from which no result changes: a note on a final one."""
+    digest = hashlib.sha256()
+    for entry in entries:
+        digest.update(f"{entry.to_json()}\n".encode())
+    return JournalMark(len(entries), digest.hexdigest())
+
+
+def _busy(folder: Path) -> MadrobError:
+    return MadrobError(f"{folder}: a console works on this run: leave it there, then try again")
+
+
+def _differences(folder: Path, scored: Scored) -> Sequence[Difference]:
+    """In what the stored result of a run is another one than the fresh one.
+
+    Raises:
+        MadrobError: the recording is not the one that the result was made of, or of another run.
+    """
+    try:
+        stored = read_whole_result(str(folder))
+    except UnusableResultError as error:
+        raise MadrobError(f"{folder}: {error}") from None
+    found = compare(stored, scored, folder).of(Grade.DIFFERS)
+    if any(_RECORDING.match(each.what) for each in found):
+        raise MadrobError(
+            f"{folder}: the recording is not the one that its result was made of: put that back, "
+            "or decide in the console"
+        )
+    for each in found:
+        if each.what in _WHOSE and each.stored:
+            raise MadrobError(
+                f"{folder}: {RESULT_FILE} is of another run than journal and recording "
+                f"({each.words}): put its own back, or decide in the console"
+            )
+    return [each for each in found if not each.what.startswith("files")]
+
+
+def _values(found: Sequence[Difference]) -> Iterator[ChangedValue]:
+    for each in found:
+        if match := _VALUE.fullmatch(each.what):
+            before, now = each.stored, each.recomputed
+            assert isinstance(before, int | float | None)
+            assert isinstance(now, int | float | None)
+            name = next(one for one in IndicatorName if one == match[1])
+            yield ChangedValue(name, before, now)
+
+
+def _rounded(value: float | None) -> str:
+    return "none" if value is None else f"{value:.6g}"

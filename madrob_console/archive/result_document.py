@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from madrob_console.archive.digests import FileDigest, digests_of, kept_run_id, run_id_of
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.kinds import SourceKind
+from madrob_console.archive.result_summary import FileDigest, digests_of, kept_run_id, run_id_of
+from madrob_console.common.names import SourceKind
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
-from madrob_console.referee.on_record import (
+from madrob_console.referee.records import (
     AcceptedDoubts,
     Closure,
     Correction,
@@ -29,14 +29,14 @@ from madrob_console.referee.on_record import (
     Incident,
     JournalMark,
     Note,
+    Protest,
     Reissuing,
     RemovedEvidence,
+    RunSetup,
     TakenBack,
     Voiding,
     Waiver,
 )
-from madrob_console.referee.protests import Protest
-from madrob_console.referee.run_setup import RunSetup
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries, libraries_here
 from scoring.procedure import Ruling

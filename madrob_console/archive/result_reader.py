@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from madrob_console.archive.agreement import was_changed
-from madrob_console.archive.digests import FileDigest, run_id_at, run_id_of
 from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE, RESULT_FORMAT
-from madrob_console.archive.listed_result import (
+from madrob_console.archive.result_summary import (
+    FileDigest,
     ListedResult,
     MarksPart,
     PagedResult,
@@ -21,12 +20,14 @@ from madrob_console.archive.listed_result import (
     SetupPart,
     StepsPart,
     TabledResult,
+    run_id_at,
+    run_id_of,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import Stamp, read_bounded
-from madrob_console.files.plain import refusal
+from madrob_console.archive.run_journal import was_changed
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Stamp, read_bounded, refusal
 from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.on_record import Reissuing
+from madrob_console.referee.records import Reissuing
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is none, bytes."""

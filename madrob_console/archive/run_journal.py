@@ -1,24 +1,34 @@
-"""What the journal in a run folder says of its run, whatever somebody has put there."""
+"""The journal of a run on disk: read safely, compared with the result; runs cut off."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from madrob_console.archive.folders import JOURNAL_FILE
-from madrob_console.errors import MadrobError
-from madrob_console.files.held import Hold
-from madrob_console.files.plain import refusal
-from madrob_console.names import terminal_safe
+import msgspec
+
+from madrob_console.archive.folders import (
+    JOURNAL_FILE,
+    RESULT_FILE,
+    lies_in_practice,
+    run_folder_names,
+)
+from madrob_console.archive.result_summary import ListedResult
+from madrob_console.common import files
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold, open_plain, read_all, refusal, stamp_of
+from madrob_console.common.names import terminal_safe
 from madrob_console.referee.acts import FileProtest, Finalise
-from madrob_console.referee.journal import Entry, Journal, read_journal
-from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.run import Run
+from madrob_console.referee.journal import HOLD_FILE, LARGEST_JOURNAL, Entry, Journal, read_journal
+from madrob_console.referee.rebuild import Change, mark_of, rebuild
+from madrob_console.referee.records import JournalMark, TeamWord
+from madrob_console.referee.run import Phase, Run
+from scoring.protocol import event_words
 
 
 class UnusableJournalError(MadrobError):
@@ -138,3 +148,210 @@ def _run_of(entries: tuple[Entry, ...]) -> Run:
 def _unusable(what: str) -> UnusableJournalError:
     words = f"{JOURNAL_FILE} {what}: put it away, and `madrob score` goes by the recording's own"
     return UnusableJournalError(terminal_safe(words))
+
+
+# Whether the result of a run says what its journal says, which is what counts.
+
+
+Details = dict[str, int | str]
+
+_DIGEST = "sha256"
+
+
+class _Marked(msgspec.Struct):
+    journal: JournalMark | None = None
+
+
+def written_details(result: bytes | memoryview, issue: int) -> Details:
+    """What the journal's line `result written` says of a `result.json`.
+
+    Args:
+        result: its content.
+        issue: its number.
+    """
+    mark = msgspec.json.decode(result, type=_Marked).journal
+    lines = 0 if mark is None else mark.lines
+    return {"issue": issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
+
+
+def was_changed(data: bytes, folder: Path) -> bool:
+    """Whether a `result.json` is another one than the journal beside it says was written.
+
+    The journal's line follows the file. A result made of more lines than the last one that was
+    noted waits for its line; a kill can come between the two. A journal of an earlier version has
+    no digests, and one that cannot be used says nothing here.
+
+    Args:
+        data: its content.
+        folder: of the run.
+
+    Raises:
+        msgspec.MsgspecError: it is no JSON.
+    """
+    path = folder / JOURNAL_FILE
+    try:
+        if hashlib.sha256(data).hexdigest().encode() in read_all(path, LARGEST_JOURNAL):
+            return False
+        entries, _ = read_journal(path)
+    except OSError:
+        return False
+    noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
+    if not noted or _DIGEST not in noted[-1]:
+        return False
+    mark = msgspec.json.decode(data, type=_Marked).journal
+    return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
+
+
+def disagreement(result: ListedResult, folder: Path) -> str | None:
+    """Why the result in a run folder is not what the journal beside it says; None = it is.
+
+    A folder without a journal says nothing else.
+
+    Raises:
+        UnusableJournalError: the journal cannot be used.
+    """
+    try:
+        run = read_run_journal(folder).run
+    except FileNotFoundError:
+        return None
+    return ", ".join(disagreements(result, run)) or None
+
+
+def disagreements(result: ListedResult, run: Run) -> Iterator[str]:
+    """In what a result differs from the state of its run, in words; cheap, and not in numbers.
+
+    Args:
+        result: of this version, or of one that did not note the journal's mark.
+        run: after all lines of its journal, with the journal's mark.
+    """
+    issue = max(1, run.issue)
+    if result.issue != issue:
+        yield f"issue {result.issue}, the journal has issue {issue}"
+    word = "not final" if result.closure is None else result.closure.team_word
+    said = "not final" if run.closure is None else run.closure.team_word.value
+    if word != said:
+        yield f"{word}, in the journal {said}"
+    if result.outcome is not run.ending.outcome:
+        yield f"{result.outcome}, in the journal {run.ending.outcome}"
+    if (result.voided is None) is not (run.voided is None):
+        yield "void, in the journal it counts" if result.voided else "void in the journal only"
+    if result.journal is not None and result.journal != run.journal and run.journal is not None:
+        yield f"made of {result.journal.lines} lines of the journal, which has {run.journal.lines}"
+
+
+def out_of_date(why: str) -> str:
+    """What is said of a result that is not what its journal says."""
+    return (
+        f"{RESULT_FILE} is not what the journal says ({why}): an engine that starts makes it again,"
+        " and so does `madrob recover`"
+    )
+
+
+# Runs that were cut off: no result, and nobody works on them.
+
+
+MOST_READ = 2 * LARGEST_JOURNAL
+"""Of journals at one look, bytes: less than 2 s, whatever they hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """What is known of a run that was cut off.
+
+    Attributes:
+        folder: as seen from the results folder.
+        subject, team, run_number, condition: whose and which; 0 and empty where unknown.
+        phase: where it stood.
+        started: planned or actual start, s since the epoch; None before the countdown.
+        last_time: of the last line of its journal, s since the epoch; None without a line.
+        last_event: the last thing that the sensors said, in words; empty for nothing.
+        recorded: bytes of its recording on disk.
+    """
+
+    folder: str
+    subject: int
+    team: str
+    run_number: int
+    condition: int
+    phase: Phase
+    started: float | None
+    last_time: float | None
+    last_event: str
+    recorded: int
+
+    @property
+    def words(self) -> str:
+        """All of it in one sentence."""
+        kind = "practice run" if lies_in_practice(self.folder) else "run"
+        who = f"{kind} {self.run_number} of subject {self.subject} {self.team}".rstrip()
+        known = [f"{who} was cut off while {self.phase}"]
+        if self.started is not None and self.last_time is not None:
+            known.append(f"last line {self.last_time - self.started:+.1f} s from the start")
+        known.append(f"last event {self.last_event}" if self.last_event else "no event yet")
+        known.append(f"{self.recorded / 1e6:.1f} MB recorded")
+        return ", ".join(known)
+
+
+def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
+    """The runs of a results folder that were cut off, oldest first.
+
+    A run whose journal is held goes on elsewhere; one whose countdown never began
+    is none: nothing is to be decided about it. One whose journal cannot be used is left out: the
+    history says what is wrong with it. Beyond `MOST_READ` bytes of journals the later ones wait
+    until those before them are decided.
+
+    Raises:
+        MadrobError: the folder cannot be read.
+    """
+    found: list[Unfinished] = []
+    left = MOST_READ
+    for name in sorted(run_folder_names(root), key=lambda name: name[-15:]):
+        folder = root / name
+        with suppress(OSError, UnusableJournalError):
+            if (folder / RESULT_FILE).exists() or is_held(folder / JOURNAL_FILE):
+                continue
+            stamp = stamp_of(str(folder / JOURNAL_FILE))
+            size = 0 if stamp is None else stamp.size
+            if size <= LARGEST_JOURNAL and (left := left - size) < 0:
+                break
+            journal = read_run_journal(folder)
+            if journal.run.start is not None:
+                found.append(_known(name, folder, journal.entries, journal.run))
+    return tuple(found)
+
+
+def is_held(journal: Path) -> bool:
+    """Whether an engine works on the run of this journal.
+
+    Where its hold does not tell (another user's run, or one that an older version recorded), the
+    lock of the journal itself does, which everybody can hold who may read it.
+    """
+    if (told := files.is_held(journal.with_name(HOLD_FILE))) is not None:
+        return told
+    try:
+        file = open_plain(journal)
+    except OSError:
+        return False
+    try:
+        return files.locked_by_another(file)
+    finally:
+        os.close(file)
+
+
+def _known(name: str, folder: Path, entries: tuple[Entry, ...], run: Run) -> Unfinished:
+    events = [e.details.get("event", "") for e in entries if e.what == Change.EVENT]
+    setup = run.setup
+    return Unfinished(
+        folder=name,
+        subject=0 if setup is None else setup.subject,
+        team="" if setup is None else setup.team,
+        run_number=0 if setup is None else setup.run_number,
+        condition=0 if setup is None else setup.condition.number,
+        phase=run.phase,
+        started=run.start,
+        last_time=entries[-1].time,
+        last_event=event_words(str(events[-1])) if events else "",
+        recorded=sum(
+            stamp.size for path in folder.glob("*.mcap") if (stamp := stamp_of(str(path)))
+        ),
+    )

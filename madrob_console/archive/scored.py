@@ -13,42 +13,34 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TypeVar
 
-from madrob_console.archive.agreement import disagreements
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
     read_remarks,
     read_result,
 )
-from madrob_console.archive.run_journal import read_run_journal
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord
-from madrob_console.archive.unfinished import is_held
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import Stamp, stamp_of
-from madrob_console.files.plain import refusal
-from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, MessageError, decode_text
-from madrob_console.messages.message_types import standard_types, types_of
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Stamp, refusal, stamp_of
+from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, decode_text
+from madrob_console.messages.message_types import MessageError, standard_types, types_of
 from madrob_console.referee.flags import Flag, flags, practice_flags
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
 from recorder.errors import RecorderError
 from recorder.reader import Bag, read_bag
-from scoring.errors import ScoringError
 from scoring.eurobench.published import evaluate_published, rules_told
 from scoring.eurobench.run_files import EurobenchRun, read_run
-from scoring.eurobench.run_names import numbers_of
+from scoring.eurobench.run_info import numbers_of
 from scoring.evaluate import Assessment, LiveAssessment
-from scoring.kinematics import load_filters
-from scoring.protocol import Condition, Outcome, Step
+from scoring.kinematics import Rows, load_filters
+from scoring.protocol import Condition, Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING, BY_THE_RULES
 from scoring.result import Result
-from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 from scoring.series import SeriesAssessment, WholeSeries
 

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from madrob_console.engine.process.reporting import OLDER, PAGE, RENEW, REPAIR
+from madrob_console.engine.reports import OLDER, PAGE, RENEW, REPAIR
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.cli.aside")
 """What a process is started with that does such work."""
@@ -47,10 +47,10 @@ def _page(file: Path) -> None:
 
     What its cameras saw is found and decoded here: whatever they sent, it costs this process.
     """
-    from madrob_console.cli.problems import BAD_INPUT, complain
+    from madrob_console.cli.output import BAD_INPUT, complain
     from madrob_console.cli.repairing import write_report
-    from madrob_console.errors import MadrobError
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.common.errors import MadrobError
+    from madrob_console.pages.surroundings import Surroundings
 
     try:
         write_report(file.parent, pickle.load(sys.stdin.buffer), Surroundings())
@@ -61,9 +61,9 @@ def _page(file: Path) -> None:
 
 
 def _all_of(results: Path, *, repair: bool) -> int:
-    from madrob_console.cli.problems import BAD_INPUT, complain
+    from madrob_console.cli.output import BAD_INPUT, complain
     from madrob_console.cli.repairing import renew_all, repair_all
-    from madrob_console.errors import MadrobError
+    from madrob_console.common.errors import MadrobError
 
     bad = 0
     try:

@@ -15,19 +15,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, assert_never
 
 from madrob_console.cli import options
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine.process.control import ENDING
-from madrob_console.engine.process.engines import FoundEngine, found_at
-from madrob_console.engine.process.owned import Owned, owned_by
-from madrob_console.engine.process.place import Place, place_of
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.requests import Role
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.engine import wire
+from madrob_console.engine.control import ENDING
+from madrob_console.engine.discovery import FoundEngine, found_at
+from madrob_console.engine.engine_lock import Owned, Place, owned_by, place_of
+from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
 
 if TYPE_CHECKING:
-    from madrob_console.engine.process.remote import RemoteEngine
+    from madrob_console.engine.client import RemoteEngine
 
 STARTING_TIME = 30.0
 """An engine that is not there after this time will not come, s."""
@@ -128,7 +127,7 @@ def _running(owned: Owned, role: Role, who: str) -> RemoteEngine | None:
     Raises:
         MadrobError: there is one that cannot be used; the message says why and what to do.
     """
-    from madrob_console.engine.process.remote import RemoteEngine
+    from madrob_console.engine.client import RemoteEngine
 
     end = time.monotonic() + STARTING_TIME
     while (found := _found(owned)) is not None:

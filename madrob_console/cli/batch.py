@@ -1,17 +1,31 @@
-"""The same work on many things, in several processes or on a cluster, in order."""
+"""The runs that a command line names, and the same work on all of them, in order."""
 
 from __future__ import annotations
 
+import argparse
 import os
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, closing
+from functools import partial
 from itertools import islice
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from madrob_console.cli.interrupting import children_spared
-from madrob_console.errors import MadrobError
+from madrob_console.cli import options
+from madrob_console.cli.options import results_folder, team_names
+from madrob_console.cli.output import children_spared, complain
+from madrob_console.cli.parsing import whole_within
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+
+if TYPE_CHECKING:
+    from madrob_console.archive.collection import Collection
+    from madrob_console.archive.folders import RunPath, Shard
+    from madrob_console.config import Settings
+    from madrob_console.pages.competition import CompetitionStandings
 
 DEFAULT_BACKEND = "loky"
 """joblib's own processes."""
@@ -97,3 +111,216 @@ def _results(
             raise MadrobError(
                 "a worker process died: make memory free, or use --jobs 1 to see at which run"
             ) from None
+
+
+# How a command shares work on many runs: processes here, a cluster, or one shard of several.
+
+
+def add(parser: argparse.ArgumentParser, done: str) -> None:
+    """How the work is shared; `done` is what is done with the runs."""
+    options.add_jobs(parser, done)
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        default=None,
+        help="hand the runs to a running Dask cluster, tcp://HOST:8786, whose workers have the "
+        "same madrob-console and see the same paths; needs the extra `cluster`. A scheduler is "
+        "trusted like a shell: it can run anything as you; use tls:// where others reach it",
+    )
+    parser.add_argument(
+        "--shard",
+        type=_shard,
+        metavar="I/N",
+        default=None,
+        help="only share I of N of the runs, for arrays of Slurm or Kubernetes: which one a run is "
+        "in follows from the name of its folder, and all shares together are every run once",
+    )
+
+
+def _shard(text: str) -> Shard:
+    from madrob_console.archive.folders import Shard
+
+    try:
+        return Shard.parse(text)
+    except MadrobError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
+    """The runs at the paths that are named, of the shard; options that contradict end it."""
+    from madrob_console.archive.folders import all_runs_at, shared_out
+
+    if arguments.scheduler is not None:
+        for name in ("jobs", "backend"):
+            if getattr(arguments, name) is not None:
+                arguments.parser.error(f"--{name}: not allowed with --scheduler, which has workers")
+    paths: list[Path] = arguments.paths
+    if arguments.scheduler is not None:  # workers have another working directory
+        paths = [path.absolute() for path in paths]
+    if arguments.shard is not None:  # one task of many would say so, and the others be content
+        for path in paths:
+            if not path.exists():
+                raise MadrobError(f"{path}: no such file or directory: every share needs all paths")
+    return shared_out(all_runs_at(paths), arguments.shard)
+
+
+def shared(
+    arguments: argparse.Namespace,
+    work: Callable[[RunPath], _Done],
+    runs: Sequence[RunPath],
+    lost: Callable[[RunPath, str], _Done],
+    *,
+    at_once: int | None = None,
+) -> Generator[_Done, None, None]:
+    """Do the work on every run, where the arguments say; what comes of it, in order.
+
+    Args:
+        arguments: of the command.
+        work: what to do; it must be importable by name, and so must what it takes and gives.
+        runs: on what.
+        lost: what stands for a run that no worker of a cluster survives, from why, in words.
+        at_once: of what comes of them so many are in memory; None = they are small.
+
+    Raises:
+        MadrobError: the processes or the cluster cannot be used.
+    """
+    if arguments.scheduler is None or not runs:
+        jobs, backend = arguments.jobs, arguments.backend
+        if at_once is None:
+            return in_order(work, runs, jobs, backend)
+        blocks = [runs[begin : begin + at_once] for begin in range(0, len(runs), at_once)]
+        return _one_by_one(partial(in_order, work, jobs=jobs, backend=backend), blocks)
+    from madrob_console.cli.cluster import on_cluster
+
+    named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
+    there = [path for path in named if path.exists()]
+    return on_cluster(work, runs, arguments.scheduler, there, lost, at_once=at_once)
+
+
+def _one_by_one(
+    share: Callable[[Sequence[RunPath]], Generator[_Done, None, None]],
+    blocks: Sequence[Sequence[RunPath]],
+) -> Generator[_Done, None, None]:
+    for block in blocks:
+        with closing(share(block)) as done:
+            yield from done
+
+
+def lost_words(run: RunPath, why: str) -> str:
+    """What is said of a run that no worker survives."""
+    return f"{run.name}: cannot be scored: {why}"
+
+
+# Which runs of a competition stand beside each other, as commands are asked for it.
+
+
+def add_which_runs(parser: argparse.ArgumentParser) -> None:
+    """Which runs stand beside each other."""
+    parser.add_argument(
+        "--best",
+        type=whole_within(0),
+        default=None,
+        metavar="N",
+        help="only the N best runs of each team in each condition, 0 = all; else setting "
+        "`competition.best_runs`",
+    )
+    parser.add_argument(
+        "--practice", action="store_true", help="the practice runs instead, marked as such"
+    )
+
+
+def standings(
+    arguments: argparse.Namespace, settings: Settings, collection: Collection
+) -> CompetitionStandings:
+    """The standings of them."""
+    from madrob_console.pages.competition import competition_standings
+
+    chosen: int | None = arguments.best
+    best = settings.competition.best_runs if chosen is None else chosen
+    return competition_standings(
+        collection.runs,
+        made=time.time(),
+        competition=arguments.competition,
+        official=not arguments.practice,
+        best=best,
+        listed=team_names(arguments, settings, collection),
+    )
+
+
+def name_practice_alone(found: CompetitionStandings, collection: Collection) -> None:
+    """Say so where official runs were asked for and there is practice only."""
+    practice = sum(run.practice for run in collection.runs)
+    if found.official and practice and not any(run.official for run in collection.runs):
+        complain(f"note: no official run, {practice} of practice: --practice shows them")
+
+
+def demand_results(arguments: argparse.Namespace, settings: Settings) -> None:
+    """Where no paths are named there is a results folder.
+
+    Raises:
+        MadrobError: there is none.
+    """
+    results = results_folder(arguments, settings)
+    if not arguments.paths and not results.is_dir():
+        raise MadrobError(f"{results}: no such results folder; name one with --results")
+
+
+def named_places(arguments: argparse.Namespace, settings: Settings) -> list[str]:
+    """The options that name the results folder, the settings and the teams to another command."""
+    where = [f"--results={results_folder(arguments, settings)}"]
+    if arguments.settings is not None:
+        where.append(f"--settings={arguments.settings}")
+    if arguments.teams is not None:
+        where.append(f"--teams={arguments.teams}")
+    return where
+
+
+def site_arguments(arguments: argparse.Namespace, settings: Settings) -> list[str]:
+    """Those of `madrob publish` after each result; none where nobody wants it."""
+    if not settings.results.publish:
+        return []
+    plan: Path | None = getattr(arguments, "plan", None)  # `madrob run` takes the settings'
+    more = [] if plan is None else [f"--plan={plan}"]
+    site = Path(settings.results.publish).expanduser()
+    of = f"--competition={settings.competition.name}"
+    return [str(site), *named_places(arguments, settings), *more, of]
+
+
+# Runs on the command line: a path, or what the results folder calls the run.
+
+
+_ONE = ("run", "rest", "weight")
+"""Arguments that take one run or recording; `paths` takes any number, `testbed` one to replay."""
+
+
+def find_runs(arguments: argparse.Namespace) -> None:
+    """Put the path of each run in the place of its name, in whatever takes runs.
+
+    Raises:
+        MadrobError: two runs are called so, or the settings cannot be read that say where they are.
+    """
+    for name in _ONE:
+        if isinstance(named := getattr(arguments, name, None), Path):
+            setattr(arguments, name, _found(named, arguments))
+    if paths := getattr(arguments, "paths", None):
+        arguments.paths = [_found(path, arguments) for path in paths]
+    testbed: list[str] = getattr(arguments, "testbed", None) or []
+    if testbed[:1] == [SourceKind.REPLAY]:
+        arguments.testbed = [testbed[0], str(_found(Path(testbed[1]), arguments))]
+
+
+def _found(named: Path, arguments: argparse.Namespace) -> Path:
+    """What is there stays as it is, and so does what is no name of a run."""
+    from madrob_console.archive.folders import PRACTICE_FOLDER, parse_folder_name
+
+    named = named.expanduser()
+    if parse_folder_name(str(named)) is None or named.exists():
+        return named
+    from madrob_console.config import load_settings
+
+    settings = load_settings(getattr(arguments, "settings", None))
+    results = results_folder(arguments, settings)
+    official, practice = results / named, results / PRACTICE_FOLDER / named
+    if official.exists() and practice.exists():
+        raise MadrobError(f"{named}: two runs are called so: give {official} or {practice}")
+    return practice if practice.exists() else official

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.output import complain, progress
 from madrob_console.cli.parsing import number_within
-from madrob_console.cli.problems import complain
-from madrob_console.cli.progress import progress
-from madrob_console.names import terminal_safe
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import Side
 
 if TYPE_CHECKING:
-    from madrob_console.preparing.testbed_calibration import CalibrationRecording
+    from madrob_console.cli.testbed_calibration import CalibrationRecording
 
 _RECORD = """\
 
@@ -76,12 +75,8 @@ def add(commands: options.Commands) -> None:
 
 def _masks(arguments: argparse.Namespace) -> int:
     with imports_kept():
+        from madrob_console.cli.testbed_calibration import masks_of, masks_toml, sweep_recordings
         from madrob_console.config import load_settings
-        from madrob_console.preparing.testbed_calibration import (
-            masks_of,
-            masks_toml,
-            sweep_recordings,
-        )
 
     settings = load_settings(arguments.settings)
     with progress("recordings"):
@@ -93,14 +88,14 @@ def _masks(arguments: argparse.Namespace) -> int:
 
 def _handle(arguments: argparse.Namespace) -> int:
     with imports_kept():
-        from madrob_console.config import load_settings
-        from madrob_console.preparing.testbed_calibration import (
+        from madrob_console.cli.testbed_calibration import (
             handle_mapping,
             handle_recording,
             handle_toml,
             level_of,
         )
-        from scoring.calibration.handle_scale import propose_handle
+        from madrob_console.config import load_settings
+        from scoring.calibration.masks import propose_handle
 
     mapping = handle_mapping(load_settings(arguments.settings))
     paths = (arguments.rest, arguments.weight)
@@ -120,7 +115,7 @@ def _note_problems(recordings: Iterable[CalibrationRecording]) -> None:
 
 def _propose(toml: str, output: Path | None) -> int:
     """Print the settings, and keep them in a file if one is named."""
-    from madrob_console.files.whole import atomic_write
+    from madrob_console.common.files import atomic_write
 
     if output is not None:
         atomic_write(output, toml.encode())

@@ -13,9 +13,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from madrob_console.cli.problems import complain
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.cli.output import complain
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -55,7 +55,7 @@ class WorkerFacts:
 
 def worker_facts(paths: Sequence[str]) -> WorkerFacts:
     """What there is where it is called, and which of the paths are not."""
-    from madrob_console.version import software_version
+    from madrob_console.common.version import software_version
     from scoring.libraries import libraries_here
 
     unseen = tuple(path for path in paths if not Path(path).exists())

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import one_of
-from madrob_console.kinds import SourceKind
+from madrob_console.common.names import SourceKind
 from scoring.rulesets import RulesetName
 
 

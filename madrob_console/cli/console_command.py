@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.parsing import number
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind, ThemeName
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind, ThemeName, terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.shown.client import EngineClient
-    from madrob_console.engine.shown.requests import Role
-    from madrob_console.ui.defaults import ConsoleDefaults
+    from madrob_console.engine.requests import Role
+    from madrob_console.engine.wire import EngineClient
+    from madrob_console.ui.link import ConsoleDefaults
 
 _KEYS = "F1 lists the keys, ^P finds every command."
 _PRACTICE = "Practice: Enter sets up, F7 zeroes the handle, F6 confirms the pose, F5 starts."
@@ -79,7 +78,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; the engine is a process behind them, started where none runs."""
-    from madrob_console.engine.shown.requests import Role
+    from madrob_console.engine.requests import Role
 
     begin_at: float | None = arguments.begin_at
     if begin_at is not None and not _replays(arguments):
@@ -116,9 +115,9 @@ def show(
         from msgspec.structs import replace
 
         from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
-        from madrob_console.cli.coming_back import ask_which, engines_meant, mean
+        from madrob_console.cli.running_engines import ask_which, engines_meant, mean
         from madrob_console.config import load_settings
-        from madrob_console.engine.shown.requests import Role
+        from madrob_console.engine.requests import Role
         from madrob_console.ui.terminal import check_terminal, run_console
 
     check_terminal(os.environ, (sys.__stdin__, sys.__stdout__))
@@ -179,9 +178,9 @@ def _check_replay(
     demand_record(read_bag(path).records, path)
     if begin_at is None and named is None:
         return None
-    from madrob_console.engine.live.replay import Replay
-    from madrob_console.engine.shown.playback import JumpTo
-    from madrob_console.messages.codec import MessageTypes
+    from madrob_console.engine.replay import Replay
+    from madrob_console.engine.requests import JumpTo
+    from madrob_console.messages.message_types import MessageTypes
 
     replay = Replay(path, MessageTypes())
     option = f"--at {terminal_safe(named)}" if named is not None else f"--from {begin_at:g}"
@@ -232,7 +231,7 @@ def _move(
     Raises:
         MadrobError: it cannot begin there.
     """
-    from madrob_console.engine.shown.playback import JumpTo, SetSpeed, Skip
+    from madrob_console.engine.requests import JumpTo, SetSpeed, Skip
 
     playback = client.snapshot().playback
     if playback is None:
@@ -250,7 +249,7 @@ def _defaults(arguments: argparse.Namespace, settings: Settings, results: Path) 
     import socket
 
     from madrob_console.config.tables import DEFAULT_START_POSES
-    from madrob_console.ui.defaults import ConsoleDefaults
+    from madrob_console.ui.link import ConsoleDefaults
 
     competition = settings.competition
     first_time = not _any_run(results)

@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.cli.progress import progress
+from madrob_console.cli.output import BAD_INPUT, progress
 
 if TYPE_CHECKING:
+    from madrob_console.cli.doctor_ros import Finding
     from madrob_console.config import Settings
-    from madrob_console.preparing.finding import Finding
 
 OFF = 1
 """Exit code of `--reference` where a value is not as it must be."""
@@ -47,9 +46,8 @@ def main(arguments: argparse.Namespace) -> int:
     """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
     if arguments.reference:
         return _score_references()
+    from madrob_console.cli.doctor import doctor, line, look_at_lists, usable, verdict
     from madrob_console.config import load_settings
-    from madrob_console.preparing.doctor import doctor, line, usable, verdict
-    from madrob_console.preparing.doctor_lists import look_at_lists
 
     settings = load_settings(arguments.settings)
     teams = options.team_source(arguments, settings)
@@ -72,9 +70,9 @@ def main(arguments: argparse.Namespace) -> int:
 def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Finding]:
     import os
 
+    from madrob_console.cli.doctor import look_at_evidence
     from madrob_console.cli.session import own_topics
-    from madrob_console.messages.codec import MessageTypes
-    from madrob_console.preparing.doctor_evidence import look_at_evidence
+    from madrob_console.messages.message_types import MessageTypes
 
     recording = settings.recording
     own = own_topics(settings, MessageTypes())
@@ -83,8 +81,8 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
 
 
 def _score_references() -> int:
-    from madrob_console.preparing.doctor import line
-    from madrob_console.preparing.reference_set import (
+    from madrob_console.cli.doctor import line
+    from madrob_console.cli.reference_set import (
         FOLDER,
         read_references,
         reference_findings,

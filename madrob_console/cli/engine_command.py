@@ -11,25 +11,25 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.batch import named_places, site_arguments
+from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.cli.parsing import whole_within
-from madrob_console.cli.problems import BAD_INPUT, complain
-from madrob_console.cli.which_runs import named_places, site_arguments
-from madrob_console.kinds import SourceKind
-from madrob_console.version import software_version
+from madrob_console.common.names import SourceKind
+from madrob_console.common.version import software_version
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from madrob_console.config import Settings
-    from madrob_console.engine.live.core import Engine
-    from madrob_console.engine.process.local import LocalEngine
-    from madrob_console.engine.process.reporting import Reporting
-    from madrob_console.engine.process.server import EngineServer
-    from madrob_console.engine.process.service import ServiceManager
-    from madrob_console.engine.process.troubles import FallenThreads
+    from madrob_console.engine.core import Engine
+    from madrob_console.engine.engine_thread import LocalEngine
+    from madrob_console.engine.reports import Reporting
+    from madrob_console.engine.server import EngineServer
+    from madrob_console.engine.server_socket import FallenThreads
+    from madrob_console.engine.service import ServiceManager
     from madrob_console.referee.competition_plan import PlanSource
-    from madrob_console.referee.teams import TeamSource
+    from madrob_console.referee.lists import TeamSource
 
 FAILED = 1
 """Exit code of an engine that failed: systemd starts it again."""
@@ -93,7 +93,7 @@ def main(arguments: argparse.Namespace) -> int:
 
             return status()
         case "unit":
-            from madrob_console.cli.engine_unit import print_unit
+            from madrob_console.cli.running_engines import print_unit
 
             return print_unit(arguments)
         case _:
@@ -107,12 +107,11 @@ def serve(arguments: argparse.Namespace) -> int:
     from msgspec.structs import replace
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
-    from madrob_console.cli.owning import owning
+    from madrob_console.cli.running_engines import owning
     from madrob_console.config import load_settings
-    from madrob_console.engine.process.owned import HeldError
-    from madrob_console.engine.process.place import place_of
-    from madrob_console.engine.process.service import ServiceManager, log_to_journal
-    from madrob_console.engine.shown import wire
+    from madrob_console.engine import wire
+    from madrob_console.engine.engine_lock import HeldError, place_of
+    from madrob_console.engine.service import ServiceManager, log_to_journal
 
     log_to_journal(os.environ)
     manager = ServiceManager(os.environ)
@@ -131,11 +130,11 @@ def serve(arguments: argparse.Namespace) -> int:
 
             from madrob_console.cli import aside
             from madrob_console.cli.session import open_engine
-            from madrob_console.engine.process.accepting import raise_handles
-            from madrob_console.engine.process.local import LocalEngine
-            from madrob_console.engine.process.reporting import Reporting
-            from madrob_console.engine.process.scoring_process import ScoringProcess
-            from madrob_console.engine.process.server import EngineServer
+            from madrob_console.engine.engine_thread import LocalEngine
+            from madrob_console.engine.reports import Reporting
+            from madrob_console.engine.scoring_process import ScoringProcess
+            from madrob_console.engine.server import EngineServer
+            from madrob_console.engine.server_socket import raise_handles
 
         raise_handles()
         fallen = _fallen_threads()
@@ -178,7 +177,7 @@ def serve(arguments: argparse.Namespace) -> int:
 
 def _fallen_threads() -> FallenThreads:
     """Notes every thread of this process that ends with an error from now on."""
-    from madrob_console.engine.process.troubles import FallenThreads
+    from madrob_console.engine.server_socket import FallenThreads
 
     fallen = FallenThreads()
     threading.excepthook = fallen.note
@@ -189,7 +188,7 @@ def _follow_lists(
     teams: TeamSource, plan: PlanSource, engine: Engine, reporting: Reporting, stack: ExitStack
 ) -> None:
     """The engine hears of teams and plan, and of every change in their files; pages follow."""
-    from madrob_console.engine.process.list_watch import ListWatch
+    from madrob_console.engine.engine_thread import ListWatch
 
     changed = reporting.publish
     stack.callback(ListWatch(teams, engine.hear_of_teams, changed=changed).close)
@@ -198,7 +197,7 @@ def _follow_lists(
 
 def _attend(local: LocalEngine, engine: Engine, settings: Settings) -> None:
     """Other programs of the testbed can ask, and hear how it is."""
-    from madrob_console.engine.process.attendant import Attendant
+    from madrob_console.engine.service import Attendant
 
     engine.source.attend(Attendant(local, settings.ros.services, settings.checks.rate))
 
@@ -223,7 +222,7 @@ async def _serve(
     import asyncio
 
     from madrob_console.cli.running_engines import run_words
-    from madrob_console.engine.process.service import keep_told
+    from madrob_console.engine.service import keep_told
 
     async def tell() -> None:
         await server.reachable.wait()

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from madrob_console.cli import options
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 
 
 def add(commands: options.Commands) -> None:
@@ -38,8 +38,8 @@ def add(commands: options.Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Score the files, then write the indicators, each file whole."""
-    from madrob_console.cli.score_table import result_lines
-    from madrob_console.files.whole import atomic_writes
+    from madrob_console.cli.score_output import result_lines
+    from madrob_console.common.files import atomic_writes
     from scoring.eurobench.published import evaluate_published
     from scoring.eurobench.run_files import indicator_files, read_files
     from scoring.rulesets import EUROBENCH_2020

@@ -7,7 +7,7 @@ import sys
 from importlib import resources
 
 from madrob_console.cli import options
-from madrob_console.cli.safe_output import raw
+from madrob_console.cli.output import raw
 
 PAGES = {
     "referee": "a run from set-up to signature, keys, protests, words",

@@ -8,14 +8,20 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from madrob_console.cli import options
-from madrob_console.cli.interrupting import interruptible, say_stopped
-from madrob_console.cli.named_runs import find_runs
+from madrob_console.cli.batch import find_runs
+from madrob_console.cli.output import (
+    BAD_INPUT,
+    StoppedError,
+    complain,
+    forget,
+    interruptible,
+    safe_output,
+    say_stopped,
+)
 from madrob_console.cli.parsing import Parser
-from madrob_console.cli.problems import BAD_INPUT, StoppedError, complain
-from madrob_console.cli.safe_output import forget, safe_output
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from recorder.errors import RecorderError
-from scoring.errors import ScoringError
+from scoring.protocol import ScoringError
 
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
@@ -36,7 +42,7 @@ _FAILED = 1
 
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from madrob_console.version import software_version
+        from madrob_console.common.version import software_version
 
         print(f"madrob {software_version()}")
         parser.exit()

@@ -17,18 +17,17 @@ from madrob_console.cli.parsing import (
     whole_number,
     whole_within,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario, SourceKind
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import Scenario, SourceKind
+from madrob_console.export.table_columns import TableFormat
 from madrob_console.testbeds.ros_domain import domain_number
-from madrob_console.tidy.tidy_table import TableFormat
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, Strip
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
     from madrob_console.config import Settings
     from madrob_console.referee.competition_plan import PlanSource
-    from madrob_console.referee.teams import TeamList, TeamSource
-
+    from madrob_console.referee.lists import TeamList, TeamSource
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
@@ -277,7 +276,7 @@ def add_teams(parser: argparse.ArgumentParser) -> None:
 
 def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource:
     """Where the list of teams comes from."""
-    from madrob_console.referee.teams import TeamSource
+    from madrob_console.referee.lists import TeamSource
 
     named: Path | None = arguments.teams
     if named is None:
@@ -291,7 +290,7 @@ def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
     Raises:
         MadrobError: the file named on the command line cannot be read.
     """
-    from madrob_console.referee.teams import read_teams
+    from madrob_console.referee.lists import read_teams
 
     source = team_source(arguments, settings)
     if arguments.teams is not None and source.file is not None:

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
 
-from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.cli.output import BAD_INPUT
 
 _Words = TypeVar("_Words", bound=StrEnum)
 _Number = TypeVar("_Number", int, float)

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.output import BAD_INPUT, Complaints
 from madrob_console.cli.parsing import whole_within
-from madrob_console.cli.problems import BAD_INPUT, Complaints
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.moments import Moment
-    from madrob_console.cameras.run_pictures import RunPictures
+    from madrob_console.archive.run_pictures import RunPictures
+    from madrob_console.archive.run_record import Moment
     from madrob_console.messages.codec import TopicMapping
 
 _WIDEST = 6000
@@ -68,7 +68,7 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Find the frames and write them; what cannot be shown is named."""
     with imports_kept():
-        from madrob_console.cameras.run_pictures import (
+        from madrob_console.archive.run_pictures import (
             caption_words,
             difference_words,
             nothing_near,
@@ -95,16 +95,15 @@ def main(arguments: argparse.Namespace) -> int:
 def _made(run: Path, arguments: argparse.Namespace) -> tuple[RunPictures, Path, str]:
     """The pictures, where they were written, and how their names begin there."""
     from madrob_console.archive.folders import PICTURES_FOLDER
-    from madrob_console.archive.scored import score_opened
-    from madrob_console.cameras import SIDE
-    from madrob_console.cameras.nearest_frames import has_evidence
-    from madrob_console.cameras.run_pictures import (
+    from madrob_console.archive.nearest_frames import SIDE, has_evidence
+    from madrob_console.archive.run_pictures import (
         moments_in,
         named_by_distance,
         pictures_of,
         renewed_pictures,
     )
-    from madrob_console.files.whole import atomic_writes
+    from madrob_console.archive.scored import score_opened
+    from madrob_console.common.files import atomic_writes
 
     if not run.is_dir():
         raise MadrobError(f"{run}: no such run folder: name the folder of a run")
@@ -172,10 +171,10 @@ def _with_cameras(made: RunPictures, run: Path, wanted: str) -> RunPictures:
 
 def _asked(run: Path, at: Sequence[str]) -> tuple[Sequence[Moment], Sequence[TopicMapping]]:
     """The instants that were asked for: times, and events by their names."""
-    from madrob_console.archive.moments import moments_called
+    from madrob_console.archive.run_pictures import events_of
+    from madrob_console.archive.run_record import moments_called
     from madrob_console.archive.scored import read_recorded_run, score_opened
-    from madrob_console.cameras.run_pictures import events_of
-    from madrob_console.referee.run_times import seconds_of
+    from madrob_console.referee.records import seconds_of
     from recorder.errors import RecorderError
 
     events: Sequence[tuple[str, float]] = ()

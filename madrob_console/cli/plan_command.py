@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
-from madrob_console.cli.safe_output import put_bytes
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, put_bytes
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -43,10 +42,10 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Print the plan or its JSON; lines and runs that cannot be used are named."""
     with imports_kept():
+        from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
+        from madrob_console.pages.competition import plan_json, plan_lines
         from madrob_console.referee.competition_plan import plan_progress, unknown_teams
-        from madrob_console.standings.plan_table import plan_json, plan_lines
-        from madrob_console.version import software_version
 
     settings = load_settings(arguments.settings)
     plan = _plan(options.plan_source(arguments, settings))

@@ -7,10 +7,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options, which_runs
-from madrob_console.cli.problems import BAD_INPUT, MOST_ALIKE, Complaints, complain
-from madrob_console.cli.progress import progress
-from madrob_console.names import terminal_safe
+from madrob_console.cli import batch, options
+from madrob_console.cli.output import BAD_INPUT, MOST_ALIKE, Complaints, complain, progress
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
     from madrob_console.archive.history import RunSummary
     from madrob_console.config import Settings
-    from madrob_console.publishing.site_content import SiteContent
+    from madrob_console.pages.site_content import SiteContent
 
 
 def add(commands: options.Commands) -> None:
@@ -43,7 +42,7 @@ def add(commands: options.Commands) -> None:
     parser.add_argument(
         "site", type=Path, metavar="DIR", help="an empty or new folder, or one published before"
     )
-    which_runs.add_which_runs(parser)
+    batch.add_which_runs(parser)
     options.add_teams(parser)
     options.add_plan(parser)
     options.add_run_paths(parser)
@@ -55,11 +54,15 @@ def main(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.folders import INDEX_PAGE
         from madrob_console.config import load_settings
-        from madrob_console.publishing.publish import site_files
-        from madrob_console.publishing.site_folder import SiteNotWrittenError, site_held, write_site
+        from madrob_console.pages.publish import (
+            SiteNotWrittenError,
+            site_files,
+            site_held,
+            write_site,
+        )
 
     settings = load_settings(arguments.settings)
-    which_runs.demand_results(arguments, settings)
+    batch.demand_results(arguments, settings)
     site = _site(arguments)
     try:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
@@ -72,7 +75,7 @@ def main(arguments: argparse.Namespace) -> int:
         complain(error)
         return os.EX_TEMPFAIL
     _name_without_report(without)
-    which_runs.name_practice_alone(content.standings, found)
+    batch.name_practice_alone(content.standings, found)
     with Complaints() as complaints:
         complaints.add_each(found.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
@@ -84,10 +87,10 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _content(arguments: argparse.Namespace, settings: Settings, found: Collection) -> SiteContent:
-    from madrob_console.publishing.site_content import SiteContent, zip_place
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.competition import entering_runs
+    from madrob_console.pages.site_content import SiteContent, zip_place
     from madrob_console.referee.competition_plan import plan_progress
-    from madrob_console.standings.competition import entering_runs
-    from madrob_console.version import software_version
 
     official = not arguments.practice
     title, runs = entering_runs(found.runs, arguments.competition, official=official)
@@ -98,7 +101,7 @@ def _content(arguments: argparse.Namespace, settings: Settings, found: Collectio
     return SiteContent(
         root=found.root,
         runs=[run for run in runs if not run.twin and not run.never_ran],
-        standings=which_runs.standings(arguments, settings, found),
+        standings=batch.standings(arguments, settings, found),
         plan=plan_progress(plan, found.runs, name) if plan.lines else None,
         names=options.team_names(arguments, settings, found),
         software=software_version(),

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, Complaints
-from madrob_console.cli.progress import progress
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.cli.output import BAD_INPUT, Complaints, progress
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from recorder.errors import RecorderError
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.run_paths import RunPath
+    from madrob_console.archive.folders import RunPath
     from recorder.recovery import Recovered
 
 
@@ -41,7 +40,7 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Repair every path; a bad one is named and does not stop the rest."""
     with imports_kept():
-        from madrob_console.archive.run_paths import all_runs_at
+        from madrob_console.archive.folders import all_runs_at
 
     runs = all_runs_at(arguments.paths)
     with progress("recordings") as tell, Complaints() as bad:
@@ -78,8 +77,8 @@ def _journal_held(path: Path) -> Iterator[None]:
         MadrobError: it does so already.
     """
     from madrob_console.archive.folders import JOURNAL_FILE
-    from madrob_console.archive.unfinished import is_held
-    from madrob_console.files.held import Hold
+    from madrob_console.archive.run_journal import is_held
+    from madrob_console.common.files import Hold
     from madrob_console.referee.journal import HOLD_FILE
 
     busy = MadrobError(

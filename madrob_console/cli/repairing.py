@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from madrob_console.archive.evidence import repair_evidence, settle_account
 from madrob_console.archive.folders import REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import stamp_of
-from madrob_console.report.old_reports import report_is_old
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import stamp_of
+from madrob_console.pages.surroundings import report_is_old
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.pages.surroundings import Surroundings
 
 
 def repair_run(folder: Path) -> bool:
@@ -33,7 +33,7 @@ def repair_run(folder: Path) -> bool:
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.pages.surroundings import Surroundings
 
     settle_account(folder, time.time())
     scored = repair(folder)
@@ -63,10 +63,10 @@ def write_report(folder: Path, scored: Scored, around: Surroundings) -> None:
     Raises:
         MadrobError: the disk refuses.
     """
-    from madrob_console.cameras.run_pictures import renewed_pictures
-    from madrob_console.files.whole import atomic_write
-    from madrob_console.report.page import report_html
-    from madrob_console.version import software_version
+    from madrob_console.archive.run_pictures import renewed_pictures
+    from madrob_console.common.files import atomic_write
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.page import report_html
 
     seen = renewed_pictures(folder, scored)
     page = report_html(scored, software_version(), around.place_of(folder, scored), seen)
@@ -101,7 +101,7 @@ def renew_all(root: Path) -> Iterator[str]:
 
     Yields what could not be done, in words.
     """
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.pages.surroundings import Surroundings
 
     around = Surroundings()
     for folder in around.old_reports(root):

@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, Complaints, complain
-from madrob_console.cli.progress import progress
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
-from madrob_console.report import PictureFormat
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.pages import PictureFormat
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.pages.surroundings import Surroundings
+    from scoring.kinematics import Rows
     from scoring.protocol import Condition
     from scoring.result import Result
-    from scoring.rows import Rows
 
 NamedFile: TypeAlias = tuple[Path, bytes]
 """Where it goes, and what is in it."""
@@ -52,8 +51,8 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Make the files of every path; a bad one is named and does not stop the rest."""
     with imports_kept():
-        from madrob_console.archive.run_paths import all_runs_at
-        from madrob_console.report.surroundings import Surroundings
+        from madrob_console.archive.folders import all_runs_at
+        from madrob_console.pages.surroundings import Surroundings
 
     around = Surroundings()
     written: set[Path] = set()
@@ -76,7 +75,7 @@ def _make(
     written: set[Path],
     around: Surroundings,
 ) -> None:
-    from madrob_console.files.whole import atomic_write
+    from madrob_console.common.files import atomic_write
 
     files = _page(path, output, around) if pictures is None else _pictures(path, pictures, output)
     for target, data in files:
@@ -96,11 +95,11 @@ def _make(
 def _page(path: Path, output: Path | None, around: Surroundings) -> Iterator[NamedFile]:
     with imports_kept():
         from madrob_console.archive.folders import REPORT_FILE
+        from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
         from madrob_console.archive.scored import score_opened
-        from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
-        from madrob_console.report.page import report_html
-        from madrob_console.report.surroundings import NOWHERE
-        from madrob_console.version import software_version
+        from madrob_console.common.version import software_version
+        from madrob_console.pages.page import report_html
+        from madrob_console.pages.surroundings import NOWHERE
 
     if _published(path):
         raise MadrobError(

@@ -7,18 +7,18 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
+from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.names import clean_name, terminal_safe
+from madrob_console.common.names import clean_name, terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
-    from madrob_console.engine.live.core import Engine
-    from madrob_console.referee.run_setup import RunSetup
-    from madrob_console.referee.teams import TeamList
+    from madrob_console.engine.core import Engine
+    from madrob_console.referee.lists import TeamList
+    from madrob_console.referee.records import RunSetup
 
 EXIT_CODES = {
     Outcome.COMPLETED: 0,
@@ -129,14 +129,13 @@ def main(arguments: argparse.Namespace) -> int:
 
         from madrob_console.cli import aside
         from madrob_console.cli.attaching import owned_testbed
-        from madrob_console.cli.owning import owning
-        from madrob_console.cli.session import open_engine
-        from madrob_console.cli.unattended import UnattendedRun, print_replay
-        from madrob_console.cli.which_runs import site_arguments
+        from madrob_console.cli.batch import site_arguments
+        from madrob_console.cli.running_engines import owning
+        from madrob_console.cli.session import UnattendedRun, open_engine, print_replay
+        from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.engine.process.reporting import Reporting
-        from madrob_console.engine.shown.snapshot import label_of
-        from madrob_console.version import software_version
+        from madrob_console.engine.reports import Reporting
+        from madrob_console.engine.snapshot import label_of
 
     settings = load_settings(arguments.settings)
     owned = owned_testbed(arguments, settings)
@@ -175,7 +174,7 @@ def _setup(
     *,
     practice: bool,
 ) -> RunSetup:
-    from madrob_console.referee.run_setup import RunSetup
+    from madrob_console.referee.records import RunSetup
 
     condition = options.condition_of(arguments)
     number = arguments.run

@@ -14,17 +14,16 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from madrob_console.cli import options, sharing
+from madrob_console.cli import batch, options
+from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, complain, name_twins, progress
 from madrob_console.cli.parsing import one_of
-from madrob_console.cli.problems import BAD_INPUT, Complaints, complain, name_twins
-from madrob_console.cli.progress import Tell, progress
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe, valid_text
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe, valid_text
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from madrob_console.archive.grades import Grade
-    from madrob_console.archive.run_paths import RunPath
+    from madrob_console.archive.check import Grade
+    from madrob_console.archive.folders import RunPath
     from madrob_console.archive.scored import ScoredPath
     from scoring.result import Result
 
@@ -139,7 +138,7 @@ def add(commands: options.Commands) -> None:
         "--dry-run", action="store_true", help="say what --reissue would change, write nothing"
     )
     options.add_settings(parser)
-    sharing.add(parser, "scored")
+    batch.add(parser, "scored")
 
 
 class _Write(argparse.Action):
@@ -162,15 +161,15 @@ class _Write(argparse.Action):
 def main(arguments: argparse.Namespace) -> int:
     """Score every run at the paths; a bad one is named and does not stop the rest."""
     _refuse_contradictions(arguments)
-    runs = _chosen(sharing.runs_of(arguments), arguments)
+    runs = _chosen(batch.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)
     if arguments.output is not None:
         from madrob_console.cli.score_output import write_tables
 
         return write_tables(arguments, runs, rules)
     if arguments.reissue is not None:
-        from madrob_console.cli.score_reissue import reissue
-        from madrob_console.clock import SystemClock
+        from madrob_console.cli.score_output import reissue
+        from madrob_console.common.clock import SystemClock
 
         return reissue(arguments, runs, rules[0], SystemClock())
     return _describe(arguments, runs, rules)
@@ -217,7 +216,7 @@ def _describe(
     arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
 ) -> int:
     """Print what is to be said of each run."""
-    from madrob_console.archive.grades import Grade
+    from madrob_console.archive.check import Grade
 
     write = arguments.write
     if write is not None and arguments.scheduler is not None:  # as for the paths of the runs
@@ -229,7 +228,7 @@ def _describe(
         write=write,
         as_json=arguments.json,
     )
-    scored = sharing.shared(arguments, describe, runs, _lost)
+    scored = batch.shared(arguments, describe, runs, _lost)
     with closing(scored) as texts, progress("runs") as tell:
         bad, grades, held, unsure = _print(runs, texts, tell, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
@@ -244,7 +243,7 @@ def _describe(
 
 
 def _lost(run: RunPath, why: str) -> RunText:
-    return RunText("", sharing.lost_words(run, why))
+    return RunText("", batch.lost_words(run, why))
 
 
 def _rules(name: str | None) -> tuple[RulesetName | None, ...]:
@@ -325,7 +324,7 @@ def describe_run(
 def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: bool) -> RunText:
     # they load numpy and SciPy, which a program that only hands out work does without
     from madrob_console.archive.scored import score_run
-    from madrob_console.cli.score_table import comparison_lines, result_lines
+    from madrob_console.cli.score_output import comparison_lines, result_lines
 
     scored = score_run(run, rules)
     if as_json:
@@ -342,7 +341,7 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
 def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
     import msgspec
 
-    from madrob_console.cli.score_table import difference
+    from madrob_console.cli.score_output import difference
 
     told = {"flags": msgspec.to_builtins(scored[0].flags)}
     label: dict[str, Any] = msgspec.to_builtins(scored[0].label)
@@ -391,9 +390,9 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
 
 
 def _written(run: RunPath, target: Destination, *, as_json: bool) -> RunText:
-    from madrob_console.archive.result_writer import eurobench_files
+    from madrob_console.archive.result_files import eurobench_files
     from madrob_console.archive.scored import score_recording
-    from madrob_console.files.whole import write_new_folder
+    from madrob_console.common.files import write_new_folder
 
     if run.prefix:
         raise MadrobError(

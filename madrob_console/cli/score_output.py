@@ -1,27 +1,40 @@
-"""`madrob score --output`: the tables of results that are made now, for programs."""
+"""The output of `madrob score`: lines, tables for programs, and re-issued results."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from functools import partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.shards import Shard
-from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
-from madrob_console.cli.progress import Tell, progress
-from madrob_console.cli.sharing import lost_words, shared
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
-from madrob_console.tidy.run_tables import RUN_TABLES, UNREADABLE
-from madrob_console.tidy.tidy_table import TableFormat
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath, Shard
+from madrob_console.archive.result_document import MANUAL_START
+from madrob_console.cli.batch import lost_words, shared
+from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.export.table_columns import RUN_TABLES, UNREADABLE, TableFormat
+from madrob_console.referee.flags import Flag, common_reason
+from scoring.indicator_table import IndicatorName
+from scoring.result import (
+    Indicator,
+    Result,
+    difference_text,
+    uncertainty_text,
+    value_text,
+    without_zeros,
+)
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from madrob_console.tidy.run_rows import Row, RowWriter
+    from madrob_console.archive.repair import NextIssue, RuleChange
+    from madrob_console.common.clock import Clock
+    from madrob_console.export.rows import Row, RowWriter
+    from madrob_console.pages.surroundings import Surroundings
 
 _ALL = (*RUN_TABLES, UNREADABLE)
 
@@ -47,8 +60,8 @@ def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshR
         run: which one.
         rules: the rulesets, each once; None = that of the run.
     """
-    from madrob_console.archive.stored_runs import fresh_runs
-    from madrob_console.tidy.run_rows import rows_of
+    from madrob_console.archive.result_files import fresh_runs
+    from madrob_console.export.rows import rows_of
 
     try:
         scored = fresh_runs(run, rules)
@@ -71,9 +84,8 @@ def write_tables(
     Raises:
         MadrobError: the folder is there already, or the disk refuses.
     """
-    from madrob_console.files.whole import new_folder, whole_file
-    from madrob_console.tidy.run_rows import RowWriter
-    from madrob_console.tidy.table_files import TableWriter, check_writable
+    from madrob_console.common.files import new_folder, whole_file
+    from madrob_console.export.rows import RowWriter, TableWriter, check_writable
 
     kind = arguments.format or TableFormat.CSV
     check_writable(kind)
@@ -88,7 +100,7 @@ def write_tables(
             writer = RowWriter(TableWriter(file, table, kind), table)
             writers[table.name] = stack.enter_context(closing(writer))
         work = partial(fresh_rows, rules=rules)
-        made = stack.enter_context(closing(shared(arguments, work, runs, _lost)))
+        made = stack.enter_context(closing(shared(arguments, work, runs, _lost_rows)))
         _write(runs, made, writers, bad, tell)
     print(terminal_safe(f"{folder}: {len(runs)} runs, {bad.count} of them cannot be read"))
     return BAD_INPUT if bad.count else 0
@@ -119,7 +131,7 @@ def _write(
     tell: Tell,
 ) -> None:
     """The rows of all runs, each run once, one after the other."""
-    from madrob_console.archive.stored_runs import Counted
+    from madrob_console.archive.result_files import Counted
 
     counted = Counted.of(runs).places
     twins: list[tuple[str, str]] = []
@@ -138,5 +150,364 @@ def _write(
     name_twins(twins)
 
 
-def _lost(run: RunPath, why: str) -> FreshRows:
+def _lost_rows(run: RunPath, why: str) -> FreshRows:
     return FreshRows({}, problem=lost_words(run, why))
+
+
+# Results as lines of plain text.
+
+
+_DECIMALS = 6
+"""Times of the epoch, of which values are made, have no more."""
+
+_NONE, _SPREAD = "-", "+-"
+
+
+def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
+    """A result as a table for people, its flags first."""
+    yield f"{_outcome(result)}, ruleset {result.ruleset}"
+    yield from flag_lines(found)
+    if reason := common_reason(result.indicators):
+        yield f"indicators: none: {reason}"
+    for name, indicator in () if reason else result.indicators.items():
+        sign, spread = indicator.sign or " ", uncertainty_text(indicator.uncertainty)
+        words = indicator.reason or " ".join(filter(None, (spread, indicator.unit)))
+        yield f"{name.words:<30} {_value(indicator):>12}{sign} {words}"
+    yield from doubt_lines(result)
+    yield from _notes(result)
+
+
+def doubt_lines(result: Result) -> Iterator[str]:
+    """Each doubt with the indicators that it is on."""
+    for words, on in result.doubts.items():
+        yield terminal_safe(f"doubt: {words} ({', '.join(name.words for name in on)})")
+
+
+def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
+    """What a decision on a run hangs on, on one line; none where nothing does."""
+    if found:
+        yield terminal_safe(f"flags: {'; '.join(flag.words for flag in found)}")
+
+
+def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> Iterator[str]:
+    """The results of one run by several rulesets, side by side.
+
+    Beside each but the first stands its difference to the first: that one's value is subtracted.
+    """
+    first, *others = results
+    yield _outcome(first)
+    yield from flag_lines(found)
+    heads = [first.ruleset, _SPREAD]
+    for other in others:
+        heads += [other.ruleset, _SPREAD, "difference"]
+    rows = [["", *heads, ""]]
+    for name, one in first.indicators.items():
+        cells = [name.words, *_value_and_spread(one)]
+        for two in (other.indicators[name] for other in others):
+            cells += [*_value_and_spread(two), _difference(one, two)]
+        rows.append([*cells, one.unit])
+    yield from _aligned(rows)
+    for each in results:
+        if reason := common_reason(each.indicators):
+            yield f"indicators, {each.ruleset}: {reason}"
+        for name, indicator in () if reason else each.indicators.items():
+            if indicator.reason is not None:
+                yield f"{name.words}, {each.ruleset}: {indicator.reason}"
+    yield from dict.fromkeys(text for each in results for text in doubt_lines(each))
+    yield from _notes(first)
+
+
+def difference(one: Indicator, two: Indicator) -> float | int | None:
+    """By how much the second is larger, in their unit; None where one has no value."""
+    return None if one.value is None or two.value is None else two.value - one.value
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Rows as lines: the first and the last column to the left, all others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for first, *cells, last in rows:
+        middle = "".join(
+            f"  {cell:>{width}}" for cell, width in zip(cells, widths[1:-1], strict=True)
+        )
+        yield f"{first:<{widths[0]}}{middle}  {last}".rstrip()
+
+
+def _value_and_spread(indicator: Indicator) -> tuple[str, str]:
+    spread = uncertainty_text(indicator.uncertainty).removeprefix(f"{_SPREAD} ")
+    return f"{_value(indicator)}{indicator.sign}", spread
+
+
+def _outcome(result: Result) -> str:
+    return terminal_safe(f"outcome: {result.outcome} ({result.ended})")
+
+
+def _notes(result: Result) -> Iterator[str]:
+    if result.rest is not None:
+        yield f"handle at rest: {result.rest.words}"
+    for note in (MANUAL_START, *result.quality.remarks):
+        yield terminal_safe(f"note: {note}")
+
+
+def _value(indicator: Indicator) -> str:
+    """With the digits that it has: where its uncertainty is 0, all that mean something."""
+    value, known = indicator.value, indicator.uncertainty
+    if value is None:
+        return _NONE
+    if known is None:
+        return _number(value)
+    return value_text(value, known) if known.expanded else without_zeros(_number(value))
+
+
+def _difference(one: Indicator, two: Indicator) -> str:
+    """With the digits that the larger of the two uncertainties leaves."""
+    by = difference(one, two)
+    if by is None:
+        return _NONE
+    if not by:
+        return "="
+    return difference_text(by, (one.uncertainty, two.uncertainty), _DECIMALS)
+
+
+def _number(value: float) -> str:
+    return f"{value:d}" if isinstance(value, int) else f"{value:.{_DECIMALS}f}"
+
+
+# `madrob score --reissue`: the next issues of results, in bulk, after a rule change.
+#
+# Runs are scored wherever the work is shared to; this process alone writes, one run after the
+# other, because a worker that was given up may still be alive. It holds each run as an engine
+# would.
+
+
+_AT_ONCE = 200
+"""So many next issues are in memory at once, with their files, less than 2 MB each."""
+
+
+class MadeIssue(NamedTuple):
+    """What came of scoring a run for its next issue.
+
+    Attributes:
+        issue: it; None = there is nothing to re-issue.
+        problem: why it cannot be, on one line; None = it can.
+        out_of_date: whether the result is to be made again first.
+    """
+
+    issue: NextIssue | None = None
+    problem: str | None = None
+    out_of_date: bool = False
+
+
+def made_issue(run: RunPath, *, change: RuleChange, files: bool) -> MadeIssue:
+    """Score a run for its next issue. Never raises: one bad run must not stop the others.
+
+    Args:
+        run: which one.
+        change: of the rules.
+        files: whether they are to be written.
+    """
+    from madrob_console.archive.repair import OutOfDateError, next_issue
+
+    try:
+        return MadeIssue(next_issue(run, change, files=files))
+    except OutOfDateError as error:
+        return MadeIssue(problem=str(error), out_of_date=True)
+    except MadrobError as error:
+        return MadeIssue(problem=str(error))
+    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
+        return MadeIssue(problem=f"{run.name}: not re-issued ({error!r}): please report it")
+
+
+@dataclass
+class ChangeTotals:
+    """What a rule change comes to.
+
+    Attributes:
+        issues: results that it changes.
+        counting: of these, how many enter the standings.
+        signed: of these, how many were final.
+        values: by indicator, how many values it changes.
+        levels: by the capability level before and after, how many runs.
+        unchanged: runs that it leaves as they are.
+        unwritten: issues that the disk refused after the journal's line.
+    """
+
+    issues: int = 0
+    counting: int = 0
+    signed: int = 0
+    values: Counter[IndicatorName] = field(default_factory=Counter)
+    levels: Counter[tuple[float | None, float | None]] = field(default_factory=Counter)
+    unchanged: int = 0
+    unwritten: int = 0
+
+    def add(self, issue: NextIssue) -> None:
+        """One more result."""
+        self.issues += 1
+        self.counting += issue.counts
+        self.signed += issue.signed is not None
+        for value in issue.values:
+            self.values[value.indicator] += 1
+            if value.indicator is IndicatorName.CAPABILITY_LEVEL:
+                self.levels[value.before, value.after] += 1
+
+    def lines(self, bad: int, *, dry: bool) -> Iterator[str]:
+        """All of it, for people."""
+        done = "would be re-issued" if dry else "re-issued"
+        counts = [f"{self.issues} {done}", f"{self.unchanged} unchanged"]
+        if self.unwritten:
+            counts.append(f"{self.unwritten} journalled and not written yet")
+        yield f"{', '.join(counts)}, {bad - self.unwritten} left alone (see above)"
+        if not self.issues:
+            return
+        final = f"{self.signed} of them {'are' if dry else 'were'} final and to be signed again"
+        yield f"{self.counting} of them count in the standings; {final}"
+        if self.values:
+            named = (f"{name.words} {count}" for name, count in self.values.most_common())
+            yield f"values that change: {', '.join(named)}"
+        if self.levels:
+            moved = (f"{a} -> {b}: {count}" for (a, b), count in self.levels.most_common())
+            yield f"runs that change level: {', '.join(moved)}"
+
+
+def reissue(
+    arguments: argparse.Namespace,
+    runs: Sequence[RunPath],
+    rules: RulesetName | None,
+    clock: Clock,
+) -> int:
+    """Re-issue what a rule change changes, or say what it would change.
+
+    Raises:
+        MadrobError: the settings cannot be used, or not the processes or the cluster.
+    """
+    from madrob_console.archive.repair import RuleChange
+    from madrob_console.config import load_settings
+
+    dry: bool = arguments.dry_run
+    reason = arguments.reissue.strip()
+    referee = load_settings(arguments.settings).competition.referee
+    change = RuleChange(reason, rules, referee, clock.now_ns() / 1e9)
+    totals = ChangeTotals()
+    with Complaints() as bad:
+        _go_through(arguments, runs, change, clock, totals, bad)
+        if not dry:
+            _renew_reports(arguments, runs, change, bad)
+    for line in totals.lines(bad.count, dry=dry):
+        print(line)
+    return BAD_INPUT if bad.count else 0
+
+
+def _go_through(
+    arguments: argparse.Namespace,
+    runs: Sequence[RunPath],
+    change: RuleChange,
+    clock: Clock,
+    totals: ChangeTotals,
+    bad: Complaints,
+) -> None:
+    """Every run: what the rule change changes of it is said, and written if it is to be."""
+    from madrob_console.archive.repair import UnwrittenError
+
+    dry: bool = arguments.dry_run
+    work = partial(made_issue, change=change, files=not dry)
+    issues = shared(arguments, work, runs, _lost_issue, at_once=_AT_ONCE)
+    with closing(issues) as made, progress("runs") as tell:
+        tell(0, len(runs))
+        for number, (run, one) in enumerate(zip(runs, made, strict=True), start=1):
+            tell(number, len(runs))
+            issues_before = totals.issues
+            try:
+                for issue in _settled(run, one, change, clock, dry=dry):
+                    totals.add(issue)
+                    print(terminal_safe(f"{run.name}: {issue.words}"), flush=True)
+            except MadrobError as error:
+                totals.unwritten += isinstance(error, UnwrittenError)
+                bad.add(error, run.name)
+                continue
+            totals.unchanged += totals.issues == issues_before
+
+
+def _settled(
+    run: RunPath, made: MadeIssue, change: RuleChange, clock: Clock, *, dry: bool
+) -> Iterator[NextIssue]:
+    """Write what is to be written of one run: what was journalled before, and what is new.
+
+    Raises:
+        MadrobError: it cannot be.
+    """
+    from madrob_console.archive.repair import UnwrittenError, unwritten_issue, write_next_issue
+    from madrob_console.cli.repairing import repair_run
+
+    if made.out_of_date and not dry:  # an earlier re-issue was killed, or an engine
+        unwritten = unwritten_issue(run.path)
+        try:
+            repair_run(run.path)
+        except MadrobError as error:
+            if unwritten is None:
+                raise
+            if unwritten_issue(run.path) is not None:
+                raise UnwrittenError(run.path, unwritten.number, error) from None
+            yield unwritten  # only its report is not there
+            raise
+        if unwritten is not None:
+            yield unwritten
+        made = made_issue(run, change=change, files=True)
+    if made.problem is not None:
+        raise MadrobError(made.problem)
+    if made.issue is not None:
+        if not dry:
+            write_next_issue(made.issue, clock.now_ns() / 1e9)
+        yield made.issue
+
+
+def _renew_reports(
+    arguments: argparse.Namespace, runs: Sequence[RunPath], change: RuleChange, bad: Complaints
+) -> None:
+    """Make reports again that tell of an earlier issue, when all results are there to compare."""
+    from madrob_console.archive.folders import results_folder_of
+    from madrob_console.cli.repairing import renew_all
+    from madrob_console.pages.surroundings import report_is_old
+
+    old = [run for run in runs if report_is_old(run.path)]
+    work = partial(renewed_report, time=change.time)
+    with closing(shared(arguments, work, old, lost_words)) as renewed, progress("pages") as tell:
+        for number, (run, problem) in enumerate(zip(old, renewed, strict=True), start=1):
+            tell(number, len(old))
+            if problem:
+                bad.add(problem, run.name)
+    for results in dict.fromkeys(results_folder_of(run.path) for run in old):
+        for problem in renew_all(results):
+            bad.add(problem, str(results))
+
+
+def renewed_report(run: RunPath, *, time: float) -> str:
+    """Make the report of a run again; says why it cannot be, empty = it is.
+
+    That of a run that a console works on is left to it.
+
+    Args:
+        run: which one.
+        time: of the rule change: what lies around runs is looked at once for each.
+    """
+    from madrob_console.archive.run_journal import is_held
+    from madrob_console.cli.repairing import renew_report
+
+    try:
+        if is_held(run.path / JOURNAL_FILE):
+            return ""
+        renew_report(run.path, _around(time))
+    except MadrobError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001  # a fault of ours must not stop the others either
+        return f"{run.name}: no report ({error!r}): please report it"
+    return ""
+
+
+@lru_cache(maxsize=1)
+def _around(_time: float) -> Surroundings:
+    from madrob_console.pages.surroundings import Surroundings
+
+    return Surroundings()
+
+
+def _lost_issue(run: RunPath, why: str) -> MadeIssue:
+    return MadeIssue(problem=lost_words(run, why))

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from madrob_console.cli import options
-from madrob_console.names import terminal_safe
+from madrob_console.common.names import terminal_safe
 
 
 def add(commands: options.Commands) -> None:
@@ -26,7 +26,7 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Check the settings file, if there is one, and print every setting with its default."""
     from madrob_console.config import default_settings_path, load_settings
-    from madrob_console.config.example import example_toml
+    from madrob_console.config.settings import example_toml
 
     load_settings(arguments.settings)  # a file that is there has to be right
     print(example_toml(), flush=True)

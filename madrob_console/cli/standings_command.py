@@ -8,15 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options, which_runs
-from madrob_console.cli.problems import BAD_INPUT, Complaints
-from madrob_console.cli.safe_output import put_bytes
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.cli import batch, options
+from madrob_console.cli.output import BAD_INPUT, Complaints, put_bytes
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.standings.competition import CompetitionStandings
+    from madrob_console.pages.competition import CompetitionStandings
 
 _STDOUT = Path("-")
 
@@ -48,7 +47,7 @@ def add(commands: options.Commands) -> None:
             metavar="FILE",
             help=f"{text}; - = standard output",
         )
-    which_runs.add_which_runs(parser)
+    batch.add_which_runs(parser)
     options.add_teams(parser)
     options.add_run_paths(parser)
     options.add_settings(parser)
@@ -57,12 +56,15 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Write the files that were asked for, or print a table; damaged results are named."""
     with imports_kept():
+        from madrob_console.common.files import atomic_write
+        from madrob_console.common.version import software_version
         from madrob_console.config import load_settings
-        from madrob_console.files.whole import atomic_write
-        from madrob_console.standings.data_files import standings_csv, standings_json
-        from madrob_console.standings.text_table import standings_lines
-        from madrob_console.standings.web_page import standings_html
-        from madrob_console.version import software_version
+        from madrob_console.pages.outputs import (
+            standings_csv,
+            standings_html,
+            standings_json,
+            standings_lines,
+        )
 
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
         "csv": lambda found: standings_csv(found).encode(),
@@ -73,9 +75,9 @@ def main(arguments: argparse.Namespace) -> int:
     _refuse_sharing(targets)
     told = sys.stderr if _STDOUT in targets.values() else sys.stdout
     settings = load_settings(arguments.settings)
-    which_runs.demand_results(arguments, settings)
+    batch.demand_results(arguments, settings)
     collection = options.collection(arguments, settings)
-    found = which_runs.standings(arguments, settings, collection)
+    found = batch.standings(arguments, settings, collection)
     for kind, path in targets.items():
         data = makers[kind](found)
         if path == _STDOUT:
@@ -86,7 +88,7 @@ def main(arguments: argparse.Namespace) -> int:
     if not targets:
         for line in standings_lines(found):
             print(terminal_safe(line))
-    which_runs.name_practice_alone(found, collection)
+    batch.name_practice_alone(found, collection)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each((run.folder, run.problem) for run, _ in found.left_out if run.problem)

@@ -11,21 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from madrob_console.cli import options
-from madrob_console.cli.problems import BAD_INPUT, Complaints, name_twins
-from madrob_console.cli.progress import Tell, progress
-from madrob_console.cli.safe_output import put_bytes
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
-from madrob_console.tidy.run_tables import RUN_TABLES
-from madrob_console.tidy.sample_tables import SAMPLE_TABLES
-from madrob_console.tidy.tidy_table import TableFormat, TidyTable, column_lines
+from madrob_console.cli.output import BAD_INPUT, Complaints, Tell, name_twins, progress, put_bytes
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.export.table_columns import (
+    RUN_TABLES,
+    SAMPLE_TABLES,
+    TableFormat,
+    TidyTable,
+    column_lines,
+)
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-    from madrob_console.archive.run_paths import RunPath
-    from madrob_console.tidy.run_rows import RowWriter
+    from madrob_console.archive.folders import RunPath
+    from madrob_console.export.rows import RowWriter
 
 _SAMPLES = """\
 From the opening of a recording to its end, before it is cut to the run, by the code that makes \
@@ -115,11 +117,10 @@ def _add_runs(parts: options.Commands, table: TidyTable) -> None:
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     """Write a table of all runs; one that cannot be used is named and does not stop the rest."""
-    from madrob_console.archive.run_paths import all_runs_at
+    from madrob_console.archive.folders import all_runs_at
+    from madrob_console.common.files import whole_file
     from madrob_console.config import load_settings
-    from madrob_console.files.whole import whole_file
-    from madrob_console.tidy.run_rows import RowWriter
-    from madrob_console.tidy.table_files import TableWriter, check_writable
+    from madrob_console.export.rows import RowWriter, TableWriter, check_writable
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
@@ -154,8 +155,8 @@ def _write_runs(
 ) -> None:
     """The rows of all runs, some runs after the other."""
     from madrob_console.archive.collection import demand_competition, demand_testbed
-    from madrob_console.archive.stored_runs import Counted, stored_run
-    from madrob_console.tidy.run_rows import rows_of
+    from madrob_console.archive.result_files import Counted, stored_run
+    from madrob_console.export.rows import rows_of
 
     counted = Counted.of(runs)
     testbed, competition = arguments.testbed_name, arguments.competition
@@ -191,9 +192,9 @@ class _StandardOutput(BytesIO):
 
 def _samples(arguments: argparse.Namespace) -> int:
     """Write the tables of every run at the paths; a bad one is named and does not stop the rest."""
-    from madrob_console.archive.run_paths import all_runs_at
+    from madrob_console.archive.folders import all_runs_at
     from madrob_console.cli.batch import in_order
-    from madrob_console.tidy.table_files import check_writable
+    from madrob_console.export.rows import check_writable
 
     output: Path = arguments.output
     check_writable(arguments.format)
@@ -234,8 +235,7 @@ def write_samples(
         kind: of the files.
     """
     from madrob_console.archive.scored import score_with_series
-    from madrob_console.tidy.sample_rows import sample_rows
-    from madrob_console.tidy.table_files import write_table
+    from madrob_console.export.rows import sample_rows, write_table
 
     if run.prefix:
         return _Written(problem=f"{run.name}: files without a recording: give the run's bag")

@@ -11,16 +11,14 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
-from madrob_console.cli.asking import says_yes, somebody_there
+from madrob_console.cli.output import BAD_INPUT, Complaints, progress, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
-from madrob_console.cli.problems import BAD_INPUT, Complaints
-from madrob_console.cli.progress import progress
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.thinning import RunEvidence, TidyLimits
+    from madrob_console.archive.evidence import RunEvidence, TidyLimits
 
 NOT_REMOVED = 1
 """Exit code where somebody said no."""
@@ -74,9 +72,9 @@ def add(commands: options.Commands) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Say what goes and what stays, ask, and remove it."""
     with imports_kept():
-        from madrob_console.archive.thinning import evidence_at, run_going_on
+        from madrob_console.archive.evidence import evidence_at, run_going_on
+        from madrob_console.common.files import free_space
         from madrob_console.config import load_settings
-        from madrob_console.files.whole import free_space
         from madrob_console.ui.look.words import size_text
 
     settings = load_settings(arguments.settings)
@@ -113,7 +111,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _limits(arguments: argparse.Namespace, filing: float) -> TidyLimits:
-    from madrob_console.archive.thinning import TidyLimits
+    from madrob_console.archive.evidence import TidyLimits
 
     keep, age, free = arguments.keep_runs, arguments.older_than, arguments.until_free
     if keep is None and age is None and free is None:
@@ -156,8 +154,8 @@ def _age(seconds: float) -> str:
 
 
 def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int:
-    from madrob_console.archive.thinning import remove_evidence
-    from madrob_console.files.whole import free_space
+    from madrob_console.archive.evidence import remove_evidence
+    from madrob_console.common.files import free_space
     from madrob_console.ui.look.words import size_text
 
     removed: list[RunEvidence] = []
@@ -185,7 +183,7 @@ def _renew_reports(removed: Sequence[RunEvidence], bad: Complaints) -> None:
     """Have the reports say that the evidence is gone."""
     from madrob_console.archive.folders import REPORT_FILE
     from madrob_console.cli.repairing import renew_report
-    from madrob_console.report.surroundings import Surroundings
+    from madrob_console.pages.surroundings import Surroundings
 
     around = Surroundings()
     reported = [one.folder for one in removed if (one.folder / REPORT_FILE).is_file()]

@@ -28,6 +28,6 @@ def add(commands: options.Commands) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Show the screens; no key of theirs does anything to the run."""
-    from madrob_console.engine.shown.requests import Role
+    from madrob_console.engine.requests import Role
 
     return show(arguments, Role.WATCH, wall=arguments.big)

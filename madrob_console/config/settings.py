@@ -1,18 +1,23 @@
-"""All settings, and the file that holds them."""
+"""All settings: the file that holds them, its errors, an example."""
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
+from msgspec import inspect
 from msgspec.structs import asdict
 from platformdirs import user_config_path
 
-from madrob_console.config.problem_words import explain
-from madrob_console.config.simulation import Simulated
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 from madrob_console.config.tables import (
     DEFAULT_START_POSES,
     Checks,
@@ -28,22 +33,87 @@ from madrob_console.config.tables import (
     RosSettings,
     RunDefaults,
     SettingsTable,
+    Simulated,
     SourceSetting,
     StartPoseSetting,
     TeamSetting,
     ThresholdSettings,
     TopicSetting,
+    description,
+    fields,
+    plain,
     start_pose_on,
+    text_words,
+    type_at,
 )
-from madrob_console.engine.live.limits import SensorLimits
-from madrob_console.errors import MadrobError
-from madrob_console.names import LONGEST_NAME, clean_name
-from madrob_console.referee.protests import ProtestTimes
-from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
+from madrob_console.referee.checks import SensorLimits
+from madrob_console.referee.records import ProtestTimes
+from scoring.protocol import DoubtLimits, Side, Signal, StartPose, Thresholds
 
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
+
+# What is wrong with a settings file, in words.
+
+
+_PLACE = re.compile(r"(?P<what>.*?)(?: - at `\$\.?(?P<key>.*)`)?")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_KEY_PART = re.compile(r"[^.\[\]]+")
+_OTHERWISE = "Expected `str` matching regex"
+_SHOWN = 60
+_WORDS = {
+    " | null": "",
+    "Object missing required field": "missing",
+    "`float`": "a number",
+    "`int`": "a whole number",
+    "`str`": "text",
+    "`bool`": "true or false",
+    "`object`": "a table",
+    "`array`": "a list",
+}
+
+
+def explain(message: str, settings: type[msgspec.Struct], content: object) -> str:
+    """What msgspec finds wrong with a file of settings, for the person who wrote it.
+
+    Args:
+        message: of its ValidationError.
+        settings: the type of all settings.
+        content: of the file.
+
+    Returns:
+        One line that begins with the key.
+    """
+    message = terminal_safe(message)
+    place = _PLACE.fullmatch(message)
+    what, key = (place["what"], place["key"] or "") if place else (message, "")
+    parts = _KEY_PART.findall(key)
+    limited = type_at(inspect.type_info(settings), parts)
+    found = plain(limited)
+    if what.startswith(_OTHERWISE):
+        written = terminal_safe(repr(_value_at(content, parts)))
+        return f"{key}: {written[:_SHOWN]} is no {text_words(limited)}"
+    if unknown := _UNKNOWN.fullmatch(what):
+        known = ", ".join(f.encode_name for f in fields(found))
+        name = f"{key}.{unknown[1]}".lstrip(".")
+        return f"{name!r}: no such setting; there are {known}"
+    if isinstance(found, inspect.EnumType):
+        what += "; use " + ", ".join(repr(member.value) for member in found.cls)
+    for word, ours in _WORDS.items():
+        what = what.replace(word, ours)
+    return f"{key or 'settings'}: {what[:1].lower()}{what[1:]}"
+
+
+def _value_at(content: object, parts: Sequence[str]) -> object:
+    """What stands at a place of a file."""
+    for part in parts:
+        match content:
+            case dict():
+                content = content[part]
+            case list():
+                content = content[int(part)]
+    return content
 
 
 LARGEST_SETTINGS = 1_000_000
@@ -193,3 +263,84 @@ def _mapping(default: TopicMapping, setting: TopicSetting | None) -> TopicMappin
         return replace(default, **given)
     except MadrobError as error:
         raise MadrobError(f"settings, [[topics]] {setting.signal.value}: {error}") from None
+
+
+# An example of the settings file.
+
+
+_LISTS_HELP = """\
+# The teams, by subject number. One that stands here counts, whatever the teams file says. A change
+# here counts from the engine's next start on; the teams file is read again whenever it changes.
+#[[teams]]
+#subject = 3
+#name = "Team Walker"
+
+# Start poses to choose from, in the frame madrob_door: x in m towards the CCW side, y in m along
+# the wall, yaw in degrees.
+#[[start_poses]]
+#name = "CCW, close"
+#x = 1.0
+#y = 0.0
+#yaw = 180.0
+
+# How a testbed publishes a signal, where it differs from the protocol: one [[topics]] for each.
+# What is left out stays as the protocol has it. A value is field * scale + offset, in rad, N or m.
+# A message of more than `largest` bytes is recorded but not read; by default what its type needs.
+# The signals are
+{signals}
+#[[topics]]
+#signal = "handle force"
+#topic = "/madrob/handle"
+#type = "madrob_msgs/msg/Handle"
+#field = "force"
+#scale = 0.00980665
+#offset = 0.0
+#largest = 400
+
+# What is recorded of some topics of the evidence; the first one that matches a topic holds for it.
+# `*` stands for any characters between two slashes, `**` for any number of parts of a name. What
+# is beyond `most_rate` is left out on purpose. Where disk or processor cannot take everything,
+# topics with a higher priority (-9 to 9, else 0) are recorded first.
+#[[recording.limits]]
+#topics = "/camera/*/image/compressed"
+#most_rate = 15.0
+#priority = 5"""
+
+
+def example_toml() -> str:
+    """A settings file with every setting, its meaning and its default, all commented out."""
+    lines = ["# Settings of the MADROB console. Lines that begin with # show the defaults.", ""]
+    lines += _tables("", Settings())
+    help_text = _LISTS_HELP.format(signals="\n".join(f"#   {s.value}" for s in Signal))
+    return "\n".join([*lines, help_text])
+
+
+def _tables(name: str, table: msgspec.Struct) -> Iterator[str]:
+    inner = []
+    described = []
+    for field in fields(inspect.type_info(type(table))):
+        value = getattr(table, field.name)
+        if isinstance(value, msgspec.Struct):
+            inner.append((f"{name}.{field.encode_name}".lstrip("."), value))
+        elif not _tables_in(plain(field.type)):
+            shown = "..." if value is None else toml_value(value)
+            described.append(f"#{field.encode_name} = {shown}  # {description(field.type)}")
+    if described:
+        yield from (f"[{name}]", *described, "")
+    for inner_name, inner_table in inner:
+        yield from _tables(inner_name, inner_table)
+
+
+def _tables_in(kind: inspect.Type) -> bool:
+    """Whether it is a list of tables: they are explained at the end."""
+    match kind:
+        case inspect.VarTupleType(item_type=inspect.StructType()):
+            return True
+    return False
+
+
+def toml_value(value: object) -> str:
+    """A text, a number, a choice or a list of them, as TOML."""
+    if isinstance(value, Enum):
+        value = value.value
+    return json.dumps(value, ensure_ascii=False)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
-from msgspec import Meta
-from msgspec.structs import force_setattr
+from msgspec import Meta, inspect
+from msgspec.structs import asdict, force_setattr
 
-from madrob_console.config.shape import written_as
-from madrob_console.engine.live.limits import SensorLimits
-from madrob_console.kinds import RemoteService, SourceKind, ThemeName
-from madrob_console.names import clean_name
+from madrob_console.common.names import RemoteService, SourceKind, ThemeName, clean_name
+from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
     MOST_LINES,
@@ -21,11 +19,77 @@ from madrob_console.referee.competition_plan import (
     PlanSource,
     Task,
 )
-from madrob_console.referee.protests import USUAL_PROTEST_TIMES
+from madrob_console.referee.records import USUAL_PROTEST_TIMES
 from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
+
+if TYPE_CHECKING:
+    from madrob_console.testbeds.simulated.geometry import DoorGeometry
+    from madrob_console.testbeds.simulated.scenarios import RobotSettings
+    from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+
+# How the settings are built, as their types tell it.
+
+
+_WORDS = "words"
+
+
+def description(kind: inspect.Type) -> str:
+    """What a setting means, in its own words."""
+    if isinstance(kind, inspect.UnionType):
+        kind = _without_none(kind)
+    schema = kind.extra_json_schema if isinstance(kind, inspect.Metadata) else None
+    return str((schema or {})["description"])
+
+
+def text_words(kind: inspect.Type) -> str:
+    """What a text that has to match a pattern is, in words; see `written_as`."""
+    if isinstance(kind, inspect.UnionType):
+        kind = _without_none(kind)
+    extra = kind.extra if isinstance(kind, inspect.Metadata) else None
+    return str((extra or {})[_WORDS])
+
+
+def written_as(pattern: str, words: str) -> Meta:
+    """A text that matches a pattern.
+
+    Args:
+        pattern: of the whole text.
+        words: what it is and how it is written, for somebody who wrote it otherwise.
+    """
+    return Meta(pattern=rf"^({pattern})$", extra={_WORDS: words})
+
+
+def plain(kind: inspect.Type) -> inspect.Type:
+    """The type itself, without its limits and without `| None`."""
+    if isinstance(kind, inspect.Metadata):
+        return plain(kind.type)
+    return plain(_without_none(kind)) if isinstance(kind, inspect.UnionType) else kind
+
+
+def fields(kind: inspect.Type) -> tuple[inspect.Field, ...]:
+    """The fields of a table; none for anything else."""
+    return kind.fields if isinstance(kind, inspect.StructType) else ()
+
+
+def type_at(kind: inspect.Type, parts: list[str]) -> inspect.Type:
+    """The type at a place in the settings, with its limits; a number is a place in a list."""
+    if not parts:
+        return kind
+    kind = plain(kind)
+    first, *rest = parts
+    if isinstance(kind, inspect.VarTupleType):
+        return type_at(kind.item_type, rest)
+    if isinstance(kind, inspect.TupleType):
+        return type_at(kind.item_types[int(first)], rest)
+    return type_at(next(f.type for f in fields(kind) if f.encode_name == first), rest)
+
+
+def _without_none(kind: inspect.UnionType) -> inspect.Type:
+    return next(t for t in kind.types if not isinstance(t, inspect.NoneType))
+
 
 _T = Thresholds()
 _D = _T.doubt
@@ -448,3 +512,77 @@ def _demand_whole_path(key: str, path: str) -> None:
         whole = Path(path)
     if not whole.is_absolute():
         raise ValueError(f"{key}: begin it with / or ~/")
+
+
+# The simulated testbed's tables.
+
+
+class SimulatedDoor(SettingsTable, frozen=True):
+    """[simulated.door]: doorway, panel and sensor places. Lengths in m.
+
+    The lintel's height is `lintel_height` of [thresholds].
+    """
+
+    doorway_width: Annotated[float, within(0.5, 5, "m between the jambs")] = 1.0
+    panel_length: Annotated[float, within(0.5, 5, "m")] = 0.98
+    panel_thickness: Annotated[float, within(0.005, 0.2, "m")] = 0.04
+    panel_height: Annotated[float, within(0.5, 10, "m")] = 1.95
+    sensor_distance: Annotated[float, within(0.02, 2, "m from the wall")] = 0.175
+    sensor_spacing: Annotated[float, within(0.01, 1, "m between neighbours")] = 0.125
+    beam_radius: Annotated[float, within(0, 0.2, "m")] = 0.02
+    hinge_left: Annotated[bool, Meta(description="seen by who looks towards CCW")] = True
+    encoder_counts: Annotated[int, Meta(ge=36, le=10**7, description="a turn")] = 3600
+
+    def geometry(self, thresholds: Thresholds) -> DoorGeometry:
+        """The doorway as the simulation takes it."""
+        from madrob_console.testbeds.simulated.geometry import DoorGeometry
+
+        return DoorGeometry(
+            **asdict(self), lintel_height=thresholds.lintel_height, thresholds=thresholds
+        )
+
+
+class SimulatedSensors(SettingsTable, frozen=True):
+    """[simulated.sensors]: how the sensors behave."""
+
+    rate: Annotated[float, within(1, 1000, "Hz, each topic")] = 50.0
+    jitter: Annotated[float, within(0, 0.1, "s, standard deviation of the stamps")] = 0.0008
+    handle_offset: Annotated[float, within(-200, 200, "N at rest")] = 5.9
+    handle_noise: Annotated[float, within(0, 100, "N, standard deviation")] = 0.05
+    range_noise: Annotated[float, within(0, 1, "m, standard deviation")] = 0.003
+    latch: Annotated[bool, Meta(description="whether there is a latch sensor")] = False
+
+    def settings(self) -> SensorSettings:
+        """The sensors as the simulation takes them."""
+        from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+
+        return SensorSettings(**asdict(self))
+
+
+class SimulatedRobot(SettingsTable, frozen=True):
+    """[simulated.robot]: a box that moves along the doorway's axis."""
+
+    length: Annotated[float, within(0.05, 5, "m along the axis")] = 0.5
+    width: Annotated[float, within(0.05, 5, "m across it")] = 0.5
+    height: Annotated[float, within(0.05, 5, "m")] = 1.2
+    shift: Annotated[float, within(-2, 2, "m from the middle, away from the hinge")] = 0.22
+    reaction: Annotated[float, within(0, 600, "s from the start until it sets out")] = 0.5
+    start_distance: (
+        Annotated[float, within(0.1, 20, "m from the threshold; found out when not set")] | None
+    ) = None
+
+    def settings(self) -> RobotSettings:
+        """The robot as the simulation takes it."""
+        from madrob_console.testbeds.simulated.geometry import RobotBody
+        from madrob_console.testbeds.simulated.scenarios import RobotSettings
+
+        body = RobotBody(self.length, self.width, self.height, self.shift)
+        return RobotSettings(body, self.reaction, self.start_distance)
+
+
+class Simulated(SettingsTable, frozen=True):
+    """[simulated]: the simulated testbed."""
+
+    door: SimulatedDoor = SimulatedDoor()
+    sensors: SimulatedSensors = SimulatedSensors()
+    robot: SimulatedRobot = SimulatedRobot()

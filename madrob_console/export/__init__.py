@@ -1,4 +1,4 @@
-"""All runs of a team in one zip, with what is needed to read it.
+"""What is handed out: all runs of a team in one zip, and tables for programs.
 
-The files themselves are made by archive and report.
+The files themselves are made by archive and pages.
 """

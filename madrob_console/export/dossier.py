@@ -19,19 +19,30 @@ from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
     evidence_removed,
+    is_held,
     read_run_journal,
 )
-from madrob_console.archive.unfinished import is_held
-from madrob_console.errors import MadrobError
-from madrob_console.export.pack import EXPORTS_FOLDER, Export, KnownRun, folder_for
-from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
-from madrob_console.export.packed_report import packed_report
-from madrob_console.export.readme import README_FILE
-from madrob_console.export.zip_file import SUMS_FILE, Archive
-from madrob_console.files.bounded import stamp_of
-from madrob_console.files.whole import whole_file
-from madrob_console.names import terminal_safe
-from madrob_console.referee.protests import Protest, ProtestEnd, deadline_words
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import stamp_of, whole_file
+from madrob_console.common.names import terminal_safe
+from madrob_console.export.pack import (
+    EXPORTS_FOLDER,
+    README_FILE,
+    Export,
+    KnownRun,
+    folder_for,
+    packed_report,
+)
+from madrob_console.export.zip_file import (
+    SUMS_FILE,
+    WHOLE_BAGS,
+    Archive,
+    BagParts,
+    PackedBag,
+    add_run,
+    size_of,
+)
+from madrob_console.referee.records import Protest, ProtestEnd, deadline_words
 from madrob_console.referee.run import Run
 
 PROTESTS_FILE = "PROTESTS.txt"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_START_POSE_TOPIC,
@@ -14,8 +14,7 @@ from madrob_console.messages.codec import (
     START_POSE_FRAME,
     TopicMapping,
 )
-from madrob_console.messages.field_paths import find_stamp
-from madrob_console.messages.message_types import standard_types
+from madrob_console.messages.message_types import find_stamp, standard_types
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal, Thresholds
 
 LAYOUT_FILE = "madrob_foxglove_layout.json"

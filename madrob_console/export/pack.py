@@ -1,7 +1,9 @@
-"""All runs of a team in one zip (protocol section 10, and what opens the files)."""
+"""A team's runs in one zip, with reports and a README."""
 
 from __future__ import annotations
 
+import os
+import posixpath
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,31 +16,208 @@ import msgspec
 from madrob_console.archive.collection import Collection, demand_competition, the_competition
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
+    PICTURES_FOLDER,
+    PICTURES_INDEX,
     PRACTICE_FOLDER,
     REPORT_FILE,
     RESULT_FILE,
 )
 from madrob_console.archive.history import VOID, RunSummary, of_competition
-from madrob_console.archive.listed_result import ListedResult
 from madrob_console.archive.result_document import SCHEMA_FILE, schema_text
 from madrob_console.archive.result_reader import UnusableResultError, read_result, read_setup
-from madrob_console.archive.run_journal import evidence_removed
-from madrob_console.archive.unfinished import is_held
-from madrob_console.errors import MadrobError
+from madrob_console.archive.result_summary import ListedResult, led_elsewhere
+from madrob_console.archive.run_journal import evidence_removed, is_held
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import stamp_of, whole_file
+from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, HandleZero, foxglove_layout
-from madrob_console.export.packed_bag import WHOLE_BAGS, BagParts, PackedBag, add_run, size_of
-from madrob_console.export.packed_report import packed_report
-from madrob_console.export.readme import README_FILE, PackedRun, readme
-from madrob_console.export.zip_file import Archive
-from madrob_console.files.bounded import stamp_of
-from madrob_console.files.whole import whole_file
-from madrob_console.kinds import SourceKind
+from madrob_console.export.zip_file import (
+    SUMS_FILE,
+    WHOLE_BAGS,
+    Archive,
+    BagParts,
+    PackedBag,
+    add_run,
+    size_of,
+)
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.names import terminal_safe
-from madrob_console.referee.amounts import listed as first_of
 from madrob_console.referee.flags import FlagKind, weighty
-from madrob_console.referee.teams import TeamName
+from madrob_console.referee.lists import TeamName
+from madrob_console.referee.records import listed as first_of
+from recorder.bag import is_evidence
 from scoring.protocol import Thresholds
+
+# The short text in an export that says how to open each file.
+
+
+README_FILE = "README.txt"
+"""How the text is called in the export."""
+
+
+@dataclass(frozen=True, slots=True)
+class PackedRun:
+    """A run in an export.
+
+    Attributes:
+        folder: its name.
+        words: how it ended, for people.
+        files: the names of its files in the archive.
+    """
+
+    folder: str
+    words: str
+    files: Sequence[str]
+
+    @property
+    def table(self) -> str:
+        """Its file of the panel's motion, named like the folder without date and time."""
+        return self.folder[: -len("_YYYYMMDD_HHMMSS")] + "_jointState.csv"
+
+    def has(self, name: str) -> bool:
+        """Whether a file of its folder is there."""
+        return f"{self.folder}/{name}" in self.files
+
+
+def readme(
+    title: str,
+    runs: Sequence[PackedRun],
+    problems: Sequence[str],
+    renamed: Sequence[str] = (),
+    other_names: Sequence[str] = (),
+    *,
+    bags: bool,
+    evidence_left_out: bool = False,
+) -> str:
+    """The text.
+
+    Args:
+        title: whose runs.
+        runs: in their order.
+        problems: what is missing, in words.
+        renamed: what is called otherwise here than in the run's folder, in words.
+        other_names: of the team, in some of the runs.
+        bags: whether the recordings are there.
+        evidence_left_out: whether there is evidence of the runs that is not.
+    """
+    texts = [title, _runs(runs)]
+    if other_names:
+        texts.append("OTHER NAMES OF THE TEAM, IN SOME OF ITS RUNS\n" + _lines(other_names))
+    if problems:
+        texts.append("NOT IN THIS ARCHIVE\n" + _lines(problems))
+    if renamed:
+        texts.append("UNDER ANOTHER NAME\n" + _lines(renamed))
+    texts.append(_WHOLE.format(sums=SUMS_FILE))
+    if any(run.has("report.html") for run in runs):
+        pictured = any(run.has(f"{PICTURES_FOLDER}/{PICTURES_INDEX}") for run in runs)
+        texts.append(_REPORT + (_PICTURES if pictured else ""))
+    if computed := [run for run in runs if run.has(run.table)]:
+        texts.append(_PANDAS.format(table=f"{computed[0].folder}/{computed[0].table}"))
+    texts.append(_RESULT.format(schema=SCHEMA_FILE))
+    if recorded := [run.folder for run in runs if run.has(f"{run.folder}_0.mcap")]:
+        texts.append(_BAG.format(bag=recorded[0], layout=LAYOUT_FILE))
+    elif not bags:
+        texts.append("RECORDINGS\nThey were left out of this archive; ask the referee for them.")
+    if evidence_left_out:
+        texts.append(_NO_EVIDENCE)
+    elif evidence := [name for run in runs for name in run.files if is_evidence(name)]:
+        texts.append(_EVIDENCE.format(file=evidence[0]))
+    return "\n\n".join(texts) + "\n"
+
+
+def _runs(runs: Sequence[PackedRun]) -> str:
+    return "RUNS\n" + _lines(f"{run.folder}: {run.words}" for run in runs)
+
+
+def _lines(texts: Iterable[str]) -> str:
+    return "\n".join(f"  {text}" for text in texts)
+
+
+_WHOLE = """\
+IS EVERYTHING WHOLE?
+  sha256sum -c {sums}
+(on a Mac: shasum -a 256 -c {sums})"""
+
+_REPORT = """\
+THE REPORT
+Open report.html of a run in any browser, also on a phone; it prints well."""
+
+_PICTURES = f"""
+The folder {PICTURES_FOLDER} has what the cameras saw at each event, larger than the page."""
+
+_PANDAS = """\
+THE DATA, IN PYTHON
+
+import pandas as pd
+motion = pd.read_csv("{table}")
+print(motion.describe())
+
+..._jointState.csv: time (s since 1970), position (rad), velocity (rad/s), acceleration (rad/s^2)
+..._wrench.csv: time (s), force_x (N, on the handle)
+..._event.csv: time (s), event
+One .yaml for each indicator (none in an aborted run), condition_N.yaml and run_info_....yaml
+say the rest in EUROBENCH's words."""
+
+_RESULT = """\
+THE WHOLE RESULT
+result.json: values with their units or the reason why there is none, times of the steps as the
+sensors and the referee have them, data quality, the referee's decisions. {schema}
+describes every key. journal.jsonl: everything that was done, a line each."""
+
+_BAG = """\
+THE RECORDING
+Each run folder is a rosbag2 bag (MCAP). With ROS 2 and ros-jazzy-rosbag2-storage-mcap:
+  ros2 bag info {bag}
+  ros2 bag play {bag}
+With Foxglove (foxglove.dev): open the .mcap file of the run, then import the layout
+{layout}."""
+
+_EVIDENCE = """\
+THE EVIDENCE
+Files called ..._evidence_N.mcap hold cameras and other topics, as {file}.
+Nothing is scored from them. They belong to the bag: ros2 bag and Foxglove open them like the
+recording, and metadata.yaml lists them."""
+
+_NO_EVIDENCE = """\
+EVIDENCE
+Cameras and other topics of some runs were left out of this archive; ask the referee for them."""
+
+
+# A run's report as it is packed: its links lead to what is in the zip, or nowhere.
+
+
+_NOT_HERE = " (not in this zip)"
+
+
+def packed_report(
+    run: Path,
+    packed: Mapping[Path, tuple[str, PackedBag]],
+    made: Mapping[str, bytes],
+) -> dict[str, bytes]:
+    """The report of a run by its name, as it is packed; nothing where none was made.
+
+    Args:
+        run: its folder.
+        packed: all runs in the zip: how the folder is called there, and the bag as it is packed.
+        made: what is packed of the run that is not in its folder, or not so; by name.
+    """
+    if REPORT_FILE not in made:
+        return {}
+    here, _ = packed[run]
+    folders = {Path(os.path.normpath(folder)): folder for folder in packed}
+
+    def place(target: str) -> str | None:
+        path = Path(os.path.normpath(run / target))
+        within = next((one for one in path.parents if one in folders), None)
+        if within is None:
+            return None
+        (called, bag), name = packed[folders[within]], path.relative_to(within).as_posix()
+        is_made = folders[within] == run and name in made
+        if not (is_made or (bag.has(path.name) and path.is_file())):
+            return None
+        return posixpath.relpath(f"{called}/{name}", here)
+
+    return {REPORT_FILE: led_elsewhere(made[REPORT_FILE].decode(), place, _NOT_HERE).encode()}
+
 
 EXPORTS_FOLDER = "exports"
 """In the results folder, for zips that are given no other place."""

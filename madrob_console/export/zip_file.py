@@ -1,20 +1,79 @@
-"""A zip that is written file by file, whatever their size, with a sum for each."""
+"""Zips that every system can unpack, and bags in them."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import time
+import unicodedata
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, Self
 
-from madrob_console.export.portable_names import LONGEST_PATH, portable_names
-from madrob_console.files.plain import open_plain, refusal
-from recorder.bag import is_evidence
+from madrob_console.archive.folders import REPORT_FILE
+from madrob_console.common.files import open_plain, refusal, stamp_of
+from madrob_console.common.names import terminal_safe
+from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
+from recorder.survey import listing
+
+# Names that every system can unpack: somebody may have put anything into a run's folder.
+
+
+LONGEST_FILE_NAME = 100
+"""Characters of a file's or a folder's name."""
+
+LONGEST_PATH = 200
+"""Characters of a path in an archive: Windows takes 260 with where it is unpacked."""
+
+_FORBIDDEN = re.compile(r'[<>:"/\\|?*]')  # by Windows; `C:` and `..\` lead out of the folder there
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])\s*(\..*)?$")  # devices there
+
+
+def portable_names(names: Iterable[str]) -> dict[str, str]:
+    """What the files and folders of one folder are called in an archive.
+
+    Nearly always as they are. What one system takes for something else than a name is replaced by
+    `_`; of two that some system cannot tell apart one gets a number: rather one that is changed
+    anyhow, or has more capitals.
+
+    Args:
+        names: as they are on disk.
+    """
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in sorted(names, key=_claim):
+        path = PurePosixPath(_portable(name))
+        called, number = str(path), 1
+        while _as_compared(called) in taken:
+            number += 1
+            called = f"{path.stem}_{number}{path.suffix}"
+        taken.add(_as_compared(called))
+        found[name] = called
+    return found
+
+
+def _claim(name: str) -> tuple[bool, int, str]:
+    return _portable(name) != name, sum(map(str.isupper, name)), name
+
+
+def _portable(name: str) -> str:
+    safe = _FORBIDDEN.sub("_", unicodedata.normalize("NFC", terminal_safe(name)))
+    path = PurePosixPath(safe.strip(" .") or "_")
+    if len(path.name) > LONGEST_FILE_NAME:
+        suffix = path.suffix if len(path.suffix) <= LONGEST_FILE_NAME // 4 else ""
+        path = PurePosixPath(path.stem[: LONGEST_FILE_NAME - len(suffix)].rstrip(" .") + suffix)
+    return f"_{path}" if _RESERVED.match(path.name) else path.name
+
+
+def _as_compared(name: str) -> str:
+    """By systems that heed neither case nor how a letter is composed."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
+
 
 SUMS_FILE = "SHA256SUMS"
 """In the archive: what `sha256sum -c` reads."""
@@ -209,3 +268,140 @@ def _info(name: str, modified: float) -> zipfile.ZipInfo:
     info = zipfile.ZipInfo(name, max(stamp, _FIRST))
     info.external_attr = _MODE
     return info
+
+
+# What of a run's bag is packed: its evidence is large and not always wanted.
+
+
+@dataclass(frozen=True, slots=True)
+class BagParts:
+    """Which parts of bags are packed.
+
+    Attributes:
+        recording: what is scored; without it a bag is none, and is left out.
+        evidence: cameras and other topics.
+    """
+
+    recording: bool = True
+    evidence: bool = True
+
+
+WHOLE_BAGS = BagParts()
+
+
+@dataclass(frozen=True, slots=True)
+class PackedBag:
+    """A bag as it is packed.
+
+    Attributes:
+        without: whether a file of this name of the run's folder is left out.
+        metadata: the `metadata.yaml` of what is packed; None = that of the folder is.
+        evidence_left_out: whether the run has evidence that nobody wants packed.
+        problems: what evidence is left out that should be there and why, in words.
+    """
+
+    without: Callable[[str], bool]
+    metadata: str | None = None
+    evidence_left_out: bool = False
+    problems: tuple[str, ...] = ()
+
+    def has(self, name: str) -> bool:
+        """Whether a file of this name of the run's folder is packed, if it is there."""
+        return not self.without(name) or (name == METADATA_FILE and self.metadata is not None)
+
+    @classmethod
+    def of(cls, run: Path, parts: BagParts) -> Self:
+        """What is packed of a run; evidence that nobody could open is not."""
+        try:
+            return cls._of(run, parts)
+        except OSError:  # what cannot be read is named when it is packed
+            return cls(lambda _name: False)
+
+    @classmethod
+    def _of(cls, run: Path, parts: BagParts) -> Self:
+        names = os.listdir(run)  # noqa: PTH208  of the names only
+        # a file that was made just before a power cut holds nothing
+        evidence = {name for name in filter(is_evidence, names) if (run / name).lstat().st_size}
+        if not parts.recording:
+            return cls(
+                lambda name: ".mcap" in name or METADATA_FILE in name,
+                evidence_left_out=bool(evidence),
+            )
+        if not any(map(is_left_of_evidence, names)):
+            return cls(lambda _name: False)
+        folder_fd = os.open(run, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            listed = listing(folder_fd, None, () if parts.evidence else evidence)
+        finally:
+            os.close(folder_fd)
+        if listed is None:  # the recording is torn: then no evidence is listed
+            return cls(
+                is_left_of_evidence,
+                evidence_left_out=not parts.evidence,
+                problems=_not_whole(evidence) if parts.evidence else (),
+            )
+        packed = {file.file_name for file in listed.more}
+
+        def without(name: str) -> bool:
+            return name == METADATA_FILE or (is_left_of_evidence(name) and name not in packed)
+
+        lost = _not_whole(evidence - packed) if parts.evidence else ()
+        return cls(without, listed.metadata_yaml(), bool(evidence - packed), lost)
+
+
+def _not_whole(evidence: Iterable[str]) -> tuple[str, ...]:
+    words = "is evidence that is not whole: `madrob recover` repairs it, then export again"
+    return tuple(f"{name}: {words}" for name in sorted(evidence))
+
+
+def add_run(
+    archive: Archive,
+    run: Path,
+    called: str,
+    bag: PackedBag,
+    instead: Mapping[str, bytes] = MappingProxyType({}),
+) -> list[str]:
+    """Add the folder of a run, with its bag as it is packed.
+
+    Args:
+        archive: takes it.
+        run: the folder.
+        called: its name in the archive.
+        bag: what is packed of its bag.
+        instead: what is packed in place of a file of it, by name; its report only so.
+
+    Returns:
+        The names of the files that are in the archive now.
+
+    Raises:
+        OSError: the archive cannot be written.
+    """
+    instead = {f"{called}/{name}": data for name, data in instead.items()}
+
+    def without(name: str) -> bool:  # anybody may have written the report in the folder
+        unmade = name == REPORT_FILE and f"{called}/{name}" not in instead
+        return unmade or bag.without(name)
+
+    added = archive.add_folder(run, called, without=without, instead=instead)
+    archive.problems += [f"{called}/{problem}" for problem in bag.problems]
+    if bag.metadata is not None:
+        name, stamp = f"{called}/{METADATA_FILE}", stamp_of(str(run / METADATA_FILE))
+        archive.add(name, bag.metadata.encode(), 0.0 if stamp is None else stamp.modified / 1e9)
+        added.append(name)
+    return added
+
+
+def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
+    """Bytes of the files of a run that are packed, and how many of these are evidence."""
+    total = evidence = 0
+    for path, _, names in os.walk(run):
+        for name in names:
+            if bag.without(name) or name.startswith("."):
+                continue
+            try:
+                size = Path(path, name).lstat().st_size
+            except OSError:
+                continue
+            total += size
+            evidence += size if is_evidence(name) else 0
+    return total, evidence

@@ -1,8 +1,4 @@
-"""The testbed's and the referee's messages: bytes to samples, words to bytes (protocol section 3).
-
-Which topic carries which signal is configuration (`TopicMapping`); nothing but this module
-knows about fields.
-"""
+"""Bytes of a message to samples and back, by the configured mapping."""
 
 from __future__ import annotations
 
@@ -11,17 +7,127 @@ import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from madrob_console.clock import NS, seconds
-from madrob_console.errors import MadrobError
-from madrob_console.messages.cdr_layout import Layout, Numbers, Wanted
-from madrob_console.messages.field_paths import MessageField, find_field, find_stamp, parse_path
-from madrob_console.messages.message_sizes import usual_size
-from madrob_console.messages.message_types import Message, MessageError, MessageTypes
-from recorder.bag import Durability, Qos, Topic
-from recorder.message import RawMessage
+from rosbags.interfaces import Nodetype
+
+from madrob_console.common.clock import NS, seconds
+from madrob_console.common.errors import MadrobError
+from madrob_console.messages.message_types import (
+    Layout,
+    Message,
+    MessageError,
+    MessageField,
+    MessageTypes,
+    Numbers,
+    Wanted,
+    find_field,
+    find_stamp,
+    parse_path,
+)
+from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose, Strip
-from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc
+
+# The stamp of a message by its first bytes: a picture of 2 MB need not be read for it.
+
+
+HEAD = 12
+"""The bytes in which it stands: four that say how the rest is encoded, seconds, nanoseconds."""
+
+_CODES = {b"\x00\x00": struct.Struct(">iI"), b"\x00\x01": struct.Struct("<iI")}
+_NS = 1_000_000_000
+
+
+def begins_with_header(types: MessageTypes, type_name: str) -> bool:
+    """Whether messages of a type begin with a header, so that `header_stamp` reads it.
+
+    Raises:
+        MessageError: the type is unknown.
+    """
+    first = next(iter(types.fields(type_name).values()), None)
+    return first is not None and first == (Nodetype.NAME, "std_msgs/msg/Header")
+
+
+def header_stamp(data: bytes) -> float | None:
+    """The stamp of a message that begins with a header, s since the epoch; None = it has none.
+
+    Args:
+        data: its first `HEAD` bytes, or more.
+    """
+    code = _CODES.get(data[:2])
+    if code is None or len(data) < HEAD:
+        return None
+    sec, nanosec = code.unpack_from(data, 4)
+    if nanosec >= _NS or sec < 0 or (sec == 0 and nanosec == 0):  # the last: never set
+        return None
+    return float(sec + nanosec / _NS)
+
+
+# How large a message of a type usually is at most: what is larger is not worth reading.
+#
+# Reading takes time by what a message holds: 500,000 names, 4 MB, take 0.2 s. What decides about
+# a run may not wait for that.
+
+
+LONGEST_TEXT = 256
+"""Bytes of a text without a bound of its own."""
+
+MOST_NUMBERS = 4096
+"""Numbers in an array without a bound of its own."""
+
+MOST_PARTS = 32
+"""Texts or messages in an array without a bound of its own."""
+
+UNKNOWN_SIZE = 65536
+"""Of a type that is not known yet, bytes."""
+
+_HEAD = 4
+_TAIL = 8
+_LENGTH = 8  # the bytes that tell one, and those that align it
+_SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "octet": 1} | {
+    f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (16, 32, 64)
+}
+_LARGEST_NUMBER = 16
+
+
+def usual_size(types: MessageTypes, type_name: str) -> int:
+    """At most so many CDR bytes has a message of a type, as testbeds use it.
+
+    Exact, but for bytes that align and that DDS adds at the end, where the type bounds all that
+    it holds.
+    """
+    if not types.knows(type_name):
+        return UNKNOWN_SIZE
+    return _HEAD + _message(types, type_name) + _TAIL
+
+
+def _message(types: MessageTypes, type_name: str) -> int:
+    return sum(_field(types, field) for field in types.fields(type_name).values())
+
+
+def _field(types: MessageTypes, field: FieldDesc) -> int:
+    if field[0] == Nodetype.NAME:
+        return _message(types, field[1])
+    if field[0] == Nodetype.BASE:
+        name, bound = field[1]
+        if name in ("string", "wstring"):
+            return _LENGTH + (bound or LONGEST_TEXT) * (4 if name == "wstring" else 1) + 1
+        return 2 * _SIZES.get(name, _LARGEST_NUMBER) - 1
+    inner, count = field[1]
+    head = 0 if field[0] == Nodetype.ARRAY else _LENGTH
+    if inner[0] == Nodetype.BASE and inner[1][0] in _SIZES:
+        size = _SIZES[inner[1][0]]
+        return head + size - 1 + size * (count or MOST_NUMBERS)
+    return head + _field(types, inner) * (count or MOST_PARTS)
+
+
+# Which topic carries which signal is configuration (`TopicMapping`); nothing but this module
+# knows about fields.
+
 
 __all__ = [
     "DEFAULT_MAPPINGS",

@@ -1,26 +1,31 @@
-"""Message types: bytes to message objects and back, without a ROS installation.
-
-A thin layer over the typestore of rosbags: the standard types of ROS 2 Jazzy are known from the
-start, every other type is registered at run time with its `ros2msg` definition.
-"""
+"""Message types: definitions, field paths, and fast reading of CDR by layout."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import keyword
+import re
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
 
     from recorder.bag import Topic
+
+# A thin layer over the typestore of rosbags: the standard types of ROS 2 Jazzy are known from the
+# start, every other type is registered at run time with its `ros2msg` definition.
+
 
 _DTYPES = {"byte": "uint8", "char": "uint8"}
 
@@ -228,3 +233,338 @@ def types_of(topics: Iterable[Topic]) -> MessageTypes:
         if not types.knows(topic.type):
             types.register(topic.type, topic.definition)
     return types
+
+
+# Paths to a field of a message: `position[0]`, `wrench.force.x`, `ranges`.
+
+
+_PATH = re.compile(r"[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*", re.ASCII)
+_STEP = re.compile(r"[A-Za-z]\w*|\d+", re.ASCII)
+
+Getter: TypeAlias = Callable[[Message], Any]
+Steps: TypeAlias = tuple[str | int, ...]
+"""Names and indices that lead to a field."""
+
+
+def parse_path(path: str) -> Steps:
+    """A path as names and indices.
+
+    Raises:
+        MadrobError: it is not names separated by dots with optional [index].
+    """
+    if not _PATH.fullmatch(path):
+        raise MadrobError(f"{path!r} is no field: write names with dots, for example position[0]")
+    return tuple(int(s) if s.isdigit() else s for s in _STEP.findall(path))
+
+
+@dataclass(frozen=True, slots=True)
+class MessageField:
+    """A field that a type really has.
+
+    Attributes:
+        steps: names and indices that lead to it.
+        numbers: whether it is a sequence of numbers rather than one number.
+        owner: the nested type that holds the last name.
+        base: the primitive type of the number or numbers.
+    """
+
+    steps: Steps
+    numbers: bool
+    owner: str
+    base: str
+
+    def sibling(self, name: str, types: MessageTypes) -> MessageField | None:
+        """The number `name` beside this field; None if there is none."""
+        last = max(i for i, step in enumerate(self.steps) if isinstance(step, str))
+        field = types.fields(self.owner).get(name)
+        if field is None or not _is_number(field):
+            return None
+        steps = (*self.steps[:last], name)
+        return MessageField(steps, numbers=False, owner=self.owner, base=str(field[1][0]))
+
+
+def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
+    """The field of a type at `path`.
+
+    Raises:
+        MessageError: the type is unknown, has no such field, or holds no numbers there.
+        MadrobError: the path is malformed.
+    """
+    steps = parse_path(path)
+    desc: FieldDesc = (Nodetype.NAME, type_name)
+    owner = type_name
+    for step in steps:
+        if isinstance(step, int):
+            if desc[0] not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                raise MessageError(f"{type_name} has no field {path}: [{step}] follows no array")
+            inner, size = desc[1]
+            if size and step >= size:
+                raise MessageError(f"{type_name} has no field {path}: its array ends at {size - 1}")
+            desc = inner
+        else:
+            if desc[0] != Nodetype.NAME:
+                raise MessageError(
+                    f"{type_name} has no field {path}: nothing is inside of the array"
+                )
+            owner = desc[1]
+            known = types.fields(owner)
+            if step not in known:
+                raise MessageError(
+                    f"{type_name} has no field {path}: {owner} holds {_listed(known)}"
+                )
+            desc = known[step]
+    numbers = desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+    inner = desc[1][0] if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else desc
+    if inner[0] == Nodetype.BASE and _is_number(inner):
+        return MessageField(steps, numbers, owner, base=inner[1][0])
+    raise MessageError(f"{path} of {type_name} holds no numbers")
+
+
+def find_stamp(types: MessageTypes, type_name: str) -> Getter | None:
+    """A function from a message to its header's stamp; None where the type has no header.
+
+    Raises:
+        MessageError: the type is unknown.
+    """
+    header = types.fields(type_name).get("header")
+    if header is None or header[1] != "std_msgs/msg/Header":
+        return None
+    return attrgetter("header.stamp")
+
+
+def attribute(name: str) -> str:
+    """A field's name in the message object: rosbags appends _ to Python's keywords."""
+    return name + "_" if keyword.iskeyword(name) else name
+
+
+def _is_number(field: FieldDesc) -> bool:
+    return field[0] == Nodetype.BASE and field[1][0] not in ("string", "wstring")
+
+
+def _listed(fields: dict[str, FieldDesc]) -> str:
+    return ", ".join(fields) or "nothing"
+
+
+def getter(steps: Steps) -> Getter:
+    """A function from a message to what stands at `steps`.
+
+    It raises IndexError where the message is shorter than an index.
+    """
+    parts: list[Getter] = []
+    names: list[str] = []
+    for step in steps:
+        if isinstance(step, str):
+            names.append(attribute(step))
+            continue
+        if names:
+            parts.append(attrgetter(".".join(names)))
+            names = []
+        parts.append(itemgetter(step))
+    if names:
+        parts.append(attrgetter(".".join(names)))
+    return _chained(parts)
+
+
+def _chained(parts: list[Getter]) -> Getter:
+    first, *rest = parts
+    for part in rest:
+        first = _then(first, part)
+    return first
+
+
+def _then(first: Getter, second: Getter) -> Getter:
+    return lambda message: second(first(message))
+
+
+# Where the wanted numbers stand in messages that are laid out like one that was read before.
+#
+# A publisher sends the same names and lengths again and again; only numbers change. What rosbags
+# has read once tells where they stand. The next message is taken apart by one `struct.Struct`,
+# several times as fast, if every length and every text in it is the same. If not, rosbags reads
+# it again: it alone decides what is a message.
+#
+# A live testbed does not need it; archives and jumps in a replay do, where decoding by rosbags
+# would take most of the time.
+
+
+Numbers: TypeAlias = tuple[float, ...]
+
+_CODES = {
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+_TEXT = "s"
+_UNUSED = "x"
+_HEAD = 4
+"""Bytes that say how the rest is encoded; alignment counts from behind them."""
+
+_MOST_PARTS = 200
+"""A message of more parts is left to rosbags."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """The number at `steps`, or the first `most` numbers of the array there."""
+
+    steps: Steps
+    most: int = 1
+
+    def getter(self) -> Callable[[Message], Numbers]:
+        """A function from a decoded message to the numbers; none where an array is too short."""
+        get, most = getter(self.steps), self.most
+
+        def numbers(message: Message) -> Numbers:
+            try:
+                found = get(message)
+            except IndexError:
+                return ()
+            return tuple(found[:most].tolist()) if isinstance(found, np.ndarray) else (found,)
+
+        return numbers
+
+
+class Layout:
+    """The layout of one message.
+
+    Args:
+        types: the types known.
+        type_name: of the message.
+        data: a message that rosbags could read.
+        wanted: what to read.
+
+    Raises:
+        ValueError: it is left to rosbags.
+    """
+
+    def __init__(
+        self, types: MessageTypes, type_name: str, data: bytes, wanted: Sequence[Wanted]
+    ) -> None:
+        walk = _Walk(types, data, {one.steps: one.most for one in wanted})
+        walk.message(type_name, ())
+        walk.skip(len(data) - _HEAD - walk.place)
+        parts = "".join(f"{count}{code}" for code, count in walk.parts)
+        self._struct = struct.Struct(("<" if data[1] else ">") + parts)
+        sample = self._struct.unpack(data)
+        self._same = tuple((i, part) for i, part in enumerate(sample) if isinstance(part, bytes))
+        self._slices = tuple(walk.found.get(one.steps, slice(0)) for one in wanted)
+
+    def read(self, data: bytes) -> tuple[Numbers, ...] | None:
+        """The numbers of each `Wanted`, none where an array is too short.
+
+        Returns:
+            None: the message is laid out otherwise.
+        """
+        if len(data) != self._struct.size:
+            return None
+        values = self._struct.unpack(data)
+        for index, part in self._same:
+            if values[index] != part:
+                return None
+        return tuple([values[part] for part in self._slices])
+
+
+class _Walk:
+    """Goes through a message once, from its first field to its last.
+
+    Attributes:
+        parts: (struct code, count), one after the other.
+        found: where in the unpacked values the wanted numbers are.
+        place: bytes behind the head.
+    """
+
+    def __init__(self, types: MessageTypes, data: bytes, wanted: dict[Steps, int]) -> None:
+        self.parts: list[tuple[str, int]] = [(_TEXT, _HEAD)]
+        self.found: dict[Steps, slice] = {}
+        self.place = 0
+        self._types = types
+        self._data = data
+        self._length = struct.Struct("<I" if data[1] else ">I")
+        self._wanted = wanted
+        self._values = 1
+
+    def message(self, type_name: str, steps: Steps) -> None:
+        """All fields of a message, `steps` deep."""
+        for name, field in self._types.fields(type_name).items():
+            self._field(field, (*steps, name))
+
+    def skip(self, count: int) -> None:
+        """Bytes that are not looked at."""
+        self._part(_UNUSED, count)
+        self.place += count
+
+    def _field(self, field: FieldDesc, steps: Steps) -> None:
+        if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            inner, count = field[1]
+            if field[0] == Nodetype.SEQUENCE:
+                count = self._count()
+            if inner[0] == Nodetype.BASE and inner[1][0] in _CODES:
+                self._numbers(inner[1][0], count, steps)
+            else:
+                for index in range(count):
+                    self._field(inner, (*steps, index))
+        elif field[0] == Nodetype.NAME:
+            self.message(field[1], steps)
+        elif field[1][0] == "string":
+            self._text(self._count())
+        elif field[1][0] in _CODES:
+            self._numbers(field[1][0], 1, steps)
+        else:
+            raise ValueError(field[1][0])
+
+    def _numbers(self, kind: str, count: int, steps: Steps) -> None:
+        if not count:
+            return
+        code = _CODES[kind]
+        size = struct.calcsize(f"<{code}")
+        self.skip(-self.place % size)
+        done = 0
+        if most := self._wanted.get(steps):
+            done = min(most, count)
+            self._take(code, size, done, steps)
+        else:
+            for index in sorted(s[-1] for s in self._wanted if s[:-1] == steps):
+                if isinstance(index, int) and index < count:
+                    self.skip(size * (index - done))
+                    self._take(code, size, 1, (*steps, index))
+                    done = index + 1
+        self.skip(size * (count - done))
+
+    def _take(self, code: str, size: int, count: int, steps: Steps) -> None:
+        """Numbers that are wanted: each is a value."""
+        self.found[steps] = slice(self._values, self._values + count)
+        self._values += count
+        self._part(code, count)
+        self.place += size * count
+
+    def _count(self) -> int:
+        """How long what follows is; it has to be as long in every message."""
+        self.skip(-self.place % self._length.size)
+        (count,) = self._length.unpack_from(self._data, _HEAD + self.place)
+        self._text(self._length.size)
+        return int(count)
+
+    def _text(self, count: int) -> None:
+        self.place += count
+        code, before = self.parts[-1]
+        if code == _TEXT:
+            self.parts[-1] = (code, before + count)
+        elif count:
+            self._part(_TEXT, count)
+            self._values += 1
+
+    def _part(self, code: str, count: int) -> None:
+        if count:
+            self.parts.append((code, count))
+        if len(self.parts) > _MOST_PARTS:
+            raise ValueError("many parts")

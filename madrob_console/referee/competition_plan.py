@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
-from madrob_console.referee.amounts import listed
-from madrob_console.referee.list_file import ListReader, quoted, subject_number, told
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.referee.lists import ListReader, quoted, subject_number, told
+from madrob_console.referee.records import listed
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 

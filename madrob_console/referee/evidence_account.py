@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from madrob_console.referee.amounts import counted, listed
+from madrob_console.referee.records import counted, listed
 
 
 class EvidenceLoss(StrEnum):

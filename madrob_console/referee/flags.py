@@ -1,8 +1,4 @@
-"""The flags of a run: what a decision on it hangs on, and what is still undecided.
-
-Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
-line in `flags`.
-"""
+"""Flags of a result: what a decision on it depends on."""
 
 from __future__ import annotations
 
@@ -10,30 +6,76 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, TypeAlias
 
 from msgspec import Meta
 
-from madrob_console.kinds import SourceKind
-from madrob_console.referee.amounts import counted
-from madrob_console.referee.doubt_answers import doubted_words, waiting_doubts
-from madrob_console.referee.on_record import (
+from madrob_console.common.names import SourceKind
+from madrob_console.referee.records import (
     AcceptedDoubts,
     Closure,
     Correction,
     FalseStart,
     Incident,
+    Protest,
+    ProtestEnd,
     TeamWord,
     TestbedFault,
     Voiding,
     Waiver,
+    counted,
 )
-from madrob_console.referee.protests import Protest, ProtestEnd
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Outcome
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Indicator
+
+# Doubts on a result (protocol section 11): which the referee has accepted, and which wait.
+
+
+Doubts: TypeAlias = dict[IndicatorName, tuple[str, ...]]
+"""Sentences by indicator; those without are missing."""
+
+MOST_NAMED = 4
+"""Indicators; more of them are counted."""
+
+
+def waiting_doubts(
+    indicators: Mapping[IndicatorName, Indicator], accepted: Iterable[AcceptedDoubts]
+) -> Doubts:
+    """The doubts that the referee has not accepted.
+
+    Args:
+        indicators: of the result as it is now.
+        accepted: what the referee has accepted; of a result that was another one only the
+            sentences that still stand say something.
+    """
+    passed = {
+        (name, words)
+        for one in accepted
+        for name, sentences in one.doubts.items()
+        for words in sentences
+    }
+    found = {
+        name: tuple(words for words in one.doubts if (name, words) not in passed)
+        for name, one in indicators.items()
+    }
+    return {name: sentences for name, sentences in found.items() if sentences}
+
+
+def doubted_words(found: Mapping[IndicatorName, tuple[str, ...]]) -> str:
+    """Which indicators are doubted: `execution time, passage time`; of many the first."""
+    names = [name.words for name in found]
+    more = len(names) - MOST_NAMED
+    if more <= 1:
+        return ", ".join(names)
+    return f"{', '.join(names[:MOST_NAMED])} and {more} more"
+
+
+# Every screen, list, page and file asks here. A new kind of flag is a member of `FlagKind` and a
+# line in `flags`.
+
 
 LONGEST_WORDS = 300
 """Of a flag, characters."""

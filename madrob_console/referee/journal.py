@@ -17,10 +17,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import read_all
-from madrob_console.files.held import Hold
-from madrob_console.files.plain import checked_plain
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold, checked_plain, read_all
 
 HOLD_FILE = ".journal.lock"
 """Beside a journal: whoever writes it holds this."""

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import replace
 from enum import StrEnum
 
 import msgspec
 
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from madrob_console.referee import journal
-from madrob_console.referee.acts import Act, Consequence, Situation, act_named, is_act
+from madrob_console.referee.acts import (
+    Act,
+    Consequence,
+    Correct,
+    DecideProtest,
+    FileProtest,
+    Finalise,
+    Reissue,
+    Situation,
+    TakeBack,
+    Void,
+    WithdrawProtest,
+    act_named,
+    is_act,
+)
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
-from madrob_console.referee.on_record import FalseStart, RemovedEvidence, TestbedFault
-from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.transitions import (
+from madrob_console.referee.records import FalseStart, JournalMark, RemovedEvidence, TestbedFault
+from madrob_console.referee.run import (
+    Phase,
+    Run,
     begin_countdown,
     begin_run,
     changed,
@@ -161,3 +177,49 @@ def _with_recorded(run: Run, entry: Entry) -> Run:
     names, size = list(details["files"]), max(0, int(details["bytes"]))
     gone = RemovedEvidence(_time(entry.time), len(names), size)
     return replace(run, removed_evidence=(*run.removed_evidence, gone))
+
+
+# How much of a journal a result is made of: the result says so, and can be held to it.
+
+
+_BESIDE = {
+    *(Change.EVENT, Change.EVIDENCE, Change.EVIDENCE_REMOVED),
+    *(Change.RESULT_WRITTEN, Change.WITHDRAWN),
+}
+"""From these no result changes; where they stand among the others may differ."""
+
+_OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)
+_OPENS = {*(act.name for act in _OPENING), Change.REISSUED}
+"""They open a final result again."""
+
+
+def mark_of(entries: Iterable[Entry]) -> JournalMark:
+    """The mark of a journal as it was read."""
+    growing = GrowingMark()
+    for entry in entries:
+        growing.add(entry)
+    return growing.mark
+
+
+class GrowingMark:
+    """The mark of a journal that is still written.
+
+    Attributes:
+        mark: of all lines so far.
+    """
+
+    def __init__(self) -> None:
+        self._lines = 0
+        self._digest = hashlib.sha256()
+        self._final = False
+        self.mark = JournalMark(0, self._digest.hexdigest())
+
+    def add(self, entry: Entry) -> None:
+        """One more line."""
+        if entry.what in _BESIDE:
+            return
+        self._digest.update(f"{entry.to_json()}\n".encode())
+        self._lines += 1
+        if not self._final or entry.what in _OPENS:
+            self.mark = JournalMark(self._lines, self._digest.hexdigest())
+            self._final = entry.what == Finalise.name

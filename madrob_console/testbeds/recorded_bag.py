@@ -7,23 +7,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import LONGEST, RecordedClock
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
-    MessageError,
-    MessageTypes,
     TopicMapping,
     decode_text,
     referee_topics,
 )
-from madrob_console.testbeds.announcement import SILENT, Announcement
-from madrob_console.testbeds.outside import Outside
-from madrob_console.testbeds.recorded_clock import LONGEST, RecordedClock
-from madrob_console.testbeds.source import TopicStatus
-from recorder.bag import Topic
+from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.testbeds.source import SILENT, Announcement, Outside, TopicStatus
+from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
 from scoring.protocol import Condition
 

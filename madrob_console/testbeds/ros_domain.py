@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 
 LARGEST_DOMAIN = 232
 """Fast DDS ends the process on a larger one."""

@@ -11,29 +11,30 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from madrob_console.clock import SystemClock
-from madrob_console.errors import MadrobError
+from madrob_console.common.clock import SystemClock
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
-    MessageTypes,
     TopicMapping,
     encode_text,
 )
-from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
-from madrob_console.testbeds.ros.connection import Connection, in_namespace
-from madrob_console.testbeds.ros.inbox import qos_profile
-from madrob_console.testbeds.ros.loading import (
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.ros.connection import (
+    Connection,
     RosObject,
+    in_namespace,
     load_message_class,
     load_module,
 )
-from madrob_console.testbeds.ros.parameters import ParameterValue, door_parameters
+from madrob_console.testbeds.ros.intake import qos_profile
+from madrob_console.testbeds.ros.watches import ParameterValue, door_parameters
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
-from madrob_console.testbeds.simulated.referee_state import RefereeState, parse_state
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.simulated.testbed import RefereeState, parse_state
+from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, info_text
 from recorder.bag import Durability, Qos
 from scoring.protocol import BenchmarkType, Condition, Side
 

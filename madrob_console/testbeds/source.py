@@ -1,21 +1,24 @@
-"""What the engine asks of a testbed: live over ROS, simulated, or recorded in a bag.
-
-All three hand over the same `RawMessage`s, so that everything behind a source is one path.
-"""
+"""A source of messages, what its testbed says of itself, and who else may ask."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+import msgspec
+
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind, terminal_safe
+from recorder.bag import RawMessage
 
 if TYPE_CHECKING:
-    from madrob_console.kinds import SourceKind
-    from madrob_console.testbeds.announcement import Announcement
-    from madrob_console.testbeds.outside import Outside
+    from madrob_console.common.names import RemoteService
     from recorder.bag import Topic
-    from recorder.message import RawMessage
     from scoring.protocol import Condition
+
+# All three hand over the same `RawMessage`s, so that everything behind a source is one path.
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,4 +111,136 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
+        ...
+
+
+# What a testbed says of itself, once for all: `/madrob/testbed/info` (protocol section 2).
+
+
+INFO_TOPIC = "/madrob/testbed/info"
+INFO_TYPE = "std_msgs/msg/String"
+
+LARGEST_INFO = 4096
+"""A longer message is no announcement, bytes."""
+
+_LONGEST_SCENARIO = 40
+_UNNAMED = "it does not say what"
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """What a testbed says of itself.
+
+    Attributes:
+        simulated: what a simulated one plays, in words: every run on it is practice; None = it is
+            a real one, or says nothing.
+        problem: why what it says cannot be understood, in words; None = it can.
+        messages: what it said once for all, as it came, for recordings.
+        simulated_time: `/clock` less the engine's clock, s; None = nobody publishes `/clock`.
+    """
+
+    simulated: str | None = None
+    problem: str | None = None
+    messages: tuple[RawMessage, ...] = ()
+    simulated_time: float | None = None
+
+
+SILENT = Announcement()
+"""It says nothing of itself."""
+
+
+class _Info(msgspec.Struct):
+    kind: str
+    scenario: str = ""
+
+
+_infos = msgspec.json.Decoder(_Info)
+
+
+def info_text(scenario: str) -> str:
+    """What a simulated testbed announces."""
+    return msgspec.json.encode(_Info(SourceKind.SIMULATED, scenario)).decode()
+
+
+def simulated_in(text: str) -> str | None:
+    """What a simulated testbed plays, by its announcement; None: it is of another kind.
+
+    Raises:
+        MadrobError: it is no announcement.
+    """
+    try:
+        info = _infos.decode(text)
+    except (msgspec.MsgspecError, RecursionError, UnicodeEncodeError):
+        shown = terminal_safe(text[:_LONGEST_SCENARIO])
+        raise MadrobError(
+            f"not understood: '{shown}'; it tells a simulated testbed from a real one: stop what "
+            "sends that"
+        ) from None
+    if info.kind != SourceKind.SIMULATED:
+        return None
+    return terminal_safe(info.scenario[:_LONGEST_SCENARIO]).strip() or _UNNAMED
+
+
+# What programs around a testbed may ask of the engine, and what they hear of it.
+#
+# The testbed's source carries it; an engine's owner answers.
+
+
+class Level(IntEnum):
+    """How a part is; the numbers are those of `diagnostic_msgs/msg/DiagnosticStatus`."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """How one part of the console or of its testbed is.
+
+    Attributes:
+        name: of the part.
+        level: how it is.
+        message: in words, as the screens say it.
+        values: numbers and names behind it, as text.
+    """
+
+    name: str
+    level: Level
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CallAnswer:
+    """What became of a call.
+
+    Attributes:
+        success: whether it took effect.
+        message: what a referee would read.
+    """
+
+    success: bool
+    message: str
+
+
+LookForAnswer: TypeAlias = Callable[[], CallAnswer | None]
+"""Looks whether a call is answered: None = not yet. It never waits."""
+
+
+class Outside(Protocol):
+    """Answers programs that are no screens. From any thread; nothing waits."""
+
+    @property
+    def services(self) -> Collection[RemoteService]:
+        """What may be called."""
+        ...
+
+    def call(self, service: RemoteService) -> LookForAnswer:
+        """Have something done; it is answered in time, whatever core and disk do."""
+        ...
+
+    def diagnose(self) -> Sequence[Diagnosis]:
+        """How everything is now."""
         ...

@@ -20,27 +20,32 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widget import MountError
 
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import (
+from madrob_console.engine.requests import (
     ExportDossier,
     ExportTeam,
     GiveFrames,
     OpenRun,
     Perform,
+    PlaybackCommand,
     TakeOver,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import ThemeName
 from madrob_console.referee.acts import Abort, Act, SetUp, Start, Void, Waive
-from madrob_console.referee.questions import Ask
+from madrob_console.referee.acts.act import Ask
 from madrob_console.referee.run import Phase
 from madrob_console.ui.awaited import Awaited
 from madrob_console.ui.cells.lines import Tone
-from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.asks import Copy, Intent, Leave, OtherName
-from madrob_console.ui.keys.clipboard import clipboard_sequences, give_to_tmux, in_tmux
+from madrob_console.ui.keys.console_app import (
+    ButtonsDriver,
+    TypeAhead,
+    clipboard_sequences,
+    give_to_tmux,
+    in_tmux,
+)
+from madrob_console.ui.keys.dialogs import Copy, Intent, Leave, OtherName
 from madrob_console.ui.keys.key_table import (
     FUNCTION_KEYS,
     KEYS,
@@ -49,23 +54,26 @@ from madrob_console.ui.keys.key_table import (
     Key,
     bindings,
 )
-from madrob_console.ui.keys.mouse import ButtonsDriver
-from madrob_console.ui.keys.type_ahead import TypeAhead
-from madrob_console.ui.link import NOT_YET, EngineLink
-from madrob_console.ui.look.glyphs import ASCII, uses_ascii
-from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
+from madrob_console.ui.look.themes import (
+    ASCII,
+    COLOURLESS,
+    NO_COLOURS,
+    THEMES,
+    theme_for,
+    uses_ascii,
+)
 from madrob_console.ui.look.words import done_text
 
 if TYPE_CHECKING:
     from textual.command import Provider
 
-    from madrob_console.engine.shown.client import EngineClient
-    from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.engine.wire import EngineClient
     from madrob_console.ui.cells.dialog import Dialog
-    from madrob_console.ui.panes.checklist import CheckList
     from madrob_console.ui.panes.plan_pane import PlanPane
     from madrob_console.ui.panes.runs_pane import RunsPane
-    from madrob_console.ui.panes.setup_pane import SetupPane
+    from madrob_console.ui.panes.setup_pane import CheckList, SetupPane
 
 _OF_A_RUN = frozenset(LETTER_KEYS) - {KEYS["take"]}
 
@@ -95,7 +103,7 @@ def run_beside(words: Sequence[str]) -> int:
 
 def console_commands() -> type[Provider]:
     """The palette's commands, imported when they are wanted."""
-    from madrob_console.ui.palette import ConsoleCommands
+    from madrob_console.ui.keys.console_app import ConsoleCommands
 
     return ConsoleCommands
 
@@ -549,7 +557,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
         One that was cut off is asked about: opening it is no decision.
         """
-        from madrob_console.standings.tally import Standing
+        from madrob_console.pages.tally import Standing
         from madrob_console.ui.panes.standings_pane import filter_for
 
         if isinstance(event.row, Standing):

@@ -7,19 +7,19 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from madrob_console.engine.shown.client import UnsureError
-from madrob_console.engine.shown.requests import Perform
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.requests import Perform
+from madrob_console.engine.wire import UnsureError
 from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Tone
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.playback import PlaybackCommand
-    from madrob_console.engine.shown.requests import (
+    from madrob_console.engine.requests import (
         ExportDossier,
         ExportTeam,
         GiveFrames,
         OpenRun,
+        PlaybackCommand,
         Request,
         T,
         TakeOver,

@@ -1,4 +1,4 @@
-"""The screens' end of the connection: an engine that fails becomes words, never an exception."""
+"""The engine behind the screens, and what the console proposes at first."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import asyncio
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.engine.shown.client import ON_ITS_WAY, given_up
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
+from madrob_console.engine.wire import ON_ITS_WAY, given_up
+from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.client import EngineClient
-    from madrob_console.engine.shown.requests import Request, T
-    from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.engine.requests import Request, T
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.engine.wire import EngineClient
 
 NOT_YET = "this screen is not attached to the engine yet"
 
@@ -69,7 +72,7 @@ class EngineLink:
         """
         if self._client is None or self._latest is None:
             return None
-        from madrob_console.engine.shown.snapshot import Pulse
+        from madrob_console.engine.snapshot import Pulse
 
         try:
             latest = self._client.snapshot()
@@ -163,3 +166,36 @@ class EngineSearch:
                 self._link.connect()
         finally:
             self._looking = False
+
+
+# What the console proposes before the referee has typed anything.
+
+
+FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
+"""Condition 1: what the first run's set-up proposes, for subject 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleDefaults:
+    """The first run's proposal; later runs start from the one before.
+
+    Attributes:
+        competition: its name, for the top line.
+        results: the folder in which the runs are stored.
+        host: name of the machine, for the top line.
+        best_runs: as many of a team's runs count in the standings; 0 = all.
+        hint: what the first message says.
+        team, referee: who.
+        poses: start poses to choose from.
+        run: timeout, countdown, ruleset and what decides step 6.
+    """
+
+    competition: str = ""
+    results: Path = Path()
+    host: str = ""
+    best_runs: int = 0
+    hint: str = "F1 lists the keys."
+    team: str = ""
+    referee: str = ""
+    poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
+    run: RunDefaults = field(default_factory=RunDefaults)

@@ -12,13 +12,13 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING, TextIO
 
+from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.errors import MadrobError
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.link import ConsoleDefaults
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.client import EngineClient
+    from madrob_console.engine.wire import EngineClient
 
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""
@@ -57,7 +57,7 @@ def run_console(
     look = look or ConsoleSettings()
     kind: Callable[..., MadrobApp] = MadrobApp
     if wall:
-        from madrob_console.ui.wall_app import WallApp
+        from madrob_console.ui.wall import WallApp
 
         kind = WallApp
     app = kind(connected, defaults, look)

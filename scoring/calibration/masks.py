@@ -1,21 +1,404 @@
-"""The masks of a new testbed from a recording in which its door is swept (protocol section 4).
-
-The panel is swung through its range on both sides with nobody near. What a sensor then sees
-other than the floor is the panel; its mask begins and ends well outside of that.
-"""
+"""Calibration of a new testbed: masks from a swept door, the handle's scale (sections 3, 4)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scoring.calibration.panel_view import PanelView, sensor_name
-from scoring.calibration.sweep import Numbers, Sweep, Swept
-from scoring.errors import ScoringError
-from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Side, Thresholds
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    PassageSensor,
+    ScoringError,
+    Side,
+    Signal,
+    Strip,
+    Thresholds,
+)
+from scoring.quality import StampGuard, is_reading
+from scoring.signals import DoorSample, PassageSample, Sample
+
+# Zero and scale of the handle's force, from a rest and a known weight (protocol section 3).
+
+
+GRAVITY = 9.80665
+"""m/s^2."""
+
+_LEAST_FORCE_SAMPLES = 50
+_LEAST_TIME = 1.0  # s
+_LOST_PART = 0.1
+_LARGEST_DRIFT = 0.02  # of the difference between rest and weight
+_LARGEST_NOISE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyForce:
+    """A force that stood still for a while, in the unit that the testbed publishes.
+
+    Attributes:
+        name: of the recording, for messages.
+        samples: how many.
+        duration: s.
+        median: of them.
+        noise: standard deviation about a straight line.
+        drift: how far that line goes from the first to the last sample.
+    """
+
+    name: str
+    samples: int
+    duration: float
+    median: float
+    noise: float
+    drift: float
+
+    @classmethod
+    def of(cls, name: str, times: Sequence[float], values: Sequence[float]) -> SteadyForce:
+        """The level of a recording.
+
+        Args:
+            name: of the recording.
+            times: of the samples, s, increasing.
+            values: as published; NaN = no reading.
+
+        Raises:
+            ScoringError: there are too few samples, or too many of them are no reading.
+        """
+        time, value = np.array(times, dtype=np.float64), np.array(values, dtype=np.float64)
+        read = np.isfinite(value)
+        lost = len(value) - int(np.count_nonzero(read))
+        if lost > _LOST_PART * len(value):
+            raise ScoringError(f"{name}: {lost} of {len(value)} forces are no numbers: mend that")
+        time, value = time[read], value[read]
+        duration = float(time[-1] - time[0]) if len(time) else 0.0
+        if len(time) < _LEAST_FORCE_SAMPLES or duration < _LEAST_TIME:
+            raise ScoringError(
+                f"{name}: {len(time)} forces in {duration:.1f} s are too few: record at least "
+                f"{_LEAST_FORCE_SAMPLES} of them in some seconds"
+            )
+        since = time - time.mean()
+        slope = float(since @ value / (since @ since))
+        noise = float(np.std(value - slope * since))
+        return cls(name, len(time), duration, float(np.median(value)), noise, slope * duration)
+
+
+@dataclass(frozen=True, slots=True)
+class HandleProposal:
+    """What turns the published number into N: `published * scale + offset`.
+
+    Attributes:
+        scale: N for one of the published unit.
+        zero: what is published at rest.
+        rest, weight: the two recordings.
+    """
+
+    scale: float
+    zero: float
+    rest: SteadyForce
+    weight: SteadyForce
+
+    @property
+    def offset(self) -> float:
+        """N to be added after scaling, so that the rest is 0."""
+        return -self.zero * self.scale
+
+
+def propose_handle(
+    rest: SteadyForce, weight: SteadyForce, mass: float, towards: Side
+) -> HandleProposal:
+    """Zero and scale.
+
+    Args:
+        rest: nobody touches the handle.
+        weight: a weight pulls at it.
+        mass: of the weight, kg.
+        towards: the side to which it pulls; CCW is positive.
+
+    Raises:
+        ScoringError: the mass is none, the force is not steady, or the weight hardly shows.
+    """
+    if not 0 < mass < math.inf:
+        raise ScoringError(f"a mass of {mass:g} kg: give the weight's mass, more than 0")
+    difference = weight.median - rest.median
+    if difference == 0:
+        raise ScoringError("rest and weight read the same: check the load cell and its topic")
+    for level in sorted((rest, weight), key=lambda level: -level.noise):
+        _check_steady(level, abs(difference))
+    scale = towards.sign * mass * GRAVITY / difference
+    if not math.isfinite(scale) or scale == 0:
+        raise ScoringError(f"a mass of {mass:g} kg gives no scale: correct it")
+    return HandleProposal(scale, rest.median, rest, weight)
+
+
+def _check_steady(level: SteadyForce, difference: float) -> None:
+    if level.noise > _LARGEST_NOISE * difference:
+        raise ScoringError(
+            f"{level.name}: a noise of {level.noise:.3g} is too much for a difference of "
+            f"{difference:.3g} between rest and weight: keep it still, or take a heavier weight"
+        )
+    if abs(level.drift) > _LARGEST_DRIFT * difference:
+        raise ScoringError(
+            f"{level.name}: a drift of {level.drift:+.3g} in {level.duration:.1f} s is too much "
+            f"for a difference of {difference:.3g} between rest and weight: wait until it is steady"
+        )
+
+
+# A recording in which the door is swept: what each passage sensor read at which door angle.
+
+
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swept:
+    """What one passage sensor read.
+
+    Attributes:
+        angle: of the panel at each reading, rad, positive = on the sensor's side.
+        distance: m down from the lintel; +inf = nothing there, -inf = something too close.
+        lost: samples without a reading.
+    """
+
+    angle: Numbers
+    distance: Numbers
+    lost: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """One or several recordings of a swept door.
+
+    Attributes:
+        door: every door angle, rad.
+        door_lost: samples of the door without an angle.
+        sensors: the ten used ones.
+    """
+
+    door: Numbers
+    door_lost: int
+    sensors: Mapping[PassageSensor, Swept]
+
+    @classmethod
+    def together(cls, sweeps: Iterable[Sweep]) -> Sweep:
+        """Several recordings as one."""
+        found = tuple(sweeps)
+        return cls(
+            np.concatenate([sweep.door for sweep in found]),
+            sum(sweep.door_lost for sweep in found),
+            {
+                sensor: Swept(
+                    np.concatenate([sweep.sensors[sensor].angle for sweep in found]),
+                    np.concatenate([sweep.sensors[sensor].distance for sweep in found]),
+                    sum(sweep.sensors[sensor].lost for sweep in found),
+                )
+                for sensor in PASSAGE_SENSORS
+            },
+        )
+
+
+class SweepLog:
+    """Collects the samples of one recording, in the order of the bag; stamps must increase.
+
+    Args:
+        largest_gap: between door angles, s; a reading within a longer gap is not used.
+    """
+
+    def __init__(self, largest_gap: float) -> None:
+        self._largest_gap = largest_gap
+        self._guards = {signal: StampGuard() for signal in Signal}
+        self._door: list[tuple[float, float]] = []
+        self._door_lost = 0
+        self._strips: dict[Strip, list[tuple[float, tuple[float, ...]]]] = {s: [] for s in Strip}
+
+    def feed(self, sample: Sample) -> None:
+        """Take the next sample; handle and latch do not matter."""
+        admitted = self._guards[sample.signal].admit(sample)
+        match admitted:
+            case DoorSample():
+                if math.isfinite(admitted.angle):
+                    self._door.append((admitted.time, admitted.angle))
+                else:
+                    self._door_lost += 1
+            case PassageSample():
+                row = tuple(
+                    admitted.ranges[i] if is_reading(admitted, i) else math.nan for i in range(4)
+                )
+                self._strips[admitted.strip].append((admitted.time, row))
+
+    def sweep(self) -> Sweep:
+        """What was collected."""
+        door = np.array(self._door, dtype=np.float64).reshape(-1, 2)
+        sensors = {sensor: self._swept(sensor, door) for sensor in PASSAGE_SENSORS}
+        return Sweep(door[:, 1], self._door_lost, sensors)
+
+    def _swept(self, sensor: PassageSensor, door: Numbers) -> Swept:
+        rows = self._strips[sensor.strip]
+        time = np.array([time for time, _ in rows], dtype=np.float64)
+        distance = np.array([row[sensor.element] for _, row in rows], dtype=np.float64)
+        read = ~np.isnan(distance)
+        angle = sensor.side.sign * _angle_at(time, door, self._largest_gap)
+        used = read & ~np.isnan(angle)
+        return Swept(angle[used], distance[used], int(np.count_nonzero(~read)))
+
+
+def _angle_at(time: Numbers, door: Numbers, largest_gap: float) -> Numbers:
+    """The door angle at each time, rad; NaN before, after and in gaps."""
+    if len(door) < 2:
+        return np.full(len(time), np.nan)
+    stamps, angles = door[:, 0], door[:, 1]
+    after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
+    outside = (time < stamps[0]) | (time > stamps[-1])
+    gap = stamps[after] - stamps[after - 1] > largest_gap
+    return np.where(outside | gap, np.nan, np.interp(time, stamps, angles))
+
+
+# What one passage sensor sees of the panel while the door is swept, and what else.
+
+
+_LEAST_READINGS = 10
+_STRAYS = 3
+_STRAY_PART = 0.005  # glitches of a sensor; a person is there for longer
+_OTHER_PART = 0.1  # of the panel's readings may be holes or of another height
+_EDGE = 0.03  # rad beside the panel's edge where a reading may still be of it
+_COARSEST = 0.05  # rad between two readings at an edge
+_SAME_HEIGHT = 0.15  # m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanelView:
+    """A sensor's readings, sorted into panel and others. Angles are positive on its side.
+
+    Attributes:
+        sensor: which.
+        readings: how many there are in all.
+        under: how many of them are of the panel.
+        first, last: between which angles they lie, rad; None = it never saw the panel.
+        strays: readings of something elsewhere than the panel.
+        stray_at: the angle of the one in the middle, rad.
+        holes: readings of nothing between first and last.
+        coarse: the wider step of the door at the panel's edges, rad; inf = an edge is missing.
+        heights: of what is taken for the panel, m; too close ones are left out.
+    """
+
+    sensor: PassageSensor
+    readings: int
+    under: int
+    first: float | None
+    last: float | None
+    strays: int
+    stray_at: float
+    holes: int
+    coarse: float
+    heights: Numbers
+
+    @classmethod
+    def of(
+        cls, sensor: PassageSensor, swept: Swept, lintel: float, thresholds: Thresholds
+    ) -> PanelView:
+        """Sort the readings of a sensor that hangs at `lintel`, m."""
+        order = np.argsort(swept.angle, kind="stable")
+        angle, height = swept.angle[order], lintel - swept.distance[order]
+        present = height > thresholds.present_height
+        possible = present & (angle > thresholds.closed_angle)
+        low, high = _densest(angle, possible)
+        of_panel = possible & (angle > low - _EDGE) & (angle < high + _EDGE)
+        if np.count_nonzero(of_panel) <= _allowed_strays(len(angle)):
+            of_panel = np.zeros_like(present)
+        seen, nothing, strays = angle[of_panel], angle[~present], angle[present & ~of_panel]
+        ends = (float(seen[0]), float(seen[-1])) if len(seen) else None
+        return cls(
+            sensor=sensor,
+            readings=len(angle),
+            under=len(seen),
+            first=ends and ends[0],
+            last=ends and ends[1],
+            strays=len(strays),
+            stray_at=float(np.median(strays)) if len(strays) else 0.0,
+            holes=_between(nothing, *ends) if ends else 0,
+            coarse=_step_at_edges(nothing, *ends) if ends else 0.0,
+            heights=height[of_panel & np.isfinite(height)],
+        )
+
+    @property
+    def height(self) -> float | None:
+        """The median height of the panel, m; None where it was not seen, or is too close."""
+        return float(np.median(self.heights)) if len(self.heights) else None
+
+    def problem(self, panel: float | None) -> str | None:
+        """Why the readings are of no use, in words; None = they are.
+
+        Args:
+            panel: its height as all sensors see it, m; None = not known.
+        """
+        name, sign = sensor_name(self.sensor), self.sensor.side.sign
+        if self.strays > _allowed_strays(self.readings):
+            seen = ""
+            if self.first is not None and self.last is not None:
+                seen = f"between {sign * self.first:.2f} and {sign * self.last:.2f} rad and "
+            return (
+                f"{name} saw something with the door {seen}{self.strays} times at about "
+                f"{sign * self.stray_at:.2f} rad, which is no panel: sweep with nobody near"
+            )
+        if self.first is None or self.last is None:
+            return None
+        if math.isinf(self.coarse):
+            return (
+                f"{name} still saw the panel at {sign * self.last:.2f} rad, the largest angle: "
+                "swing the door farther"
+            )
+        if self.under < _LEAST_READINGS or self.coarse > _COARSEST:
+            return f"{name} saw the panel only {self.under} times: sweep more slowly"
+        most = _OTHER_PART * self.under
+        if panel is not None and _between(abs(self.heights - panel), _SAME_HEIGHT) > most:
+            return (
+                f"{name} saw something {self.height:.2f} m high at the panel's place, which is "
+                f"{panel:.2f} m: sweep with nobody near"
+            )
+        if self.holes > most:
+            return (
+                f"{name} saw the panel {self.under} times between {sign * self.first:.2f} and "
+                f"{sign * self.last:.2f} rad, and {self.holes} times nothing: check the sensor, "
+                "sweep with nobody near"
+            )
+        return None
+
+
+def sensor_name(sensor: PassageSensor) -> str:
+    """A sensor in words: `cw 0 (cw_right[3])`."""
+    return f"{sensor.side} {sensor.index} ({sensor.strip}[{sensor.element}])"
+
+
+def _allowed_strays(readings: int) -> float:
+    return max(_STRAYS, _STRAY_PART * readings)
+
+
+def _densest(angle: Numbers, present: NDArray[np.bool_]) -> tuple[float, float]:
+    """The stretch of sorted angles with the most readings of something, less those of nothing."""
+    if not len(angle):
+        return 0.0, 0.0
+    total = np.concatenate([[0], np.cumsum(np.where(present, 1, -1))])
+    gain = total[1:] - np.minimum.accumulate(total[:-1])
+    end = int(np.argmax(gain))
+    start = int(np.argmin(total[: end + 1]))
+    return float(angle[start]), float(angle[end])
+
+
+def _between(values: Numbers, low: float, high: float = math.inf) -> int:
+    return int(np.count_nonzero((values > low) & (values < high)))
+
+
+def _step_at_edges(nothing: Numbers, first: float, last: float) -> float:
+    before, after = nothing[nothing <= first], nothing[nothing >= last]
+    if not len(before) or not len(after):
+        return math.inf
+    return max(first - float(before[-1]), float(after[0]) - last)
+
+
+# The panel is swung through its range on both sides with nobody near. What a sensor then sees
+# other than the floor is the panel; its mask begins and ends well outside of that.
+
 
 FIRST_MARGIN = 0.5
 """A mask begins at this part of the first angle at which the sensor sees the panel."""
@@ -25,7 +408,6 @@ LEAST_SWEEP = 0.9
 """rad that the panel must be swung to on both sides: more than any mask of the protocol."""
 
 _LEAST_SAMPLES = 100
-_LOST_PART = 0.1
 _SAME_FLOOR = 0.1  # m
 
 Angles = tuple[float, float, float, float, float]

@@ -1,13 +1,13 @@
-"""What was set for a run, in the words of EUROBENCH's YAML files (protocol section 10)."""
+"""EUROBENCH's words for a run's set-up, and its file names (protocol section 10)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from scoring.braking import braking_table, door_controller_mode
-from scoring.errors import ScoringError
-from scoring.protocol import BenchmarkType, Condition, Side, StartPose
+from scoring.protocol import BenchmarkType, Condition, ScoringError, Side, StartPose
+from scoring.rest import braking_table, door_controller_mode
 from scoring.rulesets import RulesetName
 
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
@@ -114,3 +114,22 @@ def condition_from(mapping: Mapping[str, object], name: str) -> Condition:
         if side.lower() not in set(Side):
             raise ScoringError(f"{name}: {key} {side[:40]!r} is no side: use CW or CCW")
     return Condition(BenchmarkType(kind), Side(opening.lower()), Side(starting.lower()))
+
+
+# How EUROBENCH names the files of a run (protocol section 10).
+
+
+_RUN_FILE = re.compile(
+    r"(subject_([0-9]{1,9})_cond_([0-9]{1,9})_run_([0-9]{1,9}))_(event|jointState|wrench)\.csv"
+)
+
+
+def run_prefixes(names: Iterable[str]) -> list[str]:
+    """How the names of each run's files begin, `subject_SSS_cond_CCC_run_RRR`, in order."""
+    return sorted({match[1] for name in names if (match := _RUN_FILE.fullmatch(name))})
+
+
+def numbers_of(prefix: str) -> tuple[int, int, int] | None:
+    """The numbers of subject, condition and run; None for another text than a prefix."""
+    match = _RUN_FILE.fullmatch(f"{prefix}_event.csv")
+    return None if match is None else (int(match[2]), int(match[3]), int(match[4]))

@@ -16,17 +16,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
 
-from scoring.figure_table import EventMark
-from scoring.figures.colours import GREY, RED
-from scoring.figures.event_labels import (
+from scoring.figures.run_drawings import (
+    GREY,
     LABEL_SIZE,
+    RED,
     EventLabel,
     Interval,
     inside,
     labels_of,
     rows_of,
+    stretches,
 )
-from scoring.figures.stretches import stretches
+from scoring.indicator_table import EventMark
 from scoring.kinematics import Array
 
 Events = Mapping[EventMark, Sequence[float]]

@@ -12,13 +12,13 @@ from pathlib import Path
 from madrob_console.archive.folders import RunName
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import read_recorded_run
-from madrob_console.clock import NS, nanoseconds
+from madrob_console.common.clock import NS, nanoseconds
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, encode_text
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.testbeds.simulated import Scenario
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup

@@ -16,15 +16,14 @@ from typing import Self
 
 from mcap.writer import Writer
 
-from madrob_console.engine.live.witness import EvidencePlace
-from madrob_console.engine.process.evidence_messages import ListenFor
-from madrob_console.engine.process.evidence_process import EvidenceProcess
-from madrob_console.engine.process.evidence_program import TELL_PERIOD
+from madrob_console.engine.evidence_client import EvidencePlace
+from madrob_console.engine.evidence_process import EvidenceProcess
+from madrob_console.engine.evidence_status import ListenFor
+from madrob_console.engine.evidence_worker import TELL_PERIOD
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from recorder.bag import Topic
+from recorder.bag import RawMessage, Topic
 from recorder.mcap_writer import CHUNK_BYTES
-from recorder.message import RawMessage
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from tests.benchmarks import receiver

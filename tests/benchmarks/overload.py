@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from madrob_console.engine.shown.requests import Perform
+from madrob_console.engine.requests import Perform
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.checks import blocking
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from tests.benchmarks.evidence import JPEGS, MANY, RAW
 from tests.benchmarks.report import Baseline, Figure, Goal

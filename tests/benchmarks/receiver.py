@@ -18,8 +18,8 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.testbeds.ros.inbox import qos_profile
-from madrob_console.testbeds.ros.loading import load_message_class, load_module, load_rclpy
+from madrob_console.testbeds.ros.connection import load_message_class, load_module, load_rclpy
+from madrob_console.testbeds.ros.intake import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos
 from recorder.writer import BagWriter

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from recorder.bag import Topic
-from recorder.message import RawMessage
+from recorder.bag import RawMessage, Topic
 from recorder.writer import BagWriter
 from tests.benchmarks import receiver
 from tests.benchmarks.report import Baseline, Figure, Goal

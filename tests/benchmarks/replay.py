@@ -9,10 +9,10 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.shown.playback import JumpTo
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.replay import Replay
+from madrob_console.engine.requests import JumpTo
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from tests.benchmarks.bags import long_bag, simulated_run

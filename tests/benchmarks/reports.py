@@ -11,7 +11,7 @@ from pathlib import Path
 
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli import aside
-from madrob_console.engine.process.reporting import Reporting
+from madrob_console.engine.reports import Reporting
 from tests.benchmarks.bags import copies, simulated_run
 from tests.benchmarks.programs import MADROB, in_turns
 from tests.benchmarks.report import Baseline, Figure, Goal

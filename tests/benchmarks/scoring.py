@@ -12,11 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
-from madrob_console.engine.live.core import HURRIED_STEP
-from madrob_console.engine.process.scoring_process import ScoringProcess
+from madrob_console.engine.core import HURRIED_STEP
+from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.stats import RecorderState
+from recorder.writer import RecorderState
 from scoring.kinematics import load_filters
 from scoring.protocol import POST_ROLL
 from tests.benchmarks import csv_scorer

@@ -34,9 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from madrob_console.clock import NS
+from madrob_console.common.clock import NS
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.ros.loading import RosObject, load_module
+from madrob_console.testbeds.ros.connection import RosObject, load_module
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Qos, Reliability
 from tests.madrob_console.ros_peer import MATCHED, Peer

@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.requests import NextRunNumber, Role
+from madrob_console.engine import wire
+from madrob_console.engine.requests import NextRunNumber, Role
 
 ROOT = Path(__file__).parents[2]
 THERE = "there"

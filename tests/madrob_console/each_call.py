@@ -20,7 +20,7 @@ from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from madrob_console.version import software_version
+from madrob_console.common.version import software_version
 
 _SOURCE = Path(__file__).with_name("each_call.c")
 _SHARED = struct.Struct("qqqq")  # as in each_call.c

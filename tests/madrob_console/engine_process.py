@@ -19,14 +19,13 @@ from typing import Any, Self
 
 import msgspec
 
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.requests import Perform, Role
-from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.requests import Perform, Role
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.checks import blocking
+from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.referee.run_setup import RunSetup
 from tests.madrob_console.warm_starts import WarmProcess, WarmStarts
 from tests.watching import until
 

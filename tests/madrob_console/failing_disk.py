@@ -17,10 +17,10 @@ import pytest
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.records import RunSetup
 from madrob_console.testbeds.simulated import Scenario
-from recorder.mcap_file import McapFile
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
+from recorder.mcap_writer import McapFile
 from recorder.reader import read_bag
 from scoring.result import Result
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup

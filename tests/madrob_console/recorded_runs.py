@@ -21,7 +21,7 @@ from madrob_console.referee.acts import (
     Start,
     Waive,
 )
-from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step

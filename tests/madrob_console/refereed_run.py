@@ -21,15 +21,15 @@ from madrob_console.archive.folders import (
     PRACTICE_FOLDER,
     RESULT_FILE,
     RunName,
+    RunPath,
     parse_folder_name,
     run_folder_names,
 )
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.unfinished import find_unfinished
-from madrob_console.engine.shown.client import UnsureError
-from madrob_console.engine.shown.requests import NextRunNumber, OpenRun, Perform
-from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.errors import MadrobError
+from madrob_console.archive.run_journal import find_unfinished
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
+from madrob_console.engine.snapshot import Snapshot
+from madrob_console.engine.wire import UnsureError
 from madrob_console.referee.acts import (
     Abort,
     Act,
@@ -45,11 +45,11 @@ from madrob_console.referee.acts import (
     Void,
     ZeroHandle,
 )
-from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.referee.preflight import blocking
 from madrob_console.referee.rebuild import Change, act_of
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Condition
 from tests.madrob_console.engine.drive import make_setup, signed

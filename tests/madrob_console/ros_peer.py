@@ -12,16 +12,19 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
-from madrob_console.clock import SystemClock
+from madrob_console.common.clock import SystemClock
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.ros.connection import Connection
-from madrob_console.testbeds.ros.inbox import qos_profile
-from madrob_console.testbeds.ros.loading import RosObject, load_message_class, load_module
+from madrob_console.testbeds.ros.connection import (
+    Connection,
+    RosObject,
+    load_message_class,
+    load_module,
+)
+from madrob_console.testbeds.ros.intake import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id
-from recorder.bag import Durability, Qos, Reliability
-from recorder.message import RawMessage
+from recorder.bag import Durability, Qos, RawMessage, Reliability
 from scoring.protocol import Signal
 from tests.watching import PATIENCE
 

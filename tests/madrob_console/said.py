@@ -13,7 +13,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Condition, StartPose
 
 _TYPES = MessageTypes()

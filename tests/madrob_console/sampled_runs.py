@@ -9,8 +9,7 @@ from functools import cache
 from random import Random
 
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.plan import MotionPlan
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
 from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
@@ -19,11 +18,11 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorSettings,
 )
 from scoring.evaluate import Assessment
+from scoring.kinematics import Rows
 from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip
 from scoring.result import Ending, Result
-from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 
 START = 1_700_000_000.0
 PRE_ROLL, POST_ROLL, ZEROED = 4.0, 6.0, 2.5  # s; the handle is zeroed until so long before

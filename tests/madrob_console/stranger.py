@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from madrob_console.engine.process.owned import address_of
+from madrob_console.engine.engine_lock import address_of
 
 NOBODY = 65534
 

@@ -23,8 +23,7 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from madrob_console.engine.process import child as worker
-from madrob_console.engine.process import scoring_program as scoring_worker
+from madrob_console.engine import scoring_worker, worker
 
 ROOT = Path(__file__).parents[2]
 
@@ -186,7 +185,6 @@ def _serve() -> None:
 def _import() -> None:
     """What an engine imports when it begins."""
     from madrob_console.config import load_settings  # noqa: F401
-    from madrob_console.engine.process import server
     from scoring.kinematics import load_filters
 
     load_filters()

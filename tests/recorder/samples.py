@@ -12,8 +12,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from recorder.bag import Durability, Qos, Reliability, Topic, evidence_file_name
-from recorder.message import RawMessage
+from recorder.bag import Durability, Qos, RawMessage, Reliability, Topic, evidence_file_name
 from recorder.writer import BagWriter
 
 if TYPE_CHECKING:

@@ -18,13 +18,12 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from recorder import listing as survey
-from recorder.bag import bag_file_name, evidence_file_name
-from recorder.listing import put_listing
-from recorder.mcap_file import McapFile
-from recorder.message import RawMessage
+from recorder import survey
+from recorder.bag import RawMessage, bag_file_name, evidence_file_name
+from recorder.mcap_writer import McapFile
 from recorder.reader import read_bag
 from recorder.recovery import recover
+from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     START_NS,

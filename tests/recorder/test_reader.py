@@ -28,13 +28,13 @@ from recorder.bag import (
     BagInformation,
     Durability,
     Qos,
+    RawMessage,
     Reliability,
     evidence_file_name,
     parse_qos,
     qos_text,
 )
 from recorder.errors import RecorderError
-from recorder.message import RawMessage
 from recorder.reader import Bag, read_bag
 from recorder.seeking import Seeker
 from recorder.writer import BagWriter

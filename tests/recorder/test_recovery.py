@@ -26,7 +26,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from recorder.recovery import recover
 from recorder.writer import BagWriter

@@ -30,14 +30,11 @@ from mcap_ros2.decoder import DecoderFactory
 from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 
-from recorder.bag import MAX_NS, Topic
+from recorder.bag import MAX_NS, RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.mcap_file import McapFile
-from recorder.mcap_writer import CHUNK_BYTES, McapWriter
-from recorder.message import RawMessage
+from recorder.mcap_writer import CHUNK_BYTES, McapFile, McapWriter
 from recorder.reader import read_bag
-from recorder.stats import DropReason, RecorderState
-from recorder.writer import BagWriter
+from recorder.writer import BagWriter, DropReason, RecorderState
 from tests.recorder.samples import door_messages, door_topics, strings, talk
 from tests.watching import until
 

@@ -19,9 +19,8 @@ import zstandard
 from mcap.reader import SeekingReader
 from rosbags.highlevel import AnyReader
 
-from recorder.bag import BagInformation
+from recorder.bag import BagInformation, RawMessage
 from recorder.errors import RecorderError
-from recorder.message import RawMessage
 from recorder.recovery import Recovered, recover
 from recorder.writer import BagWriter
 from tests.recorder.samples import door_messages, door_topics, strings, talk

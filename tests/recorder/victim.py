@@ -10,11 +10,9 @@ import time
 from itertools import count
 from pathlib import Path
 
-from recorder.bag import Topic
+from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.message import RawMessage
-from recorder.stats import RecorderState
-from recorder.writer import BagWriter
+from recorder.writer import BagWriter, RecorderState
 
 TOPIC = Topic("/blob", "test_msgs/msg/Blob", "uint8[] data\n")
 RECORDS = {"madrob_run": {"setup": "{}"}}

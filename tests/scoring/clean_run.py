@@ -25,7 +25,7 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 
 RATE = 50.0

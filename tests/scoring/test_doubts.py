@@ -15,7 +15,7 @@ from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset, ruleset
-from scoring.samples import DoorSample, PassageSample, Sample
+from scoring.signals import DoorSample, PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,

@@ -20,8 +20,8 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from scoring.samples import DoorSample, PassageSample, Sample
 from scoring.series import PassageSeries, SeriesAssessment
+from scoring.signals import DoorSample, PassageSample, Sample
 from tests.scoring.runs import (
     CONDITION,
     START,

@@ -27,7 +27,7 @@ from scoring.protocol import (
 )
 from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020
-from scoring.samples import PassageSample, Sample
+from scoring.signals import PassageSample, Sample
 from tests.scoring.runs import (
     CONDITION,
     START,

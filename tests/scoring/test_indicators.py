@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scoring import figure_table as indicator_table
-from scoring.braking import braking_table, door_controller_mode
-from scoring.errors import ScoringError
+from scoring import indicator_table
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import (
     capability_level,
@@ -26,7 +24,17 @@ from scoring.indicators import (
     unsafety_of_door_operation,
 )
 from scoring.kinematics import jerk, joint_state, low_pass
-from scoring.protocol import BenchmarkType, Condition, Event, EventName, Side, Step, Thresholds
+from scoring.protocol import (
+    BenchmarkType,
+    Condition,
+    Event,
+    EventName,
+    ScoringError,
+    Side,
+    Step,
+    Thresholds,
+)
+from scoring.rest import braking_table, door_controller_mode
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
 

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scoring.errors import ScoringError
 from scoring.kinematics import JointState, jerk, joint_state, low_pass, low_pass_problem
-from scoring.protocol import Thresholds
+from scoring.protocol import ScoringError, Thresholds
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import pytest
 from scoring.evaluate import Assessment
 from scoring.procedure import Procedure, Ruling
 from scoring.protocol import LockDetection, Side, Step
-from scoring.samples import Sample
+from scoring.signals import Sample
 from tests.scoring.runs import (
     CONDITION,
     START,

@@ -12,11 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scoring.protocol import Outcome, Signal, Thresholds
-from scoring.quality import QualityCounter
+from scoring.quality import KEPT_STEPS, QualityCounter, StampGuard
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
 from scoring.result import Ending
-from scoring.samples import DoorSample
-from scoring.stamps import KEPT_STEPS, StampGuard
+from scoring.signals import DoorSample
 from tests.scoring.runs import START, assessment, handle, passage_through
 
 PERIOD = 0.02

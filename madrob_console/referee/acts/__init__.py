@@ -1,4 +1,4 @@
-"""What a referee can do: one file an act, which says all of it, and their list.
+"""What a referee can do: each act is one class that says all of it, and their list.
 
 `impossible` says in words why there can be no such act now (the screens show it beside a dim
 key), `refusal` the same of an act with its fields; `apply` gives the new state.
@@ -10,33 +10,33 @@ from collections.abc import Mapping
 
 import msgspec
 
-from madrob_console.errors import MadrobError
-from madrob_console.names import terminal_safe
-from madrob_console.referee.acts.abort import Abort as Abort
-from madrob_console.referee.acts.accept_doubts import AcceptDoubts as AcceptDoubts
-from madrob_console.referee.acts.accept_false_start import AcceptFalseStart as AcceptFalseStart
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
 from madrob_console.referee.acts.act import Act as Act
 from madrob_console.referee.acts.act import Consequence as Consequence
 from madrob_console.referee.acts.act import Situation as Situation
-from madrob_console.referee.acts.add_note import AddNote as AddNote
-from madrob_console.referee.acts.confirm_pose import ConfirmPose as ConfirmPose
+from madrob_console.referee.acts.after import AcceptDoubts as AcceptDoubts
+from madrob_console.referee.acts.after import Finalise as Finalise
+from madrob_console.referee.acts.after import Reissue as Reissue
+from madrob_console.referee.acts.before import ConfirmPose as ConfirmPose
+from madrob_console.referee.acts.before import SetUp as SetUp
+from madrob_console.referee.acts.before import Start as Start
+from madrob_console.referee.acts.before import Waive as Waive
+from madrob_console.referee.acts.before import ZeroHandle as ZeroHandle
 from madrob_console.referee.acts.correct import Correct as Correct
-from madrob_console.referee.acts.decide_protest import DecideProtest as DecideProtest
-from madrob_console.referee.acts.declare_timeout import DeclareTimeout as DeclareTimeout
-from madrob_console.referee.acts.file_protest import FileProtest as FileProtest
-from madrob_console.referee.acts.finalise import Finalise as Finalise
-from madrob_console.referee.acts.mark_incident import MarkIncident as MarkIncident
-from madrob_console.referee.acts.reissue import Reissue as Reissue
-from madrob_console.referee.acts.restart_countdown import RestartCountdown as RestartCountdown
-from madrob_console.referee.acts.rule import Rule as Rule
-from madrob_console.referee.acts.set_up import SetUp as SetUp
-from madrob_console.referee.acts.start import Start as Start
-from madrob_console.referee.acts.take_back import TakeBack as TakeBack
-from madrob_console.referee.acts.void import Void as Void
-from madrob_console.referee.acts.waive import Waive as Waive
-from madrob_console.referee.acts.withdraw_incident import WithdrawIncident as WithdrawIncident
-from madrob_console.referee.acts.withdraw_protest import WithdrawProtest as WithdrawProtest
-from madrob_console.referee.acts.zero_handle import ZeroHandle as ZeroHandle
+from madrob_console.referee.acts.correct import TakeBack as TakeBack
+from madrob_console.referee.acts.during import Abort as Abort
+from madrob_console.referee.acts.during import AcceptFalseStart as AcceptFalseStart
+from madrob_console.referee.acts.during import AddNote as AddNote
+from madrob_console.referee.acts.during import DeclareTimeout as DeclareTimeout
+from madrob_console.referee.acts.during import MarkIncident as MarkIncident
+from madrob_console.referee.acts.during import RestartCountdown as RestartCountdown
+from madrob_console.referee.acts.during import Rule as Rule
+from madrob_console.referee.acts.during import Void as Void
+from madrob_console.referee.acts.during import WithdrawIncident as WithdrawIncident
+from madrob_console.referee.acts.protest import DecideProtest as DecideProtest
+from madrob_console.referee.acts.protest import FileProtest as FileProtest
+from madrob_console.referee.acts.protest import WithdrawProtest as WithdrawProtest
 
 ACTS: tuple[type[Act], ...] = (
     SetUp,

@@ -12,11 +12,11 @@ import warnings
 from collections import deque
 from contextlib import suppress
 
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import RemoteService
-from madrob_console.testbeds.outside import CallAnswer, Diagnosis, LookForAnswer, Outside
-from madrob_console.testbeds.ros.inbox import qos_profile
-from madrob_console.testbeds.ros.loading import RosObject, load_message_class, load_module
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import RemoteService
+from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
+from madrob_console.testbeds.ros.intake import qos_profile
+from madrob_console.testbeds.source import CallAnswer, Diagnosis, LookForAnswer, Outside
 from recorder.bag import Qos
 
 DIAGNOSTICS_TOPIC = "/diagnostics"

@@ -7,38 +7,99 @@ import os
 import threading
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from typing import TypeVar
 
-from madrob_console.clock import Clock
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
-from madrob_console.messages.codec import (
-    REFEREE_EVENT_TOPIC,
-    MessageTypes,
-    TopicMapping,
-    referee_topics,
+from madrob_console.common.clock import Clock
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, TopicMapping, referee_topics
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.ros.connection import (
+    Connection,
+    RosObject,
+    in_namespace,
+    load_message_class,
 )
-from madrob_console.testbeds.announcement import SILENT, Announcement
-from madrob_console.testbeds.outside import Outside
-from madrob_console.testbeds.ros.connection import Connection, in_namespace
-from madrob_console.testbeds.ros.definitions import prefixes
-from madrob_console.testbeds.ros.inbox import arrivals, can_take, qos_profile
-from madrob_console.testbeds.ros.info_watch import InfoWatch
-from madrob_console.testbeds.ros.intake import Intake
-from madrob_console.testbeds.ros.loading import RosObject, load_message_class
-from madrob_console.testbeds.ros.mailbox import Mailbox
+from madrob_console.testbeds.ros.intake import Intake, arrivals, can_take, qos_profile
 from madrob_console.testbeds.ros.neighbours import Neighbours
-from madrob_console.testbeds.ros.parameters import DoorParameters
-from madrob_console.testbeds.ros.referee_watch import RefereeWatch, console_name
+from madrob_console.testbeds.ros.types import prefixes
+from madrob_console.testbeds.ros.watches import (
+    DoorParameters,
+    InfoWatch,
+    RefereeWatch,
+    console_name,
+)
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import TopicStatus
-from recorder.bag import Topic
-from recorder.message import RawMessage
+from madrob_console.testbeds.source import SILENT, Announcement, Outside, TopicStatus
+from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
+
+# Messages on their way from the take thread to the engine.
+
+
+CAPACITY = 32 * 1024 * 1024
+"""Bytes of each topic held for an engine that does not come; some twenty minutes of a testbed's."""
+
+_OVERHEAD = 400
+"""What a message takes in memory beside its bytes."""
+
+
+class Mailbox:
+    """A queue between two threads that never makes the sender wait.
+
+    Args:
+        capacity: bytes of memory for each topic; what comes beyond is dropped and counted. What
+            one topic sends too much costs no other one anything.
+    """
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self._capacity = capacity
+        self._sizes: Counter[str] = Counter()
+        self._messages: deque[RawMessage] = deque()
+        self._dropped: Counter[str] = Counter()
+        self._arrived = threading.Condition()
+
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Hand messages over, oldest first."""
+        with self._arrived:
+            for message in messages:
+                size = len(message.data) + _OVERHEAD
+                if self._sizes[message.topic] + size > self._capacity:
+                    self._dropped[message.topic] += 1
+                    continue
+                self._sizes[message.topic] += size
+                self._messages.append(message)
+            if self._messages:
+                self._arrived.notify()
+
+    def take(self, timeout: float) -> list[RawMessage]:
+        """All messages; waits at most `timeout` s for the first."""
+        with self._arrived:
+            if not self._messages and timeout > 0:
+                self._arrived.wait(timeout)
+            messages = list(self._messages)
+            self._messages.clear()
+            self._sizes.clear()
+            return messages
+
+    def wake(self) -> None:
+        """Let a waiting `take` return."""
+        with self._arrived:
+            self._arrived.notify()
+
+    def dropped(self, topic: str) -> int:
+        """How many messages of a topic found no room."""
+        return self._dropped[topic]
+
+    def __len__(self) -> int:
+        """How many messages wait."""
+        return len(self._messages)
+
 
 _T = TypeVar("_T")
 _receive_ns = attrgetter("receive_ns")

@@ -4,9 +4,8 @@
 swing meet, neither gives way.
 """
 
-from madrob_console.kinds import Scenario
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
-from madrob_console.testbeds.simulated.plan import MotionPlan
+from madrob_console.common.names import Scenario
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan, RobotBody
 from madrob_console.testbeds.simulated.scenarios import RobotSettings, plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.testbed import Network, SimulatedTestbed

@@ -1,4 +1,4 @@
-"""The scenarios and the choice of manner, body and condition for one run."""
+"""The scenarios: what a simulated robot does, and how, for each run."""
 
 from __future__ import annotations
 
@@ -6,13 +6,236 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
-from madrob_console.testbeds.simulated.perception import is_clear_cut
-from madrob_console.testbeds.simulated.performance import Manner, Performance
-from madrob_console.testbeds.simulated.plan import MotionPlan
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import Scenario
+from madrob_console.testbeds.simulated.geometry import (
+    DoorGeometry,
+    MotionPlan,
+    Profile,
+    RobotBody,
+    Track,
+    Tremor,
+)
+from madrob_console.testbeds.simulated.sensor_model import is_clear_cut
 from scoring.protocol import Condition
+
+# The scenarios, act by act: what a simulated robot does and how.
+
+
+_GRIP_RISE = 0.15
+"""s in which a hand closes or opens."""
+_ARM = 0.6
+"""m from a robot's front to the handle it holds."""
+
+_REBOUND = 0.008
+"""rad by which a slammed panel springs back, within the closed zone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How a robot does what it does.
+
+    Attributes:
+        reaction: from the start until the robot sets out, s.
+        start_distance: of its middle from the threshold at the start, m.
+        speed: mean speed of a drive, m/s.
+        open_angle: how far it opens the panel, rad; beyond every mask.
+        opening_time, closing_time: s.
+        pause: between its acts, s.
+        grip: force of its hand, N.
+        tremor: amplitude of its hand's shake on the panel, rad.
+        tremor_frequency: Hz.
+        overlap: how long before the panel is open a robot that pushes drives on, s.
+        turn_back_at: how far behind the threshold it turns back, m; negative = before it.
+        bounce: how far the door springs open again, rad.
+        closes_behind: whether it closes the door after turning back.
+        slam_time: how long a door takes to slam shut, s.
+        leaves_after: how long after the closing it leaves the sensors, s; negative = while the
+            door closes, None = never.
+    """
+
+    reaction: float = 0.5
+    start_distance: float = 1.5
+    speed: float = 0.5
+    open_angle: float = 1.05
+    opening_time: float = 3.0
+    closing_time: float = 3.0
+    pause: float = 0.4
+    grip: float = 12.0
+    tremor: float = 0.002
+    tremor_frequency: float = 8.0
+    overlap: float = 0.0
+    turn_back_at: float = -0.05
+    bounce: float = 0.25
+    closes_behind: bool = True
+    slam_time: float = 0.9
+    leaves_after: float | None = 2.0
+
+
+class Performance:
+    """Writes a motion plan, one act after the other.
+
+    Positions are counted along the robot's way: 0 = threshold, positive = destination side.
+    """
+
+    def __init__(
+        self, manner: Manner, condition: Condition, body: RobotBody, geometry: DoorGeometry
+    ) -> None:
+        self.manner = manner
+        self.condition = condition
+        self.body = body
+        self.geometry = geometry
+        self.now = manner.reaction
+        self._way = condition.destination_side.sign
+        self._opening = condition.opening_side.sign
+        self._robot = Track(-self._way * manner.start_distance)
+        self._panel = Track(0.0)
+        self._grip = Track(0.0)
+        self._tremors: list[Tremor] = []
+        self._latch: list[tuple[float, bool]] = []
+        self._taken: float | None = None
+
+    @property
+    def arm_reach(self) -> float:
+        """From the body's middle to the handle it holds, m."""
+        return self.body.length / 2 + _ARM
+
+    @property
+    def beyond_swing(self) -> float:
+        """Distance from the threshold at which the panel swings past the body, m."""
+        return self.geometry.panel_length + self.body.length / 2 + 0.15
+
+    def wait(self, duration: float) -> None:
+        """Do nothing for a while."""
+        self.now += duration
+
+    def drive(self, position: float, hops: int = 1) -> None:
+        """Drive to a position, with a stop after each hop."""
+        origin = self._way * self._robot.value
+        for hop in range(1, hops + 1):
+            target = origin + (position - origin) * hop / hops
+            duration = max(0.3, abs(position - origin) / hops / self.manner.speed)
+            self.now = self._robot.move(self.now, self._way * target, duration)
+            if hop < hops:
+                self.wait(0.3)
+
+    def turn_panel(
+        self, angle: float, duration: float, profile: Profile = Profile.MINIMUM_JERK
+    ) -> None:
+        """Turn the panel to an angle (abs value, rad)."""
+        slowest = 2.2 * abs(angle - self._panel.value) / self.geometry.fastest_panel
+        self.now = self._panel.move(self.now, angle, max(duration, slowest), profile)
+
+    def take_handle(self, *, opening: bool) -> None:
+        """Close the hand on the handle, and turn it where the door is closed."""
+        sign = self._opening if opening else -self._opening
+        self._taken = self.now
+        self.now = self._grip.move(self.now, sign * self.manner.grip, _GRIP_RISE)
+        self.wait(self.manner.pause / 2)
+        if self._panel.value == 0:
+            self.unlock()
+        self.wait(self.manner.pause / 2)
+
+    def let_go(self) -> None:
+        """Open the hand."""
+        if self._taken is not None and self.manner.tremor > 0:
+            self._tremors.append(
+                Tremor(
+                    self.manner.tremor,
+                    self.manner.tremor_frequency,
+                    start=self._taken,
+                    end=self.now,
+                )
+            )
+        self._taken = None
+        self.now = self._grip.move(self.now, 0.0, _GRIP_RISE)
+
+    def unlock(self) -> None:
+        """Disengage the latch."""
+        self._latch.append((self.now, False))
+
+    def lock(self) -> None:
+        """Let the latch engage, a moment later."""
+        self._latch.append((self.now + 0.15, True))
+
+    def approach(self) -> None:
+        """Drive to where the handle is within reach."""
+        self.drive(-self.arm_reach)
+        self.wait(self.manner.pause)
+
+    def open(self, *stages: float) -> None:
+        """Open the panel by hand, over `stages` (rad) to the end; back off to pull."""
+        self.take_handle(opening=True)
+        self.swing_open(*stages)
+        self.let_go()
+
+    def swing_open(self, *stages: float) -> None:
+        """Open the panel without a word about the hand."""
+        began = self.now
+        way = (*stages, self.manner.open_angle)
+        for angle in way:
+            self.turn_panel(angle, self.manner.opening_time / len(way))
+        if self.condition.must_pull:
+            self._robot.move(began, -self._way * self.beyond_swing, self.now - began)
+
+    def cross(self, position: float | None = None, hops: int = 1) -> None:
+        """Drive through the doorway, as far as closing the door needs or to `position`."""
+        self.now -= self.manner.overlap
+        if position is None:
+            position = self.arm_reach if self.condition.must_pull else self.beyond_swing
+        self.drive(position, hops)
+        self.wait(self.manner.pause)
+
+    def close(self, *stages: float) -> None:
+        """Close the panel by hand, over `stages` (rad)."""
+        self.take_handle(opening=False)
+        self.swing_closed(*stages)
+        self.wait(0.2)
+        self.let_go()
+        self.lock()
+
+    def slam(self) -> None:
+        """Give the panel a push, let go, and let it fall shut."""
+        self.take_handle(opening=False)
+        pushed = self.now
+        self.turn_panel(0.0, self.manner.slam_time, Profile.FALL)
+        shut, self.now = self.now, pushed + 0.2
+        self.let_go()
+        self.now = shut
+        self.turn_panel(_REBOUND, 0.1)
+        self.turn_panel(0.0, 0.1)
+        self.lock()
+
+    def bounce(self) -> None:
+        """Close the panel and let go too early: it springs open and falls shut again."""
+        self.take_handle(opening=False)
+        self.swing_closed()
+        shut = self.now
+        self.let_go()
+        self.now = shut
+        self.turn_panel(self.manner.bounce, 0.35)
+        self.turn_panel(0.0, 0.45)
+        self.lock()
+
+    def swing_closed(self, *stages: float) -> None:
+        """Close the panel without a word about the hand."""
+        way = (*stages, 0.0)
+        for angle in way:
+            self.turn_panel(angle, self.manner.closing_time / len(way))
+
+    def plan(self, scenario: Scenario, *, latch: bool) -> MotionPlan:
+        """What has been written."""
+        return MotionPlan(
+            scenario=scenario,
+            condition=self.condition,
+            body=self.body,
+            robot=self._robot.motion(),
+            panel=self._panel.motion(),
+            tremors=tuple(self._tremors),
+            grip=self._grip.motion(),
+            latch=tuple(self._latch) if latch else None,
+        )
+
 
 _ATTEMPTS = 100
 

@@ -1,8 +1,9 @@
-"""A dialog at the bottom of the screen: the run stays in view and goes on."""
+"""A dialog at the bottom of the screen, its text fields and drafts; the run stays in view."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual import events
@@ -11,13 +12,118 @@ from textual.containers import Vertical
 from textual.message import Message
 from textual.widgets import Input
 
-from madrob_console.referee.questions import Ask, Option, Pick, Question, Sure, Write
-from madrob_console.ui.cells.drafts import DraftKey, Drafts
-from madrob_console.ui.cells.field import Field
+from madrob_console.common.names import terminal_safe
+from madrob_console.referee.acts.act import Ask, Option, Pick, Question, Sure, Write
 from madrob_console.ui.cells.lines import Line, Lines, Span, Target, Tone, line, paragraph, width_of
-from madrob_console.ui.keys.asks import Intent
-from madrob_console.ui.keys.type_ahead import TypeAhead
+from madrob_console.ui.keys.console_app import TypeAhead
+from madrob_console.ui.keys.dialogs import Intent
 from madrob_console.ui.look.words import cut_inside
+
+# Texts of an act that was refused: there again when the same is asked of the same run.
+
+
+class DraftKey(NamedTuple):
+    """A question for a text.
+
+    Attributes:
+        name: of what opened the dialog.
+        about: which run it is about, and the title of the dialog.
+        question: in words.
+    """
+
+    name: str
+    about: str
+    question: str
+
+
+class Drafts:
+    """What was typed into dialogs, until the act that it is for takes effect."""
+
+    def __init__(self) -> None:
+        self._typed: dict[DraftKey, str] = {}
+        self._kept: dict[DraftKey, str] = {}
+
+    def typed(self, asked: DraftKey, text: str) -> None:
+        """A question is answered with a text."""
+        self._typed[asked] = text
+
+    def kept(self, asked: DraftKey) -> str:
+        """What was answered when the act was refused; empty = nothing."""
+        return self._kept.get(asked, "")
+
+    def refused(self, name: str) -> None:
+        """The act of the dialogs of that name was refused."""
+        self._kept |= {asked: text for asked, text in self._typed.items() if asked.name == name}
+        self.left()
+
+    def done(self, name: str) -> None:
+        """It took effect."""
+        self._kept = {asked: text for asked, text in self._kept.items() if asked.name != name}
+        self.left()
+
+    def left(self) -> None:
+        """The dialog was closed: nothing came of it."""
+        self._typed = {}
+
+
+# A text field on one line that does not blink.
+
+
+_EDITING = ("cursor_", "home", "end", "delete_")
+_OF_NUMBERS = "0123456789.,+-eE "
+
+
+class Field(Input):
+    """A compact input; pasted line breaks become blanks instead of cutting the text."""
+
+    def __init__(self, *, id: str | None = None, select_on_focus: bool = True) -> None:  # noqa: A002 - textual's name
+        super().__init__(id=id, select_on_focus=select_on_focus, compact=True)
+        self.cursor_blink = False
+
+    async def _on_key(self, event: events.Key) -> None:
+        # textual lets the screen see these keys first: a letter typed meanwhile would overtake them
+        for binding in self._bindings.key_to_bindings.get(event.key, ()):
+            if binding.action.startswith(_EDITING):
+                event.prevent_default()
+                event.stop()
+                await self.run_action(binding.action)
+                return
+        await super()._on_key(event)
+
+    def on_blur(self) -> None:
+        """Show the beginning of a long text, where coming back selects it all."""
+        if self.select_on_focus:
+            self.cursor_position = 0
+
+    def _on_paste(self, event: events.Paste) -> None:
+        # Input itself keeps only the first line: what follows would be lost without a word
+        text = terminal_safe(event.text.strip())
+        if text:
+            self.replace(text, *self.selection)
+        event.prevent_default()
+        event.stop()
+
+
+class NumberField(Field):
+    """A field that takes no letter: one typed by mistake is told, not taken."""
+
+    class Refused(Message):
+        """A letter was typed into the field of that name."""
+
+        def __init__(self, field: str, letter: str) -> None:
+            super().__init__()
+            self.field = field
+            self.letter = letter
+
+    async def _on_key(self, event: events.Key) -> None:
+        char = event.character
+        if event.is_printable and char is not None and char not in _OF_NUMBERS:
+            event.prevent_default()
+            event.stop()
+            self.post_message(self.Refused((self.id or "").replace("-", " "), char))
+            return
+        await super()._on_key(event)
+
 
 FreshAsk = Callable[[], Ask[Intent] | str]
 """What a dialog asks as things stand now, or in words why it asks nothing any more."""

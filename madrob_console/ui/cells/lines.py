@@ -1,31 +1,32 @@
-"""Text that changes often and costs few bytes: only changed cells are written.
-
-A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live
-widgets draw lines of spans, compare them with what is on screen and refresh the cells between
-the first and the last difference. A span carries a tone, not markup: text from outside shows
-as it is.
-"""
+"""Text of few bytes: lines that write changed cells only, and small controls made of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells
 from rich.segment import Segment
 from rich.style import Style
 from textual import events
+from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.geometry import Region, Size
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from madrob_console.names import terminal_safe
+from madrob_console.common.names import terminal_safe
 from madrob_console.ui.look.words import wrapped
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.engine.snapshot import Snapshot
+
+# A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live
+# widgets draw lines of spans, compare them with what is on screen and refresh the cells between
+# the first and the last difference. A span carries a tone, not markup: text from outside shows as
+# it is.
 
 
 class Tone(StrEnum):
@@ -270,3 +271,187 @@ def _characters(spans: Line) -> list[tuple[str, Tone]]:
 
 def _one_cell_each(characters: list[tuple[str, Tone]]) -> bool:
     return all(char.isascii() or cell_len(char) == 1 for char, _ in characters)
+
+
+# One of a few values, on one line.
+
+
+V = TypeVar("V")
+
+_BACK, _ON = "back", "on"
+
+
+class Choice(Lines, Generic[V], can_focus=True):
+    """Left, right and space go through the values; nothing pops up.
+
+    Args:
+        options: the values with their labels, in order.
+        value: the one to begin with.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "turn(-1)", show=False),
+        Binding("right,space", "turn(1)", show=False),
+    ]
+
+    class Changed(Message):
+        """The referee chose another value."""
+
+        def __init__(self, choice: Choice[Any]) -> None:
+            super().__init__()
+            self.choice = choice
+
+    def __init__(self, options: Sequence[tuple[str, V]], value: V, *, id: str) -> None:  # noqa: A002 - textual's name
+        super().__init__(id=id)
+        self._options = list(options)
+        self._index = 0
+        self.value = value
+
+    @property
+    def value(self) -> V:
+        """The value chosen now."""
+        return self._options[self._index][1]
+
+    @value.setter
+    def value(self, value: V) -> None:
+        for index, (_, known) in enumerate(self._options):
+            if known == value:
+                self._index = index
+        self.redraw()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The label between arrows; where it stands in a list of more than two."""
+        label = self._options[self._index][0]
+        focused = self.has_focus
+        place = f" {self._index + 1}/{len(self._options)}"
+        few = len(self._options) < 3  # and "1/2" reads like an attempt
+        if few or not focused or cell_len(label) + 4 + len(place) > width:
+            place = ""
+        return [
+            line(
+                Target("< ", Tone.STRONG if focused else Tone.DIM, _BACK),
+                Target(label, Tone.CURSOR if focused else Tone.PLAIN, _ON),
+                Target(" >", Tone.STRONG if focused else Tone.DIM, _ON),
+                Span(place, Tone.DIM),
+            )
+        ]
+
+    def on_click(self, event: events.Click) -> None:
+        """The left arrow goes back, the rest goes on."""
+        if (hit := self.clicked(event)) is not None:
+            self.action_turn(-1 if hit[0] == _BACK else 1)
+
+    def action_turn(self, step: int) -> None:
+        """Go to the next or previous value, around the end."""
+        self._index = (self._index + step) % len(self._options)
+        self.redraw()
+        self.post_message(self.Changed(self))
+
+
+# A horizontal scale with marks, shared by the door's and the handle's gauge.
+
+
+def column(value: float, limit: float, width: int) -> int:
+    """The cell of `value` on a scale from -limit to +limit in `width` cells; clipped."""
+    share = (max(-limit, min(limit, value)) + limit) / (2 * limit)
+    return min(width - 1, max(0, round(share * (width - 1))))
+
+
+def scale(track: str, marks: Iterable[tuple[int, str, Tone]]) -> Line:
+    """A track with marks put on it, as (cell, character, tone); later marks win."""
+    cells = [Span(char, Tone.DIM) for char in track]
+    for cell, char, tone in marks:
+        if 0 <= cell < len(cells):
+            cells[cell] = Span(char, tone)
+    return joined(cells)
+
+
+def joined(cells: Iterable[Span]) -> Line:
+    """Neighbours of one tone become one span."""
+    spans: list[Span] = []
+    for cell in cells:
+        if spans and spans[-1].tone is cell.tone:
+            spans[-1] = Span(spans[-1].text + cell.text, cell.tone)
+        else:
+            spans.append(cell)
+    return tuple(spans)
+
+
+def ruler(width: int, labels: Iterable[tuple[int, str]]) -> str:
+    """Labels centred under their cells; one that would touch its neighbour is left out."""
+    text = [" "] * width
+    end = -1
+    for cell, label in sorted(labels):
+        begin = min(max(0, cell - len(label) // 2), max(0, width - len(label)))
+        if begin > end:
+            text[begin : begin + len(label)] = label
+            end = begin + len(label)
+    return "".join(text[:width])
+
+
+# Text that changes now and then: names of fields, messages.
+
+
+class Label(Lines):
+    """A text in one tone, on as many rows as it needs.
+
+    Attributes:
+        tone: of all of it.
+    """
+
+    def __init__(self, text: str = "", tone: Tone = Tone.DIM, *, id: str | None = None) -> None:  # noqa: A002 - textual's name
+        super().__init__(id=id)
+        self._text = text
+        self.tone = tone
+
+    @property
+    def text(self) -> str:
+        """The text."""
+        return self._text
+
+    def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
+        """Show another text."""
+        self._text, self.tone = text, tone
+        self.redraw()
+
+    def get_content_width(self, container: Size, viewport: Size) -> int:
+        """As wide as the text, where the width is `auto`."""
+        return cell_len(self._text)
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The text, wrapped."""
+        return paragraph(self._text, width, self.tone)
+
+
+# A button on one line.
+
+
+class PushButton(Lines, can_focus=True):
+    """Enter or space presses it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter,space", "press", show=False)]
+
+    class Pressed(Message):
+        """It was pressed."""
+
+    def __init__(self, label: str, *, id: str) -> None:  # noqa: A002 - textual's name
+        super().__init__(id=id)
+        self._label = label
+
+    def say(self, label: str) -> None:
+        """Change the label."""
+        self._label = label
+        self.redraw()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The label in brackets."""
+        tone = Tone.CURSOR if self.has_focus else Tone.STRONG
+        return [line(Span(f"[ {self._label} ]", tone))]
+
+    def on_click(self) -> None:
+        """The mouse presses it."""
+        self.action_press()
+
+    def action_press(self) -> None:
+        """Tell who listens."""
+        self.post_message(self.Pressed())

@@ -13,7 +13,7 @@ from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import ContentSwitcher
 
-from madrob_console.engine.shown.requests import ExportTeam, OpenRun
+from madrob_console.engine.requests import ExportTeam, OpenRun
 from madrob_console.referee.acts import (
     Abort,
     DecideProtest,
@@ -28,16 +28,17 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.competition_plan import Task, unknown_teams
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.drafts import Drafts
-from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import TONE_CLASSES, Tone, View
-from madrob_console.ui.frame.fault_line import FaultLine
-from madrob_console.ui.frame.key_line import KeyLine
-from madrob_console.ui.frame.playback_bar import PlaybackBar
-from madrob_console.ui.frame.status_line import StatusLine
-from madrob_console.ui.frame.tiny_clock import TinyClock
-from madrob_console.ui.frame.top_line import TopLine
-from madrob_console.ui.keys.asks import Copy, RunMeant, ask_copy, ask_unfinished
+from madrob_console.ui.cells.dialog import Drafts
+from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
+from madrob_console.ui.frame.frame_lines import (
+    FaultLine,
+    KeyLine,
+    PlaybackBar,
+    StatusLine,
+    TinyClock,
+    TopLine,
+)
+from madrob_console.ui.keys.dialogs import Copy, RunMeant, ask_copy, ask_unfinished
 from madrob_console.ui.link import NOT_YET, EngineSearch
 from madrob_console.ui.look.words import PHASES, export_text
 from madrob_console.ui.panes.run_status import who_text
@@ -46,16 +47,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from madrob_console.archive.history import RunSummary
-    from madrob_console.engine.shown.snapshot import Snapshot
-    from madrob_console.referee.questions import Ask
-    from madrob_console.referee.run_setup import RunSetup
-    from madrob_console.standings.tally import Standing
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.pages.tally import Standing
+    from madrob_console.referee.acts.act import Ask
+    from madrob_console.referee.records import RunSetup
     from madrob_console.ui.cells.dialog import Dialog, FreshAsk
-    from madrob_console.ui.defaults import ConsoleDefaults
-    from madrob_console.ui.keys.asks import Intent
-    from madrob_console.ui.keys.console_app import ConsoleApp
-    from madrob_console.ui.keys.type_ahead import TypeAhead
-    from madrob_console.ui.link import EngineLink
+    from madrob_console.ui.keys.console_app import ConsoleApp, TypeAhead
+    from madrob_console.ui.keys.dialogs import Intent
+    from madrob_console.ui.link import ConsoleDefaults, EngineLink
     from madrob_console.ui.panes.all_panes import Panes
 
 BUSY_PERIOD = 0.1

@@ -1,12 +1,30 @@
-"""What the parts of the screens ask of the program that they are shown by."""
+"""What screens ask of the app around them; palette, clipboard, mouse, keys typed ahead."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
-from typing import TYPE_CHECKING, Protocol
+import asyncio
+import base64
+import sys
+import time
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from io import TextIOWrapper
+from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
+
+from textual import events
+from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.content import Content
+from textual.drivers.linux_driver import LinuxDriver
+
+from madrob_console.common.names import ThemeName
+from madrob_console.ui.keys.key_table import KEYS
+from scoring.protocol import Step
 
 if TYPE_CHECKING:
-    from madrob_console.kinds import ThemeName
+    from textual.app import App
+
     from madrob_console.ui.keys.key_table import Key
 
 
@@ -46,3 +64,286 @@ class ConsoleApp(Protocol):
     def withdraw(self) -> bool:
         """Take back what waits for the disk; False where nothing does."""
         ...
+
+
+# Text to the clipboard of the referee's own machine, through SSH and tmux (OSC 52).
+
+
+TMUX_TIME = 2.0
+"""tmux has so long to take a text, s."""
+
+_MULTIPLEXED = "tmux"
+
+
+def clipboard_sequences(text: str, environ: Mapping[str, str]) -> str:
+    """What to write to the terminal so that it takes `text`.
+
+    A tmux passes on neither by itself: the plain sequence with `set-clipboard on`, the wrapped one
+    with `allow-passthrough on`.
+
+    Args:
+        text: of any length that the terminal takes; most take 70 kB.
+        environ: of this process; TERM crosses SSH.
+    """
+    plain = f"\x1b]52;c;{base64.b64encode(text.encode()).decode()}\x07"
+    if not in_tmux(environ):
+        return plain
+    doubled = plain.replace("\x1b", "\x1b\x1b")
+    return f"{plain}\x1bP{_MULTIPLEXED};{doubled}\x1b\\"
+
+
+def in_tmux(environ: Mapping[str, str]) -> bool:
+    """Whether the terminal is a tmux, here or at the other end of SSH."""
+    return bool(environ.get("TMUX")) or environ.get("TERM", "").startswith(_MULTIPLEXED)
+
+
+async def give_to_tmux(text: str, environ: Mapping[str, str]) -> bool:
+    """Hand a text to the tmux of this machine, which hands it to its terminal (`load-buffer -w`).
+
+    That works with the settings that tmux comes with. Returns whether there is one that took it.
+    """
+    if not environ.get("TMUX"):
+        return False
+    try:
+        process = await asyncio.create_subprocess_exec(
+            _MULTIPLEXED, "load-buffer", "-w", "-",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+            env=dict(environ),
+        )  # fmt: skip
+    except OSError:
+        return False
+    try:
+        await asyncio.wait_for(process.communicate(text.encode()), TMUX_TIME)
+    except TimeoutError:
+        with suppress(ProcessLookupError):
+            process.kill()
+        return False
+    return process.returncode == 0
+
+
+# What the terminal tells of the mouse.
+
+
+_MOVES, _DRAGS = "\x1b[?1003", "\x1b[?1002"
+
+
+class ButtonsDriver(LinuxDriver):
+    """A terminal that tells of clicks and drags: nothing here cares where the mouse hovers.
+
+    Each move would be sent over the line, and wake the screens.
+    """
+
+    def __init__(
+        self,
+        app: App[object],
+        *,
+        debug: bool = False,
+        mouse: bool = True,
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        """As any driver; where the error output goes elsewhere, the screen is drawn on the output.
+
+        Args:
+            app: whose screen it is.
+            debug: as textual has it.
+            mouse: whether the terminal is asked for the mouse.
+            size: of the terminal; None = it is asked.
+        """
+        super().__init__(app, debug=debug, mouse=mouse, size=size)
+        error, output = sys.__stderr__, sys.__stdout__
+        if output is not None and not (error is not None and error.isatty()):
+            if isinstance(output, TextIOWrapper):
+                output.reconfigure(errors="backslashreplace")  # as the error output has it
+            self._file = output
+
+    def write(self, data: str) -> None:
+        """What is drawn, and what is asked of the terminal."""
+        super().write(data.replace(_MOVES, _DRAGS) if data.startswith(_MOVES) else data)
+
+
+# Keys that were typed for what is not on the screen any more: they are left out, and told.
+
+
+UNSEEN = 0.3
+"""What is typed so soon after a change was typed before the change could be seen, s."""
+
+MISTYPED = 0.5
+"""After a letter that answers nothing: what comes without such a pause is the rest of a text, s."""
+
+QUIET = 2.0
+"""The same after a key whose question did not come, s."""
+
+_ALWAYS = frozenset({"f8", "f10", "ctrl+q", "ctrl+c", "escape"})
+"""They mean the same whatever is shown, and none does harm before it is answered."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Hold:
+    """What is left out.
+
+    Attributes:
+        why: in words.
+        until: what is typed before, s.
+        pause: each key that is left out adds so much, s: the rest of a word goes with it.
+        letters: only what is text; everything else ends it.
+        enter: Enter as well.
+    """
+
+    why: str
+    until: float
+    pause: float
+    letters: bool = False
+    enter: bool = True
+
+
+class TypeAhead:
+    """Says which keys are left out.
+
+    What a key of the referee brings about is foreseen, and takes the next keys at once: `F8 1 y`
+    as fast as they can be typed. What comes by itself is not, nor what did not come.
+
+    Args:
+        now: a clock, s.
+        typed: when a key was typed, by that clock.
+    """
+
+    def __init__(
+        self,
+        now: Callable[[], float] = time.monotonic,
+        typed: Callable[[events.Event], float] = lambda event: event.time,
+    ) -> None:
+        self._now = now
+        self._typed = typed
+        self._hold: _Hold | None = None
+
+    def replaced(self, why: str) -> None:
+        """Something else is shown, by itself: no key was typed for it yet."""
+        self._hold = _Hold(why, self._now() + UNSEEN, UNSEEN)
+
+    def closed(self) -> None:
+        """A question is answered: the rest of a word that was typed into it is for nothing else."""
+        self._take_letters("typed before the question was gone", UNSEEN)
+
+    def asked(self) -> None:
+        """The next question takes a text: the rest of a word that answered this one is none."""
+        self._take_letters("typed before the field was there", UNSEEN, enter=False)
+
+    def mistyped(self, letter: str) -> None:
+        """A letter that answers nothing: it may begin a text."""
+        self._take_letters(f"it follows '{letter}', which is no answer here", MISTYPED)
+
+    def refused(self, cap: str, why: str, *, answered: bool) -> None:
+        """A key was refused; its question would have been `answered` by letters."""
+        pause = QUIET if answered else UNSEEN
+        more = "; Escape, or a pause, and letters are keys again" if answered else ""
+        self._take_letters(f"{cap} was refused: {why}{more}", pause)
+
+    def leaves_out(self, event: events.Key | events.Paste | events.MouseEvent) -> str | None:
+        """Why a key is for nothing, in words; None: it counts."""
+        hold, at = self._hold, self._typed(event)
+        if hold is None:
+            return None
+        if at >= hold.until or not _holds(hold, event):
+            self._hold = None
+            return None
+        self._hold = _Hold(
+            hold.why, max(hold.until, at + hold.pause), hold.pause, hold.letters, hold.enter
+        )
+        return f"{_name(event)} is left out: {hold.why}"
+
+    def _take_letters(self, why: str, pause: float, *, enter: bool = True) -> None:
+        now, before = self._now(), self._hold
+        if before is None or before.letters or now >= before.until:
+            self._hold = _Hold(why, now + pause, pause, letters=True, enter=enter)
+
+
+def _holds(hold: _Hold, event: events.Event) -> bool:
+    """Whether it concerns what was typed."""
+    match event:
+        case events.Key() if event.key in _ALWAYS:
+            return False
+        case events.Key() if hold.letters:
+            return event.is_printable or (hold.enter and event.key == "enter")
+        case events.Paste():
+            return True
+    return not hold.letters
+
+
+def _name(event: events.Event) -> str:
+    match event:
+        case events.Key():
+            char = event.character
+            return f"'{char}'" if event.is_printable and char else event.key.capitalize()
+        case events.Paste():
+            return "what was pasted"
+    return "the click"
+
+
+# The command palette: every key by name, and the themes.
+
+
+_TEXT = 22
+"""Cells of a command before what it means."""
+
+
+class ConsoleCommands(Provider):
+    """Searches the console's commands."""
+
+    async def discover(self) -> Hits:
+        """All of them, in the order of the keys; those that are not possible now come last."""
+        for text, command, help_text, _possible in _commands(self._console_app):
+            yield DiscoveryHit(_row(Content(text), help_text), command, text)
+
+    async def search(self, query: str) -> Hits:
+        """Those that match what is typed."""
+        matcher = self.matcher(query)
+        for text, command, help_text, possible in _commands(self._console_app):
+            score = max(matcher.match(text), matcher.match(help_text) / 2)
+            if score > 0:
+                row = _row(matcher.highlight(text), help_text)
+                yield Hit(score if possible else score / 4, row, command, text)
+
+    @property
+    def _console_app(self) -> ConsoleApp:
+        return cast("ConsoleApp", self.app)
+
+
+class _Command(NamedTuple):
+    """One line of the palette: its text, what it does, what that means, whether it is possible."""
+
+    text: str
+    command: Callable[[], object]
+    help: str
+    possible: bool = True
+
+
+def _row(text: Content, help_text: str) -> Content:
+    """A command and what it means on one row, as many of them as the terminal has rows."""
+    return Content.assemble(text.pad_right(max(1, _TEXT - text.cell_length)), (help_text, "dim"))
+
+
+def _commands(app: ConsoleApp) -> list[_Command]:
+    """All, with the reason where one is not possible now: those are the last."""
+    return sorted(_in_order(app), key=lambda command: not command.possible)
+
+
+def _in_order(app: ConsoleApp) -> Iterator[_Command]:
+    for key in KEYS.values():
+        if key.name == "menu" or not app.has_key(key):
+            continue
+        refused = app.key_refusal(key)
+        help_text = key.help if refused is None else f"not now: {refused}"
+        if key.name == "rule":
+            for step in Step:
+                press = partial(app.action_press, "rule", str(int(step)))
+                text = f"{int(step)}  step {int(step)}: {step.text}"
+                yield _Command(text, press, help_text, refused is None)
+            continue
+        press = partial(app.action_press, key.name, key.keys.partition(",")[0])
+        yield _Command(f"{key.cap}  {key.label.strip()}", press, help_text, refused is None)
+    for name in ThemeName:
+        yield _Command(f"Theme: {name}", partial(app.set_theme, name), "colours of the screens")
+    state = "off" if app.rings else "on"
+    yield _Command(f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault")

@@ -13,24 +13,26 @@ from typing import TYPE_CHECKING
 
 from textual.binding import Binding
 
-from madrob_console.engine.shown.playback import (
+from madrob_console.engine.requests import (
     LONG_STEP,
     SAMPLE_STEP,
+    ExportDossier,
+    ExportTeam,
     Faster,
+    GiveFrames,
     PlaybackCommand,
     PlayOrPause,
     Skip,
     Slower,
+    TakeOver,
 )
-from madrob_console.engine.shown.requests import ExportDossier, ExportTeam, GiveFrames, TakeOver
 from madrob_console.referee import acts
-from madrob_console.referee.questions import Ask
-from madrob_console.ui.keys import asks
+from madrob_console.referee.acts.act import Ask
+from madrob_console.ui.keys import dialogs
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
-    from madrob_console.ui.keys.asks import Intent
-
+    from madrob_console.engine.snapshot import Snapshot
+    from madrob_console.ui.keys.dialogs import Intent
 
 START_ENGINE = "start the engine again"
 """What the key does that needs no engine."""
@@ -115,7 +117,7 @@ FUNCTION_KEYS = (
     ),
     Key(
         "abort", "f8", "F8", "ABORT", "interrupt the run; asks why, y confirms; it is invalid",
-        acts.Abort.name, lambda s, _k: asks.ask_abort(s), over=True, answered=True,
+        acts.Abort.name, lambda s, _k: dialogs.ask_abort(s), over=True, answered=True,
     ),
     Key(
         "timeout", "f9", "F9", "Timeout", "the robot gave up; asks why, y confirms; it is valid",
@@ -123,7 +125,7 @@ FUNCTION_KEYS = (
     ),
     Key(
         "leave", "f10,ctrl+q,ctrl+c", "F10", "Quit", "leave; asks while a run goes on",
-        ask=lambda s, _k: asks.ask_leave(s), over=True,
+        ask=lambda s, _k: dialogs.ask_leave(s), over=True,
     ),
 )  # fmt: skip
 
@@ -232,7 +234,7 @@ LETTER_KEYS = (
     ),
     Key(
         "take", "t", "t", " Take", "take the right to act from another console; asks first",
-        TakeOver.name, lambda s, _k: asks.ask_take(s), where=_NOWHERE,
+        TakeOver.name, lambda s, _k: dialogs.ask_take(s), where=_NOWHERE,
     ),
     Key(
         "engine", "ctrl+r", "^R", " Engine", "start the engine again after it has ended",
@@ -262,7 +264,7 @@ PLAYBACK_KEYS = (
     ),
     Key(
         "jump", "j", "j", " Jump", "to a time of the run",
-        PlaybackCommand.name, lambda _s, _k: asks.JUMP, where=_PLAYED,
+        PlaybackCommand.name, lambda _s, _k: dialogs.JUMP, where=_PLAYED,
     ),
     Key(
         "frames", "o", "o", " Frames",

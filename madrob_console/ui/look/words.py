@@ -12,7 +12,7 @@ from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import ExportView
+    from madrob_console.engine.snapshot import ExportView
     from madrob_console.referee.acts import Act
 
 _LONGEST_REASON = 60

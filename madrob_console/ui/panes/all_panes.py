@@ -5,22 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from madrob_console.archive.history import History
-from madrob_console.engine.shown.requests import GiveCurves
+from madrob_console.engine.requests import GiveCurves
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
-from madrob_console.ui.panes.history_pane import HistoryPane
 from madrob_console.ui.panes.live_pane import LivePane
-from madrob_console.ui.panes.plan_pane import PlanPane
-from madrob_console.ui.panes.plan_reader import PlanReader
+from madrob_console.ui.panes.plan_pane import PlanPane, PlanReader
 from madrob_console.ui.panes.result_pane import ResultsPane
+from madrob_console.ui.panes.runs_pane import HistoryPane
 from madrob_console.ui.panes.setup_pane import SetupPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from madrob_console.ui.defaults import ConsoleDefaults
-    from madrob_console.ui.link import EngineLink
+    from madrob_console.ui.link import ConsoleDefaults, EngineLink
 
 Pane = (
     SetupPane

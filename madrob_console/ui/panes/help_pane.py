@@ -10,10 +10,10 @@ from textual.containers import VerticalScroll
 
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.panes.passage import LEGEND
+from madrob_console.ui.panes.live_pane import LEGEND
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.engine.snapshot import Snapshot
 
 _TEXT = """\
 Set-up (F2): Tab, Enter and arrows go through the fields, left and right change a choice. What \

@@ -1,32 +1,223 @@
-"""The fields of a run's set-up."""
+"""The fields of a run's set-up, the team's among them, and what is said of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from enum import StrEnum
-from typing import TypeVar
+from dataclasses import dataclass
+from enum import Enum, StrEnum, auto
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from rich.cells import cell_len
+from textual import events
 from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.message import Message
 from textual.widget import Widget
 
-from madrob_console.errors import MadrobError
-from madrob_console.names import clean_name
-from madrob_console.referee.questions import Ask
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import NO_TEAMS, TeamList
-from madrob_console.ui.cells.choice import Choice
-from madrob_console.ui.cells.field import Field, NumberField
-from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line
-from madrob_console.ui.defaults import FIRST_CONDITION, ConsoleDefaults
-from madrob_console.ui.keys.asks import OtherName, ask_other_name
-from madrob_console.ui.look.words import shortened
-from madrob_console.ui.panes.team_line import TeamLine
-from madrob_console.ui.panes.top_view import TopView
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import clean_name, terminal_safe
+from madrob_console.pages.competition import task_words
+from madrob_console.referee.acts import Start
+from madrob_console.referee.acts.act import Ask
+from madrob_console.referee.competition_plan import PlanProgress, Task
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.records import RunSetup
+from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.dialog import Field, NumberField
+from madrob_console.ui.cells.lines import Choice, Label, Line, Lines, Span, Tone, line
+from madrob_console.ui.keys.dialogs import OtherName, ask_other_name
+from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
+from madrob_console.ui.look.words import fitted, shortened
+from madrob_console.ui.panes.figures_pane import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
+
+if TYPE_CHECKING:
+    from madrob_console.engine.snapshot import Snapshot
+
+# What the set-up pane says of the run in its fields: what is wrong with it, which key goes on.
+
+
+OPEN = (Phase.IDLE, Phase.READY)
+"""What the fields say is set up; in other states it is a draft of the next run."""
+
+
+class Focus(Enum):
+    """Where keys go."""
+
+    FIELD = auto()
+    TEAM = auto()
+    BUTTON = auto()
+    ELSEWHERE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class SetupWords:
+    """Words about a set-up.
+
+    Args:
+        snapshot: how things stand.
+        setup: what the fields say, or what is wrong with them.
+        plan: how much of the competition's plan is done.
+        focus: where keys go.
+    """
+
+    snapshot: Snapshot
+    setup: RunSetup | str
+    plan: PlanProgress
+    focus: Focus
+
+    def state(self, problem: str) -> tuple[str, Tone]:
+        """What becomes of it.
+
+        Args:
+            problem: what is wrong, besides what the fields say; it comes first. Empty = nothing.
+        """
+        snapshot, setup, run = self.snapshot, self.setup, self.snapshot.run
+        if snapshot.playback is not None:
+            return "A replay: nothing is set up here. F3 shows the run.", Tone.WARN
+        if snapshot.pulse.gone:
+            return f"x {snapshot.pulse.gone}", Tone.BAD
+        if snapshot.right.only_watches:
+            return "This screen only watches. F3 shows the run.", Tone.PLAIN
+        if run.active:
+            return f"Not editable now: {run.phase}. F3 shows the run.", Tone.WARN
+        if problem or isinstance(setup, str):
+            return f"x {problem or setup}", Tone.BAD
+        checked = setup == run.setup and run.phase in OPEN  # the check `team` says the rest
+        team = self._team(setup, snapshot.teams, checked=checked)
+        planned = self._planned(setup, checked=checked)
+        what = f"un {setup.run_number} of subject {setup.subject}{planned}"
+        if run.phase not in OPEN:
+            return f"Draft of r{what}: {self._next_key}.{team}", Tone.PLAIN
+        if not checked:
+            told = f"Not set up yet{planned}: Enter, here or in a field."
+            return told + team, Tone.WARN
+        then = "F5 starts." if snapshot.refusal(Start.name) is None else "See the checks."
+        if not run.pose_confirmed:
+            then = "F6 confirms its pose."
+        return f"R{what} is set up. {then}{team}", Tone.GOOD
+
+    @property
+    def next(self) -> str:
+        """That x sets this up, where it is the plan's next run; else empty."""
+        following, setup = self.plan.next, self.setup
+        if following is None or isinstance(setup, str) or setup.practice:
+            return ""
+        if task_of(setup) != following.task:
+            return ""
+        task = task_words(following.task, self.snapshot.teams.names)
+        attempt = f"attempt {following.number} of {following.planned}"
+        return f"x: {task}, {attempt}. X repeats, p shows the plan."
+
+    @property
+    def _next_key(self) -> str:
+        """What sets a draft up, from where the focus is."""
+        if self.focus in (Focus.FIELD, Focus.TEAM):
+            return "Escape, then x sets it up"
+        return "x or Enter sets it up" if self.focus is Focus.BUTTON else "x sets it up"
+
+    def _team(self, setup: RunSetup, teams: TeamList, *, checked: bool) -> str:
+        """What is odd about the team's name, and how to change it."""
+        here = self.focus is Focus.TEAM
+        if setup.team_reason:
+            clears = " Del takes the list's." if here else ""
+            return f" Other name than the list's: {setup.team_reason}.{clears}"
+        if teams.lacks(setup.subject) and (setup.practice or not checked):
+            return f" Subject {setup.subject} is not in the list of teams!"
+        return " Type to look for a team." if here else ""
+
+    def _planned(self, setup: RunSetup, *, checked: bool) -> str:
+        """Which attempt of the plan it is, in words; empty where it is none."""
+        if setup.out_of_plan:
+            return "" if checked else ", OUT OF PLAN"
+        of = next((one for one in self.plan.tasks if one.task == task_of(setup)), None)
+        if setup.practice or of is None or not of.planned:
+            return ""
+        if not of.left:
+            return ", an attempt repeated"
+        return f", attempt {of.done + 1} of {of.planned}"
+
+
+def task_of(setup: RunSetup) -> Task:
+    """The team and the condition of a set-up."""
+    return Task(setup.subject, setup.condition.number)
+
+
+# The team of a set-up where there is a list of teams: chosen, not typed.
+
+
+class TeamLine(Lines, can_focus=True):
+    """The team's name. What is typed here looks for a team in the list."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("delete,backspace", "clear", show=False),
+    ]
+
+    class Typed(Message):
+        """The referee looks for a team."""
+
+        def __init__(self, text: str) -> None:
+            super().__init__()
+            self.text = text
+
+    class Cleared(Message):
+        """The list's name shall stand here again."""
+
+    _team = ""
+    _other = False
+
+    def say(self, name: str, *, other: bool) -> None:
+        """Show a name.
+
+        Args:
+            name: empty = the team is not in the list.
+            other: it is another one than the list has.
+        """
+        self._team, self._other = name, other
+        self.redraw()
+
+    def lines(self, width: int) -> Sequence[Line]:
+        """The name, and that it is another one than the list's."""
+        mark = " OTHER" if self._other else ""
+        name, room = self._team or "(not in the list)", max(1, width - len(mark))
+        tone = Tone.PLAIN if self._team and not self._other else Tone.WARN
+        return [
+            line(
+                Span(
+                    name if cell_len(name) <= room else fitted(name, room),
+                    Tone.CURSOR if self.has_focus else tone,
+                ),
+                Span(mark, Tone.WARN),
+            )
+        ]
+
+    def check_consume_key(self, key: str, character: str | None) -> bool:
+        """No letter that is typed here is a key of the console."""
+        return character is not None and character.isprintable()
+
+    def on_key(self, event: events.Key) -> None:
+        """Look for a team."""
+        if event.is_printable and event.character:
+            event.stop()
+            event.prevent_default()
+            self.post_message(self.Typed(event.character))
+
+    def on_paste(self, event: events.Paste) -> None:
+        """The same."""
+        event.stop()
+        self.post_message(self.Typed(terminal_safe(event.text.strip())))
+
+    def on_click(self, _event: events.Click) -> None:
+        """The mouse asks for the list."""
+        self.post_message(self.Typed(""))
+
+    def action_clear(self) -> None:
+        """Tell who listens."""
+        self.post_message(self.Cleared())
+
 
 E_ = TypeVar("E_", bound=StrEnum)
 _OWN_POSE = "numbers below"

@@ -11,24 +11,22 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 
 from madrob_console.archive.history import VOID, RunSummary, condition_words, of_competition
-from madrob_console.standings.competition import SIGNS
-from madrob_console.standings.tally import ALIKE, Standing, standings, subjects_text
-from madrob_console.standings.testbeds_apart import how_testbeds_differ
-from madrob_console.ui.cells.columns import Column
-from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Span, Tone
-from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.run_columns import (
+from madrob_console.pages.competition import SIGNS, how_testbeds_differ
+from madrob_console.pages.tally import ALIKE, Standing, standings, subjects_text
+from madrob_console.ui.cells.lines import Label, Span, Tone
+from madrob_console.ui.cells.table import Column, Table
+from madrob_console.ui.panes.runs_pane import (
+    Load,
+    RunsPane,
     Shown,
     indicator_column,
     number_column,
     text_column,
 )
-from madrob_console.ui.panes.runs_pane import Load, RunsPane
 from scoring.indicator_table import IndicatorName
 
 if TYPE_CHECKING:
-    from madrob_console.engine.shown.snapshot import Snapshot
+    from madrob_console.engine.snapshot import Snapshot
 
 PRACTICE_BANNER = "PRACTICE runs: not official"
 

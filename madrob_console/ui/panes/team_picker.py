@@ -12,12 +12,11 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input
 
-from madrob_console.referee.teams import NO_TEAMS, TeamList
-from madrob_console.ui.cells.field import Field
-from madrob_console.ui.cells.label import Label
-from madrob_console.ui.cells.lines import Tone
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.cells.lines import Label, Tone
 from madrob_console.ui.cells.table import Table
-from madrob_console.ui.panes.run_columns import number_column, text_column
+from madrob_console.ui.panes.runs_pane import number_column, text_column
 
 KEYS = "A part of a name, or a number; arrows; Enter takes the marked row, Escape none."
 

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from madrob_console.messages.message_types import standard_types
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from tests.recorder.samples import add_evidence
 

@@ -17,23 +17,24 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.archive.check import check_run
-from madrob_console.archive.collection import collected, collected_in
-from madrob_console.archive.digests import IDENTITY_RECORD, identity_record, kept_run_id, run_id_at
-from madrob_console.archive.grades import Grade
+from madrob_console.archive.check import Grade, check_run
+from madrob_console.archive.collection import collected, collected_in, filter_problem, matches
+from madrob_console.archive.folders import RunPath, Shard, all_runs_at, runs_at, shared_out
 from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.repair import recover_recording, repair
-from madrob_console.archive.run_filter import filter_problem, matches
-from madrob_console.archive.run_paths import RunPath, all_runs_at, runs_at
+from madrob_console.archive.result_summary import (
+    IDENTITY_RECORD,
+    identity_record,
+    kept_run_id,
+    run_id_at,
+)
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import read_recorded_run, score_run
-from madrob_console.archive.shards import Shard, shared_out
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.errors import MadrobError
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.common.errors import MadrobError
+from madrob_console.pages.competition import competition_standings, how_testbeds_differ
 from madrob_console.referee.acts import Correct, SetUp
-from madrob_console.standings.competition import competition_standings
-from madrob_console.standings.testbeds_apart import how_testbeds_differ
 from recorder.reader import read_bag
 from recorder.recovery import recover
 from scoring.protocol import Outcome

@@ -21,8 +21,8 @@ from madrob_console.archive.folders import (
     reserve_run_folder,
     run_folder_names,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.files.whole import atomic_write, free_space
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import atomic_write, free_space
 
 START = 1_700_000_000.25
 RUN = RunName(subject=3, condition=7, run=1)

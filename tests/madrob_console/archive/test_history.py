@@ -18,30 +18,28 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from madrob_console.archive.collection import collected_in
+from madrob_console.archive.collection import collected_in, matches
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RESULT_FORMAT,
     RunName,
+    RunPath,
     next_run_number,
 )
 from madrob_console.archive.history import INDEX_FILE, History, RunSummary, earlier_runs
 from madrob_console.archive.result_reader import LARGEST_RESULT
-from madrob_console.archive.run_filter import matches
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
 from madrob_console.archive.scored import open_run
-from madrob_console.archive.unfinished import MOST_READ, find_unfinished, is_held
 from madrob_console.cli.score_command import describe_run
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import open_plain, stamp_of
 from madrob_console.export.pack import export_team
-from madrob_console.files.bounded import stamp_of
-from madrob_console.files.plain import open_plain
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Finalise
 from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.standings.competition import competition_standings
+from madrob_console.referee.records import TeamWord
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -281,7 +279,7 @@ def refreshed(
         return open_plain(path)
 
     with monkeypatch.context() as patched:
-        patched.setattr("madrob_console.files.plain.open_plain", counted)
+        patched.setattr("madrob_console.common.files.open_plain", counted)
         runs = history.refresh()
     return runs, sum(not path.endswith(INDEX_FILE) for path in opened)
 
@@ -401,7 +399,7 @@ def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
 def test_reading_runs_needs_no_numeric_library() -> None:
     modules = (
         "madrob_console.archive.history, madrob_console.archive.result_document, "
-        "madrob_console.standings.tally, "
+        "madrob_console.pages.tally, "
         "madrob_console.ui.panes.runs_pane"
     )
     check = "[m for m in ('numpy', 'scipy', 'pandas', 'recorder', 'rclpy') if m in sys.modules]"

@@ -12,12 +12,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.cameras.camera_clock import FEWEST, Arrival, CameraClock, LowestDelay
-from madrob_console.cameras.nearest_frames import FARTHEST, Camera, CameraFrame, Cameras
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.messages.header_stamp import header_stamp
-from recorder.bag import evidence_file_name
-from recorder.message import RawMessage
+from madrob_console.archive.nearest_frames import (
+    FARTHEST,
+    FEWEST,
+    Arrival,
+    Camera,
+    CameraClock,
+    CameraFrame,
+    Cameras,
+    LowestDelay,
+)
+from madrob_console.messages.codec import DEFAULT_MAPPINGS, header_stamp
+from recorder.bag import RawMessage, evidence_file_name
 from tests.madrob_console.archive.frames import NS, compressed, film, span, stream
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings

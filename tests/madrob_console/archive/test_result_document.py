@@ -16,14 +16,18 @@ import jsonschema
 import msgspec
 import pytest
 
-from madrob_console.archive.digests import digests_of
 from madrob_console.archive.folders import RESULT_FORMAT
-from madrob_console.archive.listed_result import ClosurePart, IndicatorPart, ListedResult
 from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.result_reader import read_result
+from madrob_console.archive.result_summary import (
+    ClosurePart,
+    IndicatorPart,
+    ListedResult,
+    digests_of,
+)
 from madrob_console.cli.main import main
 from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
-from madrob_console.referee.on_record import Closure, IncidentKind, TeamWord
+from madrob_console.referee.records import Closure, IncidentKind, TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import LockDetection, Step
 from scoring.result import Indicator

@@ -24,11 +24,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.scored import Scored, score_opened
-from madrob_console.cameras import SIDE
-from madrob_console.cameras.picture import (
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX, RunPath
+from madrob_console.archive.nearest_frames import SIDE
+from madrob_console.archive.picture import (
     MOST_BYTES,
     MOST_MESSAGE,
     PictureError,
@@ -36,7 +34,7 @@ from madrob_console.cameras.picture import (
     jpeg,
     opened,
 )
-from madrob_console.cameras.run_pictures import (
+from madrob_console.archive.run_pictures import (
     MOST_PICTURES,
     NO_PICTURES,
     PictureEntry,
@@ -49,15 +47,15 @@ from madrob_console.cameras.run_pictures import (
     run_pictures,
     stored_pictures,
 )
+from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.cli.main import main
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.referee.protests import Protest
-from madrob_console.report.camera_pictures import MOST_EMBEDDED, pictures
-from madrob_console.report.page import report_html
-from madrob_console.report.surroundings import Surroundings
-from recorder.bag import is_evidence
-from recorder.message import RawMessage
+from madrob_console.pages.camera_pictures import MOST_EMBEDDED, pictures
+from madrob_console.pages.page import report_html
+from madrob_console.pages.surroundings import Surroundings
+from madrob_console.referee.records import Protest
+from recorder.bag import RawMessage, is_evidence
 from tests.madrob_console.archive.frames import (
     COMPRESSED,
     NS,
@@ -304,7 +302,7 @@ def test_the_work_ends_in_time_and_says_what_is_left(run: Path) -> None:
 def test_there_are_never_more_pictures_than_are_bounded(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("madrob_console.cameras.run_pictures.MOST_PICTURES", 3)
+    monkeypatch.setattr("madrob_console.archive.run_pictures.MOST_PICTURES", 3)
     assert MOST_PICTURES == 200
     film(run, FRONT, SIDE_CAMERA)
     made = run_pictures(run, score_opened(run))

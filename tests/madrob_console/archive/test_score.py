@@ -14,29 +14,25 @@ import msgspec
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.check import check_run
-from madrob_console.archive.comparison import stored_result
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.grades import Grade
+from madrob_console.archive.check import Grade, check_run, stored_result
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import History, RunSummary
-from madrob_console.archive.repair import repair
-from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.repair import RuleChange, next_issue, repair, write_next_issue
 from madrob_console.archive.scored import open_run, read_recorded_run, score_opened
 from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
-from madrob_console.errors import MadrobError
-from madrob_console.files.held import Hold
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold
+from madrob_console.pages.competition import competition_standings
+from madrob_console.pages.markup import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule, Start
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin, read_journal
-from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.rebuild import mark_of
+from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.report.markup import made_of
-from madrob_console.standings.competition import competition_standings
 from madrob_console.testbeds.simulated import Scenario
-from recorder.listing import put_listing
 from recorder.reader import read_bag
+from recorder.survey import put_listing
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step

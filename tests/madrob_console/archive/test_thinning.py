@@ -17,28 +17,27 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.history import History
-from madrob_console.archive.repair import repair
-from madrob_console.archive.run_journal import read_run_journal
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.thinning import (
+from madrob_console.archive.evidence import (
     RunEvidence,
     TidyLimits,
     evidence_at,
     remove_evidence,
     run_going_on,
 )
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.history import History
+from madrob_console.archive.repair import repair
+from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
-from madrob_console.errors import MadrobError
-from madrob_console.files.held import Hold
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
 from recorder.bag import METADATA_FILE, evidence_file_name
-from recorder.listing import put_listing
-from recorder.mcap_file import McapFile
+from recorder.mcap_writer import McapFile
 from recorder.reader import read_bag
 from recorder.recovery import recover
+from recorder.survey import put_listing
 from tests.madrob_console.recorded_runs import appealed, completed, copy_run, final, without_digests
 from tests.recorder.samples import add_evidence, strings, talk
 from tests.recorder.test_recovery import Killed, killed_after

@@ -15,7 +15,7 @@ import pytest
 
 from madrob_console.cli.batch import WORTH_A_PROCESS, in_order
 from madrob_console.cli.main import main
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.recorded_runs import completed
 from tests.watching import PATIENCE

@@ -14,20 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.config import Settings, parse_settings
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.preparing.testbed_calibration import (
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.cli.testbed_calibration import (
     handle_toml,
     masks_of,
     masks_toml,
     sweep_recordings,
 )
+from madrob_console.config import Settings, parse_settings
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, SensorSettings
-from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce
-from scoring.calibration.masks import MaskProposal
-from scoring.calibration.panel_view import PanelView
+from scoring.calibration.masks import GRAVITY, HandleProposal, MaskProposal, PanelView, SteadyForce
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal
 from tests.madrob_console.calibration_bags import record, record_handle, record_sweep, swing
 

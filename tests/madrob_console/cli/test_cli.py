@@ -18,13 +18,13 @@ from madrob_console.cli.attaching import engine_options
 from madrob_console.cli.console_command import check_lists
 from madrob_console.cli.main import COMMANDS, build_parser, main
 from madrob_console.cli.options import plan_source
+from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings
 from madrob_console.config.tables import PlanSettings
-from madrob_console.errors import MadrobError
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
-from madrob_console.referee.teams import TeamList
-from recorder.message import RawMessage
+from madrob_console.referee.lists import TeamList
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.ui.fake_engine import FakeEngine

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from madrob_console.archive.run_paths import all_runs_at
+from madrob_console.archive.folders import all_runs_at
 from madrob_console.cli import cluster as cluster_module
+from madrob_console.cli.batch import lost_words, shared
 from madrob_console.cli.cluster import on_cluster
 from madrob_console.cli.main import main
-from madrob_console.cli.sharing import lost_words, shared
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.version import software_version
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.version import software_version
 from tests.madrob_console.recorded_runs import copy_run
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def test_a_cluster_gives_what_one_process_gives_and_its_faults_cost_one_run(
     assert spread(abs, [-1, -2]) == [1, 2]
     assert len(list(lingering.glob("begun_*"))) < 10
 
-    monkeypatch.setattr("madrob_console.version.software_version", lambda: "0.0.1")
+    monkeypatch.setattr("madrob_console.common.version.software_version", lambda: "0.0.1")
     with pytest.raises(MadrobError, match=r"has other versions \(.* there, 0\.0\.1 here\)"):
         spread(abs, [-1, -2])
 

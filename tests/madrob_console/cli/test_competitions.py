@@ -12,9 +12,9 @@ from zipfile import ZipFile
 
 import pytest
 
+from madrob_console.cli.batch import site_arguments
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.cli.which_runs import site_arguments
+from madrob_console.cli.output import BAD_INPUT
 from madrob_console.config import load_settings
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup

@@ -178,7 +178,7 @@ def test_screens_are_not_painted_into_a_pipe(command: str, tmp_path: Path) -> No
 def test_what_nothing_is_painted_of_yet_is_imported_after_the_first_paint(tmp_path: Path) -> None:
     code = (
         "import sys, madrob_console.ui.terminal as terminal\n"
-        "late = {'madrob_console.engine.shown.snapshot', 'madrob_console.archive.run_journal'}\n"
+        "late = {'madrob_console.engine.snapshot', 'madrob_console.archive.run_journal'}\n"
         "terminal.check_terminal = lambda *_: None\n"
         "terminal.run_console = lambda *_, **__: print(late & set(sys.modules)) or 0\n"
         "from madrob_console.cli.main import main\n"

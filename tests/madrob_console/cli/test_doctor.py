@@ -22,28 +22,34 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.process.place import runtime_folder
-from madrob_console.kinds import RemoteService
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.preparing import doctor as doctor_module
-from madrob_console.preparing.doctor import (
+from madrob_console.cli import doctor as doctor_module
+from madrob_console.cli.doctor import (
+    PATIENCE,
     doctor,
+    kills_processes,
     line,
+    look_at_evidence,
+    look_at_lists,
     look_at_packages,
     look_at_python,
     look_at_results,
+    look_at_session,
     look_at_terminal,
     usable,
     verdict,
 )
-from madrob_console.preparing.doctor_evidence import PATIENCE, look_at_evidence
-from madrob_console.preparing.doctor_lists import look_at_lists
-from madrob_console.preparing.doctor_ros import look_at_installation, look_at_messages
-from madrob_console.preparing.doctor_session import kills_processes, look_at_session
-from madrob_console.preparing.finding import Finding, Severity
-from madrob_console.preparing.overheard import overheard
+from madrob_console.cli.doctor_ros import (
+    Finding,
+    Severity,
+    look_at_installation,
+    look_at_messages,
+    overheard,
+)
+from madrob_console.common.names import RemoteService
+from madrob_console.engine.engine_lock import runtime_folder
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.competition_plan import PlanSource
-from madrob_console.referee.teams import TeamSource
+from madrob_console.referee.lists import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed

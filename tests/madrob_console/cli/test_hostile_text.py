@@ -11,7 +11,7 @@ import pytest
 
 from madrob_console.cli import main as command_line
 from madrob_console.cli.main import COMMANDS, main
-from madrob_console.cli.safe_output import safe_output
+from madrob_console.cli.output import safe_output
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\r\x08\u202e\x1b"

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli.interrupting import STOPPED, interruptible
 from madrob_console.cli.main import main
-from madrob_console.kinds import Scenario
+from madrob_console.cli.output import STOPPED, interruptible
+from madrob_console.common.names import Scenario
 from tests.madrob_console.recorded_runs import recorded
 
 PROGRAM = (sys.executable, "-m", "madrob_console.cli")

@@ -13,7 +13,7 @@ from PIL import Image
 
 from madrob_console.archive.run_journal import journal_held
 from madrob_console.cli.main import main
-from madrob_console.export.portable_names import portable_names
+from madrob_console.export.zip_file import portable_names
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change

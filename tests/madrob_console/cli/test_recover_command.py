@@ -19,11 +19,11 @@ from madrob_console.archive import score
 from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.cli import recover_command, tidy_command
 from madrob_console.cli.main import main
-from madrob_console.files.held import Hold
+from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE, Journal
 from recorder.bag import BAG_INFORMATION
-from recorder.listing import put_listing
 from recorder.reader import read_bag
+from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.madrob_console.recorded_runs import appealed, final, without_digests
 from tests.recorder.samples import add_evidence, strings, talk

@@ -18,10 +18,10 @@ import pytest
 
 from madrob_console.archive import run_record
 from madrob_console.archive.run_record import RunRecord
+from madrob_console.cli import reference_set
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.preparing import reference_set
-from madrob_console.preparing.reference_set import EXPECTED_FILE, FOLDER, Expected, read_references
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.cli.reference_set import EXPECTED_FILE, FOLDER, Expected, read_references
 from recorder.reader import read_bag
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName
@@ -260,7 +260,7 @@ def test_a_wheel_carries_guide_and_references_and_what_it_unpacks_to_scores_righ
     (wheel,) = dist.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "unpacked")
-    command = "from madrob_console.preparing.reference_set import FOLDER; print(FOLDER);"
+    command = "from madrob_console.cli.reference_set import FOLDER; print(FOLDER);"
     command += "from madrob_console.cli.main import main; main(['guide', 'robots']);"
     command += "print(main(['doctor', '--reference']))"
     told = subprocess.check_output(

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive.run_paths import runs_at
+from madrob_console.archive.folders import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import score_run
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import MOST_ALIKE
+from madrob_console.cli.output import MOST_ALIKE
 from madrob_console.cli.score_command import describe_run
-from madrob_console.cli.score_table import comparison_lines, result_lines
+from madrob_console.cli.score_output import comparison_lines, result_lines
 from madrob_console.referee.acts import Abort, Rule
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName

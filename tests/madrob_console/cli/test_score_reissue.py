@@ -15,18 +15,18 @@ import pandas as pd
 import pytest
 
 from madrob_console.archive import repair
-from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.folders import RunPath
+from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
-from madrob_console.errors import MadrobError
-from madrob_console.files.held import Hold
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold
+from madrob_console.export.table_columns import RUN_TABLES
 from madrob_console.referee.acts import Abort, Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.tidy.run_tables import RUN_TABLES
 from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup

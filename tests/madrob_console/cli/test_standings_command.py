@@ -18,13 +18,17 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary, time_words
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.errors import MadrobError
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.common.errors import MadrobError
+from madrob_console.pages.competition import CompetitionStandings, competition_standings
+from madrob_console.pages.outputs import (
+    COLUMNS,
+    standings_csv,
+    standings_html,
+    standings_json,
+    standings_lines,
+)
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
-from madrob_console.standings.competition import CompetitionStandings, competition_standings
-from madrob_console.standings.data_files import COLUMNS, standings_csv, standings_json
-from madrob_console.standings.text_table import standings_lines
-from madrob_console.standings.web_page import standings_html
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, VALUES, summary, write

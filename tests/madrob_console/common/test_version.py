@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from packaging.version import Version
 
-from madrob_console import version
 from madrob_console.cli.main import main
-from madrob_console.version import CODE, RELEASE, REST, software_version, source_version
+from madrob_console.common import version
+from madrob_console.common.version import CODE, RELEASE, REST, software_version, source_version
 
-ROOT = Path(__file__).parents[2]
-TELL = "from madrob_console.version import software_version as told; print(told())"
+ROOT = Path(__file__).parents[3]
+TELL = "from madrob_console.common.version import software_version as told; print(told())"
 JUNK = shutil.ignore_patterns("__pycache__", ".*")
 
 
@@ -61,7 +61,7 @@ def test_the_version_is_valid_and_names_the_release() -> None:
 
 
 @pytest.mark.parametrize(
-    "changed", ["scoring/indicators.py", "recorder/bag.py", "madrob_console/report/report.css"]
+    "changed", ["scoring/indicators.py", "recorder/bag.py", "madrob_console/pages/report.css"]
 )
 def test_one_line_of_code_changes_the_version(changed: str, tree: Path) -> None:
     before = source_version(tree)

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from madrob_console.errors import MadrobError
-from madrob_console.files.held import Hold, is_held
-from madrob_console.files.whole import replaced_folder, write_new_folder
-from madrob_console.names import LONGEST_NAME, clean_name, terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Hold, is_held, replaced_folder, write_new_folder
+from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 
 
 def test_a_new_folder_has_all_of_its_files(tmp_path: Path) -> None:

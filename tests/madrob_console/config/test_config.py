@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind, ThemeName
 from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
-from madrob_console.config.example import example_toml
+from madrob_console.config.settings import example_toml
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.live.limits import SensorLimits
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind, ThemeName
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.referee.checks import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.scenarios import RobotSettings

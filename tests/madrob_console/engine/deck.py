@@ -5,16 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.shown.playback import (
-    PlaybackCommand,
-    PlaybackView,
-    PlayOrPause,
-    SetSpeed,
-)
-from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.replay import Replay
+from madrob_console.engine.requests import PlaybackCommand, PlaybackView, PlayOrPause, SetSpeed
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 

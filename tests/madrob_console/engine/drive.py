@@ -9,24 +9,23 @@ from pathlib import Path
 from random import Random
 
 from madrob_console.archive.scored import Scored
-from madrob_console.clock import VirtualClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.keeper import Keepers
-from madrob_console.engine.live.scorer import Scorer
-from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import VirtualClock
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.core import Engine
+from madrob_console.engine.disk import Keepers
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.scorer import Scorer
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, Finalise, SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import undecided
-from madrob_console.referee.on_record import CheckName, TeamWord
+from madrob_console.referee.records import CheckName, RunSetup, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
 from recorder.bag import Topic
 from recorder.reader import read_bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose

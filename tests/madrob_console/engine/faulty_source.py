@@ -11,18 +11,15 @@ from pathlib import Path
 from msgspec import structs
 
 from madrob_console.archive import score
-from madrob_console.clock import Clock
-from madrob_console.engine.live.core import Engine
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import Clock
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.core import Engine
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.announcement import Announcement
-from madrob_console.testbeds.outside import Outside
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import TopicStatus
-from recorder.bag import Topic
-from recorder.message import RawMessage
+from madrob_console.testbeds.source import Announcement, Outside, TopicStatus
+from recorder.bag import RawMessage, Topic
 from recorder.reader import read_bag
 from scoring.protocol import Condition
 from scoring.result import Result

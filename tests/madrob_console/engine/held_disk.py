@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from madrob_console.engine.live.keeper import InlineKeeper, Keepers
+from madrob_console.engine.disk import InlineKeeper, Keepers
 
 T = TypeVar("T")
 

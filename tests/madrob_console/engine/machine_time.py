@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from madrob_console.clock import NS
+from madrob_console.common.clock import NS
 from tests.madrob_console.engine.drive import EPOCH_NS
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.archive import score
-from madrob_console.engine.live.keeper import Keepers
-from madrob_console.engine.process.scoring_process import ScoringProcess
+from madrob_console.engine.disk import Keepers
+from madrob_console.engine.scoring_process import ScoringProcess
 from madrob_console.referee.acts import Act
 from madrob_console.testbeds.simulated import Scenario
 from tests.madrob_console.engine.drive import Drive

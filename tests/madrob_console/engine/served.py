@@ -8,17 +8,17 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from madrob_console.clock import SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.keeper import Keepers
-from madrob_console.engine.live.scorer import Scorer
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.process.reporting import Reporting
-from madrob_console.engine.process.server import EngineServer
-from madrob_console.engine.shown.client import EngineClient
-from madrob_console.engine.shown.requests import Perform, Role
+from madrob_console.common.clock import SystemClock
+from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.core import Engine
+from madrob_console.engine.disk import Keepers
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.reports import Reporting
+from madrob_console.engine.requests import Perform, Role
+from madrob_console.engine.scorer import Scorer
+from madrob_console.engine.server import EngineServer
+from madrob_console.engine.wire import EngineClient
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle

@@ -11,10 +11,10 @@ from random import Random
 import numpy as np
 from msgspec.structs import replace
 
-from madrob_console.clock import NS
+from madrob_console.common.clock import NS
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 
 DOOR = "/madrob/door/angle"
 HANDLE = "/madrob/handle/force"

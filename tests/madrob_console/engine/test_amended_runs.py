@@ -17,23 +17,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.check import check_run
+from madrob_console.archive.check import EQUAL, check_run
 from madrob_console.archive.collection import collected_in
-from madrob_console.archive.comparison import EQUAL
-from madrob_console.archive.folders import JOURNAL_FILE, next_run_number
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath, next_run_number
 from madrob_console.archive.history import History, RunSummary, earlier_runs
 from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
-from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_run
-from madrob_console.engine.live import journal_keeper as journal_writer
-from madrob_console.engine.shown.playback import JumpTo
-from madrob_console.errors import MadrobError
-from madrob_console.export.pack import export_team
-from madrob_console.export.packed_bag import BagParts
-from madrob_console.export.readme import README_FILE
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import journal_writer
+from madrob_console.engine.requests import JumpTo
+from madrob_console.export.pack import README_FILE, export_team
+from madrob_console.export.zip_file import BagParts
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.pages.competition import competition_standings
+from madrob_console.pages.page import decisions
 from madrob_console.referee.acts import (
     Abort,
     AcceptDoubts,
@@ -52,21 +51,19 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
-from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.referee.teams import TeamList
-from madrob_console.report.sections import decisions
-from madrob_console.standings.competition import competition_standings
 from scoring.evaluate import Assessment
 from scoring.indicator_table import IndicatorName
+from scoring.kinematics import Rows
 from scoring.procedure import Ruling
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, Step
 from scoring.result import Ending, Result, Uncertainty
-from scoring.rows import Rows
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.drive import PULL, Drive, make_setup, signed
 from tests.madrob_console.recorded_runs import completed, publish

@@ -20,13 +20,12 @@ from typing import NoReturn
 import pytest
 
 from madrob_console.cli import aside
-from madrob_console.engine.live.keeper import InlineKeeper, Keeper, ThreadKeeper, why_not
-from madrob_console.engine.process import background as reports
-from madrob_console.engine.process.background import Background, Finished
-from madrob_console.engine.process.reporting import Reporting
-from madrob_console.engine.shown.snapshot import ExportView
-from madrob_console.errors import MadrobError
-from madrob_console.files.whole import whole_file
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import whole_file
+from madrob_console.engine import reports
+from madrob_console.engine.disk import InlineKeeper, Keeper, ThreadKeeper, why_not
+from madrob_console.engine.reports import Background, Finished, Reporting
+from madrob_console.engine.snapshot import ExportView
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.run_folders import summary, write
 from tests.watching import PATIENCE, until

@@ -6,19 +6,19 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.clock import NS, SystemClock
-from madrob_console.engine.live.backlog import CAPACITY, LATEST, Backlog
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
+from madrob_console.common.clock import NS, SystemClock
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.observation import CAPACITY, LATEST, Backlog
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros import ros_source
-from madrob_console.testbeds.ros.inbox import Received
+from madrob_console.testbeds.ros.intake import Received
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import TopicStatus
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
 from scoring.result import Result
 from tests.madrob_console.engine.deck import Deck
@@ -248,7 +248,7 @@ class WiredDrive(Drive):
 
 def machine_in(patched: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
-    patched.setattr("madrob_console.clock.time", machine)
+    patched.setattr("madrob_console.common.clock.time", machine)
     patched.setattr(ros_source, "time", machine)
     return machine
 

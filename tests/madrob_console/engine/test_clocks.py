@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.clock import NS, SimulationClock, SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.process.own_time import OwnTime, ThreadState
+from madrob_console.common.clock import NS, SimulationClock, SystemClock
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.worker import OwnTime, ThreadState
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
-from madrob_console.referee.on_record import CheckName
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.deck import Deck
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -35,7 +35,7 @@ BEGIN = 100 * NS
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
-    monkeypatch.setattr("madrob_console.clock.time", machine)
+    monkeypatch.setattr("madrob_console.common.clock.time", machine)
     return machine
 
 
@@ -133,7 +133,7 @@ def test_whatever_a_simulation_says_a_held_clock_never_goes_back(
 ) -> None:
     with pytest.MonkeyPatch.context() as patched:
         machine = Machine()
-        patched.setattr("madrob_console.clock.time", machine)
+        patched.setattr("madrob_console.common.clock.time", machine)
         clock = SimulationClock()
         clock.hear(BEGIN, 0)
         clock.hold()

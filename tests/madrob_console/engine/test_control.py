@@ -23,10 +23,10 @@ import platformdirs
 import pytest
 
 from madrob_console.cli.main import main
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.scorer import EarlierRun
-from madrob_console.engine.process import holding as discovery
-from madrob_console.engine.process.control import (
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.engine import discovery, wire
+from madrob_console.engine.control import (
     ControlPort,
     Inquiry,
     StopAnswer,
@@ -35,45 +35,40 @@ from madrob_console.engine.process.control import (
     stop_answer_in,
     who_answer_in,
 )
-from madrob_console.engine.process.ending import EngineHandle
-from madrob_console.engine.process.engines import FoundEngine, all_engines, found_at
-from madrob_console.engine.process.holding import held
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.process.owned import (
+from madrob_console.engine.core import Engine
+from madrob_console.engine.discovery import EngineHandle, FoundEngine, all_engines, found_at, held
+from madrob_console.engine.engine_lock import (
     LOCK_FILE,
     HeldError,
     Owned,
     address_of,
+    make_private,
     owned_by,
     results_name,
 )
-from madrob_console.engine.process.place import make_private
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.client import EngineClient
-from madrob_console.engine.shown.playback import (
-    NO_REPLAY,
-    Faster,
-    JumpTo,
-    PlayOrPause,
-    SetSpeed,
-    Skip,
-    Slower,
-)
-from madrob_console.engine.shown.requests import (
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.requests import (
     NO_ANSWER,
+    NO_REPLAY,
     ExportDossier,
     ExportTeam,
+    Faster,
     GiveCurves,
     GiveFrames,
     GivePlan,
+    JumpTo,
     NextRunNumber,
     OpenRun,
     Perform,
+    PlayOrPause,
     Request,
+    SetSpeed,
+    Skip,
+    Slower,
     TakeOver,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.engine.scorer import EarlierRun
+from madrob_console.engine.wire import EngineClient
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start
 from madrob_console.referee.competition_plan import (
     Attempts,
@@ -85,7 +80,7 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.served import Served, act, simulated, start
@@ -363,7 +358,7 @@ def test_an_engine_of_this_user_that_hangs_with_a_full_backlog_is_found_and_name
 def test_what_cannot_be_looked_at_is_said(
     owned: Owned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("madrob_console.engine.process.owned._TABLE", tmp_path / "none")
+    monkeypatch.setattr("madrob_console.engine.engine_lock._TABLE", tmp_path / "none")
     with answering(owned):
         _, unseen = all_engines()
         assert "an engine whose runtime folder is lost is not listed" in unseen[0]
@@ -635,7 +630,7 @@ def test_one_that_waits_does_not_hold_up_the_others(
         assert go_on.wait(30.0)
         raise MadrobError("its bag is gone")
 
-    monkeypatch.setattr("madrob_console.engine.live.scorer.open_run", reads)
+    monkeypatch.setattr("madrob_console.engine.scorer.open_run", reads)
     with ThreadPoolExecutor() as pool:
         opening = pool.submit(client.ask, EXAMPLES[2])
         assert reading.wait(30.0)

@@ -15,24 +15,28 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.archive.scored import Scored
-from madrob_console.engine.live.lanes import Lanes
-from madrob_console.engine.process.turns import Turn
-from madrob_console.engine.shown.client import UnsureError, awaited
-from madrob_console.engine.shown.curves import MOST_CURVE_POINTS, Curve, Curves, curves_of
-from madrob_console.engine.shown.requests import NO_ANSWER, UNSURE
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.disk import Lanes
+from madrob_console.engine.engine_thread import Turn
+from madrob_console.engine.requests import (
+    MOST_CURVE_POINTS,
+    NO_ANSWER,
+    UNSURE,
+    Curve,
+    Curves,
+    curves_of,
+)
+from madrob_console.engine.wire import UnsureError, awaited
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
-from scoring.figure_table import Quantity
-from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState
+from scoring.indicator_table import IndicatorName, Quantity
+from scoring.kinematics import JointState, Rows
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Step, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
-from scoring.rows import Rows
 from scoring.rulesets import RulesetName
-from scoring.samples import Sample
+from scoring.signals import Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.scoring import runs
 from tests.scoring.runs import assessment, door, handle

@@ -21,14 +21,13 @@ from madrob_console.archive.scored import read_recorded_run
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.testbeds.simulated.perception import observe
-from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from madrob_console.testbeds.simulated.sensor_model import SensorSettings, observe
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome, Side, Signal
 from scoring.result import Ending, EventRecord, Result
-from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.signals import DoorSample, HandleSample, Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.testbeds.truth import Truth, truth_of_testbed
 from tests.scoring.clean_run import Fault, door_fault, force_fault, late, lost, passage_fault

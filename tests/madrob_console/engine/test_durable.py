@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.folders import RunPath
+from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
-from madrob_console.archive.unfinished import find_unfinished
-from madrob_console.engine.live.durable import DURABLE_WITHIN
+from madrob_console.engine.durable_acts import DURABLE_WITHIN
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -36,11 +36,11 @@ from madrob_console.referee.acts import (
     Void,
 )
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.on_record import DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.rebuild import rebuild
+from madrob_console.referee.records import DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.engine.drive import PULL, STEP, Drive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk

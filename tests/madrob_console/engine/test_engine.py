@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive import score
+from madrob_console.archive.collection import matches
 from madrob_console.archive.history import History
-from madrob_console.archive.run_filter import matches
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -24,9 +24,9 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
+from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.on_record import CheckName, TeamWord
-from madrob_console.referee.preflight import CheckState
+from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName

@@ -12,12 +12,16 @@ from typing import Any
 import pytest
 
 from madrob_console.cli.repairing import repair_all
-from madrob_console.engine.live.core import DISK_WAITS, Engine
-from madrob_console.engine.live.evidence_notes import EvidenceNotes
-from madrob_console.engine.live.evidence_room import STEADY_FOR
-from madrob_console.engine.live.recording import Recording
-from madrob_console.engine.live.witness import EvidencePlace, EvidencePlan, WitnessStatus
-from madrob_console.engine.shown.snapshot import EvidenceTopicView
+from madrob_console.engine.core import DISK_WAITS, Engine
+from madrob_console.engine.engine_config import STEADY_FOR
+from madrob_console.engine.evidence_client import (
+    EvidenceNotes,
+    EvidencePlace,
+    EvidencePlan,
+    WitnessStatus,
+)
+from madrob_console.engine.journal_writer import Recording
+from madrob_console.engine.snapshot import EvidenceTopicView
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
@@ -26,8 +30,8 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
 )
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.on_record import CheckName
 from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.records import CheckName
 from recorder.bag import evidence_file_name
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine.test_opening import cut_off
@@ -336,7 +340,7 @@ def test_a_run_without_evidence_has_not_what_was_recorded_in_the_one_before(
 ) -> None:
     drive.whole_run(make_setup())
     # as where no handle of a file is left
-    monkeypatch.setattr("madrob_console.engine.live.recording._handle_of", lambda _folder: None)
+    monkeypatch.setattr("madrob_console.engine.journal_writer._handle_of", lambda _folder: None)
     drive.whole_run(make_setup(run_number=2))
     assert len(drive.witness.places) == 1
     stored = json.loads((drive.folder / "result.json").read_text())

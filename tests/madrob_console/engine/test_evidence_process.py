@@ -17,15 +17,14 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from madrob_console.archive.evidence import settled_account
-from madrob_console.clock import NS
-from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
-from madrob_console.engine.process import evidence_process
-from madrob_console.engine.process.evidence_messages import ListenFor
-from madrob_console.engine.process.evidence_process import COMMAND, EvidenceProcess
+from madrob_console.common.clock import NS
+from madrob_console.engine import evidence_process
+from madrob_console.engine.evidence_client import EvidencePlace, WitnessStatus
+from madrob_console.engine.evidence_process import COMMAND, EvidenceProcess
+from madrob_console.engine.evidence_status import ListenFor
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
 from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
-from recorder.bag import Durability, evidence_file_name
-from recorder.message import RawMessage
+from recorder.bag import Durability, RawMessage, evidence_file_name
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from tests.madrob_console.camera_peer import Kind, Misbehaviour, Stream, cameras
@@ -304,8 +303,8 @@ def test_on_a_slow_disk_the_account_is_in_the_end_what_is_in_the_file(
 def test_types_that_are_not_installed_are_recorded_with_what_their_publisher_says(
     ros_domain: int, tmp_path: Path, peer: Peer
 ) -> None:
-    from madrob_console.testbeds.ros.foreign_type import foreign_class
-    from madrob_console.testbeds.ros.inbox import qos_profile
+    from madrob_console.testbeds.ros.intake import qos_profile
+    from madrob_console.testbeds.ros.types import foreign_class
 
     data = b"\x00\x01\x00\x00" + bytes(range(200))
     foreign = foreign_class("hall_msgs/msg/Secret")

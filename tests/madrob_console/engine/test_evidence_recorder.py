@@ -15,21 +15,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.evidence import settled_account
+from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings, load_settings
-from madrob_console.engine.process import evidence_recorder
-from madrob_console.engine.process.evidence_queue import EvidenceQueue
-from madrob_console.engine.process.evidence_recorder import (
+from madrob_console.engine import evidence_recorder
+from madrob_console.engine.evidence_recorder import (
     BATCH_BYTES,
     QUEUE_BYTES,
+    EvidenceQueue,
     EvidenceRecorder,
     EvidenceWritten,
 )
-from madrob_console.errors import MadrobError
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceLoss, RecordedTopic
-from recorder.bag import Topic, evidence_file_name
-from recorder.listing import summarised
-from recorder.message import RawMessage
+from recorder.bag import RawMessage, Topic, evidence_file_name
 from recorder.reader import read_bag
+from recorder.survey import summarised
 from recorder.writer import BagWriter
 from tests.watching import until
 

@@ -6,26 +6,23 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from madrob_console.clock import NS
-from madrob_console.engine.live.witness import EvidencePlace, WitnessStatus
-from madrob_console.engine.process.evidence_messages import (
+from madrob_console.common.clock import NS
+from madrob_console.engine.evidence_client import EvidencePlace, WitnessStatus
+from madrob_console.engine.evidence_recorder import EvidenceWritten
+from madrob_console.engine.evidence_status import (
+    COMES_BACK,
+    MOST_GAPS,
     EvidenceNews,
+    EvidenceRecording,
     FinishFile,
     LeaveDisk,
     ListenFor,
-)
-from madrob_console.engine.process.evidence_program import OrderLine
-from madrob_console.engine.process.evidence_recorder import EvidenceWritten
-from madrob_console.engine.process.evidence_standing import (
-    COMES_BACK,
-    MOST_GAPS,
-    EvidenceRecording,
     standing,
 )
-from madrob_console.engine.shown.wire import frame
+from madrob_console.engine.evidence_worker import OrderLine
+from madrob_console.engine.wire import frame
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
-from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.evidence_flow import TopicFlow, TopicPause
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow, TopicPause
 
 KILLED = "it was ended by SIGKILL"
 USED_UP = "the budget is used up"

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.live.course import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
+from madrob_console.engine.observation import FLICKERS, MOST_FALSE_STARTS, MOST_NOTED
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.on_record import CheckName
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from scoring.protocol import EventName, Outcome, Signal
 from tests.madrob_console.engine.drive import make_setup

@@ -16,13 +16,13 @@ import pytest
 from msgspec.structs import replace
 
 from madrob_console.archive import score
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.process.scoring_process import ScoringProcess
-from madrob_console.engine.shown.requests import NextRunNumber, OpenRun
-from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.replay import Replay
+from madrob_console.engine.requests import NextRunNumber, OpenRun
+from madrob_console.engine.scoring_process import ScoringProcess
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -42,12 +42,12 @@ from madrob_console.referee.acts import (
     Void,
     ZeroHandle,
 )
-from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.journal import HOLD_FILE, read_journal
-from madrob_console.referee.on_record import IncidentKind, TeamWord
+from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Step

@@ -8,21 +8,19 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import next_run_number
-from madrob_console.archive.grades import Grade
+from madrob_console.archive.check import Grade, check_run
+from madrob_console.archive.folders import RunPath, next_run_number
 from madrob_console.archive.history import History
-from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
+from madrob_console.archive.run_journal import is_held
 from madrob_console.archive.scored import open_run
-from madrob_console.archive.unfinished import is_held
-from madrob_console.engine.live.core import Engine
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.core import Engine
+from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Finalise, Reissue, Rule, SetUp
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.standings.competition import competition_standings
 from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup

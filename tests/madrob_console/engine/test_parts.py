@@ -8,11 +8,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.parts import OWN, SIGN_OF_LIFE, Incoming, Outgoing
-from madrob_console.engine.shown.requests import Role
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct, Snapshot
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import wire
+from madrob_console.engine.client import OWN, SIGN_OF_LIFE, Incoming, Outgoing
+from madrob_console.engine.requests import Role
+from madrob_console.engine.snapshot import Pulse, RightToAct, Snapshot
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 RIGHT = RightToAct(Role.WATCH, "ada@hall")

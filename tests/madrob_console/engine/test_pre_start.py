@@ -13,29 +13,21 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER
+from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER, RunPath, runs_at
 from madrob_console.archive.history import History
 from madrob_console.archive.result_reader import read_whole_result
-from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.archive.scored import read_recorded_run
-from madrob_console.engine.live.keeper import InlineKeeper, Keepers, T
+from madrob_console.engine.disk import InlineKeeper, Keepers, T
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.standings.tally import overall
-from madrob_console.testbeds.announcement import (
-    INFO_TOPIC,
-    INFO_TYPE,
-    SILENT,
-    Announcement,
-    info_text,
-)
-from recorder.message import RawMessage
+from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from scoring.rest import HandleRest
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
@@ -154,7 +146,7 @@ def test_a_disk_that_says_nothing_is_no_recorder_that_is_ready(tmp_path: Path) -
 def test_a_disk_with_too_little_room_is_a_fault_as_long_as_nobody_waived_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("madrob_console.engine.live.pre_start.free_space", lambda _root: 2_200_000)
+    monkeypatch.setattr("madrob_console.engine.start_checks.free_space", lambda _root: 2_200_000)
     drive = Drive(tmp_path, disk_needed=5_000_000)
     drive.wait(LOOKED)
     said = "2.2 MB free, 5.0 MB needed"

@@ -15,19 +15,29 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.archive.folders import RunPath
 from madrob_console.archive.history import PROTEST_OPEN, History, RunSummary, time_words
+from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.main import main
-from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.protest_watch import LOOKING_PERIOD, ProtestWatch
-from madrob_console.engine.shown.playback import JumpTo, Skip
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.engine_thread import LOOKING_PERIOD, ProtestWatch
+from madrob_console.engine.replay import Replay
+from madrob_console.engine.requests import JumpTo, Skip
 from madrob_console.export.dossier import PROTESTS_FILE, dossier_target
-from madrob_console.export.readme import README_FILE
+from madrob_console.export.pack import README_FILE
+from madrob_console.export.rows import rows_of
+from madrob_console.export.table_columns import RUNS
 from madrob_console.export.zip_file import SUMS_FILE
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.pages.competition import CompetitionStandings, competition_standings
+from madrob_console.pages.outputs import (
+    standings_csv,
+    standings_html,
+    standings_json,
+    standings_lines,
+)
+from madrob_console.pages.page import protests
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
@@ -38,17 +48,9 @@ from madrob_console.referee.acts import (
     Void,
     WithdrawProtest,
 )
-from madrob_console.referee.acts.take_back import last_decision
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.referee.protests import ProtestEnd, ProtestTimes
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.records import ProtestEnd, ProtestTimes, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.report.sections import protests
-from madrob_console.standings.competition import CompetitionStandings, competition_standings
-from madrob_console.standings.data_files import standings_csv, standings_json
-from madrob_console.standings.text_table import standings_lines
-from madrob_console.standings.web_page import standings_html
-from madrob_console.tidy.run_rows import rows_of
-from madrob_console.tidy.run_tables import RUNS
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.deck import Deck

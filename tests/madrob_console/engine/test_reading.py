@@ -15,17 +15,17 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.history import History
-from madrob_console.cli.unattended import UnattendedRun
-from madrob_console.engine.live.reading import BUSY, MOST_WAITING, THREADS, ThreadReader
-from madrob_console.engine.process.list_watch import ListWatch
-from madrob_console.errors import MadrobError
+from madrob_console.cli.session import UnattendedRun
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.disk import BUSY, MOST_WAITING, THREADS, ThreadReader
+from madrob_console.engine.engine_thread import ListWatch
+from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import SetUp, Start, Waive
+from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.flags import FlagKind
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.teams import TeamList, TeamSource
-from madrob_console.standings.tally import overall
+from madrob_console.referee.lists import TeamList, TeamSource
+from madrob_console.referee.records import CheckName
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
 from tests.watching import PATIENCE, until

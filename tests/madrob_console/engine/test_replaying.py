@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive import score
-from madrob_console.archive.comparison import EQUAL
+from madrob_console.archive.check import EQUAL
 from madrob_console.archive.run_record import RECORD_NAME
-from madrob_console.engine.shown.playback import (
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.requests import (
     Faster,
     JumpTo,
     PlaybackCommand,
@@ -24,14 +25,13 @@ from madrob_console.engine.shown.playback import (
     Skip,
     Slower,
 )
-from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.errors import MadrobError
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, DeclareTimeout, Finalise, Rule, SetUp, Start
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step

@@ -16,17 +16,20 @@ from zipfile import ZipFile
 
 import pytest
 
+from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
 from madrob_console.archive.scored import score_opened
-from madrob_console.cameras.run_pictures import renewed_pictures, run_pictures
 from madrob_console.cli import aside
 from madrob_console.cli.main import main
-from madrob_console.engine.process import troubles as server_socket
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.process.reporting import Reporting
-from madrob_console.engine.process.troubles import AGAIN, FallenThreads, Troubles
-from madrob_console.engine.shown.diagnoses import diagnoses
-from madrob_console.engine.shown.requests import ExportTeam, OpenRun, Role
-from madrob_console.engine.shown.snapshot import Pulse, Snapshot
+from madrob_console.common.version import software_version
+from madrob_console.engine import server_socket
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.reports import Reporting
+from madrob_console.engine.requests import ExportTeam, OpenRun, Role
+from madrob_console.engine.server_socket import AGAIN, FallenThreads, Troubles
+from madrob_console.engine.service import diagnoses
+from madrob_console.engine.snapshot import Pulse, Snapshot
+from madrob_console.pages.page import report_html
+from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import (
     Abort,
     ConfirmPose,
@@ -39,14 +42,11 @@ from madrob_console.referee.acts import (
     Void,
     ZeroHandle,
 )
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.referee.preflight import blocking
-from madrob_console.report.page import report_html
-from madrob_console.report.surroundings import Surroundings
-from madrob_console.testbeds.outside import Diagnosis, Level
+from madrob_console.referee.checks import blocking
+from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
+from madrob_console.testbeds.source import Diagnosis, Level
 from madrob_console.ui.keys.key_table import KEYS
-from madrob_console.version import software_version
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
@@ -528,7 +528,7 @@ def test_a_loop_says_its_troubles_in_a_line(capsys: pytest.CaptureFixture[str]) 
 def test_what_must_go_on_is_begun_again_whatever_ends_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(server_socket, "_PAUSE", 0.0)
+    monkeypatch.setattr(server_socket, "_RETRY_PAUSE", 0.0)
     begun = 0
 
     async def work() -> None:

@@ -23,13 +23,12 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import Scored
-from madrob_console.engine.live.keeper import Keepers
-from madrob_console.engine.live.scorer import InlineScorer, RenderedResult, ToScore
-from madrob_console.engine.process import scoring_process
-from madrob_console.engine.process import scoring_questions as scoring_protocol
-from madrob_console.engine.process.child import Child
-from madrob_console.engine.process.scoring_process import COMMAND, ScoringProcess
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import scoring_process, scoring_protocol
+from madrob_console.engine.disk import Keepers
+from madrob_console.engine.scorer import InlineScorer, RenderedResult, ToScore
+from madrob_console.engine.scoring_process import COMMAND, ScoringProcess
+from madrob_console.engine.worker import Child
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
@@ -40,15 +39,15 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.checks import blocking
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.ui.panes.result_head import ResultHead
+from madrob_console.ui.panes.result_pane import ResultHead
 from scoring.evaluate import LiveAssessment
 from scoring.protocol import Signal, Step
 from scoring.rulesets import RulesetName
-from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.signals import DoorSample, HandleSample, Sample
 from tests.madrob_console.engine.drive import STEP, make_setup
 from tests.madrob_console.engine.scored_elsewhere import Referee, alive, ended, pid_of
 from tests.madrob_console.engine_process import EngineProcess
@@ -350,7 +349,7 @@ def test_a_process_without_memory_leaves_the_run_safe_and_the_engine_alive(
         "import pathlib, resource, runpy, sys\n"
         f"if pathlib.Path({str(poor)!r}).exists():\n"
         "    resource.setrlimit(resource.RLIMIT_AS, (250_000_000,) * 2)\n"
-        "runpy.run_module('madrob_console.engine.process.scoring_program', run_name='__main__')\n"
+        "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
     poor.touch()
     with ended(ScoringProcess((sys.executable, "-c", limited))) as scorer:
@@ -414,7 +413,7 @@ def test_nonsense_is_no_result(
         "    link.recv(1)\n"
         f"    link.sendall({nonsense})\n"
         "    time.sleep(60)\n"
-        "runpy.run_module('madrob_console.engine.process.scoring_program', run_name='__main__')\n"
+        "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
     with ended(ScoringProcess((sys.executable, "-c", program))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)
@@ -462,7 +461,7 @@ def test_one_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         "import pathlib, runpy, time\n"
         f"if pathlib.Path({str(hangs)!r}).exists():\n"
         "    time.sleep(600)\n"
-        "runpy.run_module('madrob_console.engine.process.scoring_program', run_name='__main__')\n"
+        "runpy.run_module('madrob_console.engine.scoring_worker', run_name='__main__')\n"
     )
     with ended(ScoringProcess((sys.executable, "-c", program))) as scorer:
         drive = Referee(tmp_path / "runs", scorer, Scenario.NO_TOUCH)

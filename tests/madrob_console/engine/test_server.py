@@ -18,32 +18,34 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.replay import Replay
-from madrob_console.engine.process.control import WhoAnswer
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.process.server import MOST_UNDER_WAY, TOO_MANY
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.parts import OWN, Incoming, Outgoing
-from madrob_console.engine.shown.playback import JumpTo, PlaybackCommand, PlayOrPause, SetSpeed
-from madrob_console.engine.shown.requests import (
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import wire
+from madrob_console.engine.client import OWN, Incoming, Outgoing, RemoteEngine
+from madrob_console.engine.control import WhoAnswer
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.replay import Replay
+from madrob_console.engine.requests import (
     ExportTeam,
     GiveCurves,
+    JumpTo,
     NextRunNumber,
     Perform,
+    PlaybackCommand,
+    PlayOrPause,
     Role,
+    SetSpeed,
     TakeOver,
 )
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct
-from madrob_console.errors import MadrobError
+from madrob_console.engine.server import MOST_UNDER_WAY, TOO_MANY
+from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, Finalise, SetUp, Start
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.served import Served, act, simulated, start
@@ -423,7 +425,7 @@ def test_no_number_of_requests_of_a_screen_holds_up_its_abort(
         assert go_on.wait(30.0)
         return 1
 
-    monkeypatch.setattr("madrob_console.engine.live.core.next_run_number", hangs)
+    monkeypatch.setattr("madrob_console.engine.core.next_run_number", hangs)
     with closing(served.attach()) as client:
         start(client)
         asked = [client.begin(NextRunNumber(3, 1)) for _ in range(MOST_UNDER_WAY + 5)]

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from madrob_console.engine.process.service import (
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.service import (
     HANGING,
     Priority,
     PriorityLines,
@@ -23,8 +24,7 @@ from madrob_console.engine.process.service import (
     log,
     log_to_journal,
 )
-from madrob_console.engine.shown.snapshot import Pulse, Snapshot
-from madrob_console.errors import MadrobError
+from madrob_console.engine.snapshot import Pulse, Snapshot
 from tests.madrob_console.engine.drive import Drive
 
 

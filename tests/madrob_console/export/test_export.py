@@ -27,31 +27,29 @@ from rosbags.rosbag2 import Reader
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.errors import MadrobError
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import open_plain
 from madrob_console.export import pack, zip_file
 from madrob_console.export.dossier import protest_lines
 from madrob_console.export.foxglove_layout import HandleZero, foxglove_layout
 from madrob_console.export.pack import export_team, file_name
-from madrob_console.export.packed_bag import BagParts
-from madrob_console.export.portable_names import LONGEST_FILE_NAME, LONGEST_PATH, portable_names
-from madrob_console.files.plain import open_plain
+from madrob_console.export.zip_file import LONGEST_FILE_NAME, LONGEST_PATH, BagParts, portable_names
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, referee_topics
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.pages.markup import link
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,
     EvidenceGap,
     EvidenceLoss,
     RecordedTopic,
 )
-from madrob_console.referee.on_record import RemovedEvidence
-from madrob_console.referee.protests import Protest
+from madrob_console.referee.records import Protest, RemovedEvidence
 from madrob_console.referee.run import Run
-from madrob_console.report.markup import link
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import evidence_file_name
-from recorder.listing import put_listing
 from recorder.reader import read_bag
+from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from tests.madrob_console.engine.drive import Drive, make_setup

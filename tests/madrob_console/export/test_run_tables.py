@@ -14,9 +14,8 @@ import pandas as pd
 import pytest
 
 from madrob_console.cli.main import main
+from madrob_console.export.table_columns import RUN_TABLES, WHOSE, CellKind, TidyTable
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.tidy.run_tables import RUN_TABLES, WHOSE
-from madrob_console.tidy.tidy_table import CellKind, TidyTable
 from tests.madrob_console.recorded_runs import appealed, recorded
 from tests.madrob_console.run_folders import summary, write
 

@@ -13,13 +13,12 @@ import pandas as pd
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.run_paths import runs_at
+from madrob_console.archive.folders import runs_at
 from madrob_console.cli.main import main
 from madrob_console.cli.table_command import write_samples
+from madrob_console.export.table_columns import DOOR, SAMPLE_TABLES, CellKind, TableFormat
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.tidy.sample_tables import DOOR, SAMPLE_TABLES
-from madrob_console.tidy.tidy_table import CellKind, TableFormat
 from scoring.protocol import PASSAGE_SENSORS, Thresholds
 from scoring.rulesets import EUROBENCH_2020, RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup

@@ -8,34 +8,32 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from madrob_console.errors import MadrobError
-from madrob_console.messages.cdr_layout import Layout, Wanted
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
+    LONGEST_TEXT,
+    MOST_NUMBERS,
+    MOST_PARTS,
+    UNKNOWN_SIZE,
     Decoder,
     TopicMapping,
     decode_text,
     encode_start_pose,
     encode_text,
     referee_topics,
-)
-from madrob_console.messages.message_sizes import (
-    LONGEST_TEXT,
-    MOST_NUMBERS,
-    MOST_PARTS,
-    UNKNOWN_SIZE,
     usual_size,
 )
 from madrob_console.messages.message_types import (
+    Layout,
     MessageError,
     MessageTypes,
+    Wanted,
     standard_types,
     types_of,
 )
-from recorder.bag import Durability, Topic
-from recorder.message import RawMessage
+from recorder.bag import Durability, RawMessage, Topic
 from scoring.protocol import Signal, StartPose, Strip
-from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 ANGLE = "door_msgs/msg/Angle"
 HANDLE = "std_msgs/Header header\nfloat64 force\nfloat32[4] spare\nmadrob_msgs/Cell[] cells\n"

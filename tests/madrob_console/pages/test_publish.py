@@ -20,33 +20,32 @@ from hypothesis import strategies as st
 
 import madrob_console.archive.scored
 import madrob_console.pages.publish
-from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.scored import Scored, score_once
-from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
-from madrob_console.errors import MadrobError
-from madrob_console.files.bounded import read_all
-from madrob_console.publishing.hall_page import REFRESH
-from madrob_console.publishing.publish import site_files
-from madrob_console.publishing.site_content import (
+from madrob_console.cli.output import BAD_INPUT
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import read_all
+from madrob_console.pages.competition import competition_standings
+from madrob_console.pages.publish import (
+    SiteFile,
+    SiteNotWrittenError,
+    SiteRefusedError,
+    Written,
+    site_files,
+    site_held,
+    write_site,
+)
+from madrob_console.pages.site_content import (
     HALL,
     SiteContent,
     alike_among,
     condition_place,
     team_place,
 )
-from madrob_console.publishing.site_folder import (
-    SiteFile,
-    SiteNotWrittenError,
-    SiteRefusedError,
-    Written,
-    site_held,
-    write_site,
-)
-from madrob_console.standings.competition import competition_standings
+from madrob_console.pages.site_frame import REFRESH
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
 from tests.madrob_console.engine.drive import OfficialDrive, make_setup

@@ -18,8 +18,11 @@ from hypothesis import strategies as st
 from madrob_console.archive.history import RunSummary
 from madrob_console.archive.scored import Scored
 from madrob_console.cli.report_command import main
-from madrob_console.kinds import SourceKind
-from madrob_console.names import terminal_safe
+from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.common.version import software_version
+from madrob_console.pages import PictureFormat
+from madrob_console.pages.page import report_html
+from madrob_console.pages.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
 from madrob_console.referee.acts import (
     Abort,
     AddNote,
@@ -29,7 +32,7 @@ from madrob_console.referee.acts import (
     Start,
     WithdrawIncident,
 )
-from madrob_console.referee.on_record import (
+from madrob_console.referee.records import (
     AcceptedDoubts,
     CheckName,
     Closure,
@@ -41,15 +44,10 @@ from madrob_console.referee.on_record import (
     Voiding,
     Waiver,
 )
-from madrob_console.referee.on_record import TestbedFault as Fault
-from madrob_console.report import PictureFormat
-from madrob_console.report.page import report_html
-from madrob_console.report.surroundings import ComparedRun, LinkedRun, PagePlace, Surroundings
+from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.version import software_version
-from scoring.figure_table import FigureName
-from scoring.figures.phases import TimedPhase
-from scoring.indicator_table import IndicatorName
+from scoring.figures.team_drawings import TimedPhase
+from scoring.indicator_table import FigureName, IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
 from scoring.result import EventRecord, Indicator, Uncertainty, value_text

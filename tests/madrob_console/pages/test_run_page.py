@@ -11,10 +11,10 @@ import pytest
 
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli.main import main
+from madrob_console.pages.page import report_html
+from madrob_console.pages.surroundings import Surroundings
 from madrob_console.referee.acts import Finalise, Reissue, Rule, Void
-from madrob_console.referee.on_record import TeamWord
-from madrob_console.report.page import report_html
-from madrob_console.report.surroundings import Surroundings
+from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup

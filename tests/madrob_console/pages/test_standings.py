@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.standings.tally import Aggregate, overall, standings
+from madrob_console.pages.tally import Aggregate, overall, standings
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import VALUES, summary

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 import pytest
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.standings.competition import (
-    NOTES,
-    SIGNS,
-    competition_standings,
-    statistics_text,
+from madrob_console.pages.competition import NOTES, SIGNS, competition_standings, statistics_text
+from madrob_console.pages.outputs import (
+    standings_csv,
+    standings_html,
+    standings_json,
+    standings_lines,
 )
-from madrob_console.standings.data_files import standings_csv, standings_json
-from madrob_console.standings.tally import overall, standings, subjects_text
-from madrob_console.standings.text_table import standings_lines
-from madrob_console.standings.web_page import standings_html
+from madrob_console.pages.tally import overall, standings, subjects_text
 from scoring.indicator_table import IndicatorName
 from scoring.result import Uncertainty
 from tests.madrob_console.run_folders import VALUES, summary

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.live.event_log import EventLog
-from madrob_console.engine.shown.snapshot import Weight
+from madrob_console.engine.run_recorder import EventLog
+from madrob_console.engine.snapshot import Weight
 from madrob_console.referee import acts
 from madrob_console.referee.acts import (
     ACTS,
@@ -46,28 +46,31 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.amounts import counted, listed, size_words, span_words
-from madrob_console.referee.doubt_answers import Doubts
+from madrob_console.referee.acts.act import Ask, Option, Pick
+from madrob_console.referee.checks import Check, CheckState, Freshness, Health
 from madrob_console.referee.evidence_account import EvidenceAccount, EvidenceGap
-from madrob_console.referee.health import Freshness, Health
+from madrob_console.referee.flags import Doubts
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.on_record import (
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import (
     CheckName,
     DecisionKind,
     FalseStart,
     Incident,
     IncidentKind,
+    Protest,
+    ProtestEnd,
+    RunSetup,
     TeamWord,
     Voiding,
+    counted,
+    derived_run_id,
+    listed,
+    new_run_id,
+    size_words,
+    span_words,
 )
-from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.protests import Protest, ProtestEnd
-from madrob_console.referee.questions import Ask, Option, Pick
-from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.run_identity import derived_run_id, new_run_id
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import TeamList
-from madrob_console.referee.transitions import begin_countdown, begin_run, stop
+from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
 from madrob_console.ui.look.words import done_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import (

@@ -28,18 +28,23 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
     act_details,
 )
-from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.acts.act import Ask
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.flags import Flag, undecided
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.journal_mark import mark_of
-from madrob_console.referee.on_record import CheckName, DecisionKind, IncidentKind, TeamWord
-from madrob_console.referee.preflight import Check, CheckState
-from madrob_console.referee.protests import USUAL_PROTEST_TIMES, ProtestEnd, ProtestTimes
-from madrob_console.referee.questions import Ask
-from madrob_console.referee.rebuild import Change, after, rebuild
-from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.teams import NO_TEAMS, TeamList
-from madrob_console.referee.transitions import stop
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
+from madrob_console.referee.records import (
+    USUAL_PROTEST_TIMES,
+    CheckName,
+    DecisionKind,
+    IncidentKind,
+    ProtestEnd,
+    ProtestTimes,
+    TeamWord,
+)
+from madrob_console.referee.run import Phase, Run, stop
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, StartPose, Step

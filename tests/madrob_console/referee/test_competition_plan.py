@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from madrob_console.referee.competition_plan import (
     MOST_LINES,
     Attempts,
@@ -23,7 +23,7 @@ from madrob_console.referee.competition_plan import (
     plan_progress,
     read_plan,
 )
-from madrob_console.referee.list_file import MOST_PROBLEMS
+from madrob_console.referee.lists import MOST_PROBLEMS
 from scoring.protocol import Outcome
 from tests.madrob_console.run_folders import summary
 

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Abort, Finalise, Rule, SetUp, Situation, act_details
 from madrob_console.referee.flags import (
     LONGEST_WORDS,
@@ -27,7 +27,8 @@ from madrob_console.referee.flags import (
     worst,
 )
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
-from madrob_console.referee.on_record import (
+from madrob_console.referee.rebuild import Change, act_of, rebuild
+from madrob_console.referee.records import (
     CheckName,
     Closure,
     FalseStart,
@@ -37,10 +38,8 @@ from madrob_console.referee.on_record import (
     Voiding,
     Waiver,
 )
-from madrob_console.referee.on_record import TestbedFault as Fault
-from madrob_console.referee.rebuild import Change, act_of, rebuild
-from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.transitions import decide_false_starts
+from madrob_console.referee.records import TestbedFault as Fault
+from madrob_console.referee.run import Phase, Run, decide_false_starts
 from scoring.events import Evidence
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Step

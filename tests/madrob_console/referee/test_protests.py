@@ -21,12 +21,20 @@ from madrob_console.referee.acts import (
     act_details,
     act_named,
 )
-from madrob_console.referee.acts.file_protest import MOST_PROTESTS
-from madrob_console.referee.acts.take_back import last_decision
+from madrob_console.referee.acts.act import Ask, Pick, Write
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.acts.protest import MOST_PROTESTS
 from madrob_console.referee.flags import LONGEST_WORDS, Flag, FlagKind, FlagWeight, flags, undecided
-from madrob_console.referee.on_record import AcceptedDoubts, DecisionKind, TeamWord, Voiding
-from madrob_console.referee.protests import ProtestEnd, ProtestTimes, due_words, open_protests
-from madrob_console.referee.questions import Ask, Pick, Write
+from madrob_console.referee.records import (
+    AcceptedDoubts,
+    DecisionKind,
+    ProtestEnd,
+    ProtestTimes,
+    TeamWord,
+    Voiding,
+    due_words,
+    open_protests,
+)
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord

@@ -8,11 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.errors import MadrobError
-from madrob_console.names import LONGEST_NAME, clean_name
-from madrob_console.referee.list_file import LARGEST_FILE, MOST_PROBLEMS
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import TeamList, TeamSource, merge_teams, read_teams
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import LONGEST_NAME, clean_name
+from madrob_console.referee.lists import (
+    LARGEST_FILE,
+    MOST_PROBLEMS,
+    TeamList,
+    TeamSource,
+    merge_teams,
+    read_teams,
+)
+from madrob_console.referee.records import RunSetup
 from tests.madrob_console.ui.fake_engine import a_setup
 
 

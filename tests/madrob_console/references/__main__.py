@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 
-from madrob_console.preparing.reference_set import EXPECTED_FILE, FOLDER
+from madrob_console.cli.reference_set import EXPECTED_FILE, FOLDER
 from tests.madrob_console.references.bags import write_bag
 from tests.madrob_console.references.runs import RUNS
 from tests.madrob_console.references.truth import expected_text, reference

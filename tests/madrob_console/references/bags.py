@@ -11,8 +11,8 @@ from mcap.well_known import Profile
 from mcap.writer import IndexType, Writer
 
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
-from madrob_console.clock import NS
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import NS
+from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_EVENT_TOPIC,
@@ -24,10 +24,10 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.testbeds.simulated.encoding import Encoder
+from madrob_console.referee.records import RunSetup
 from madrob_console.testbeds.simulated.sensor_model import Reading
-from recorder.message import RawMessage
+from madrob_console.testbeds.simulated.simulated_source import Encoder
+from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import (
     SENSORS_PER_STRIP,

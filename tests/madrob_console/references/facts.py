@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from madrob_console.preparing.reference_set import Expected
+from madrob_console.cli.reference_set import Expected
 from scoring.protocol import Side, Thresholds
 from scoring.rulesets import RulesetName
 from tests.madrob_console.references.filters import Array, acceleration_kernel

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from madrob_console.preparing.reference_set import Expected
+from madrob_console.cli.reference_set import Expected
 from tests.madrob_console.references.facts import Rules, facts
 from tests.madrob_console.references.filters import (
     Array,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from madrob_console.preparing.reference_set import Expected, Reference
+from madrob_console.cli.reference_set import Expected, Reference
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.references.facts import (

@@ -8,12 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.cli.main import main
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import Scenario
-from madrob_console.names import terminal_safe
-from madrob_console.testbeds.announcement import info_text, simulated_in
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import Scenario, terminal_safe
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, EvidenceChoice, TopicLimit, matches
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN, domain_id, domain_number
+from madrob_console.testbeds.source import info_text, simulated_in
 
 
 @pytest.mark.parametrize(

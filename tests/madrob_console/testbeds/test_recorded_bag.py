@@ -6,18 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.clock import NS, VirtualClock, nanoseconds, seconds
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import NS, TICK, RecordedClock, VirtualClock, nanoseconds, seconds
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, describe_topic, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds import recorded_bag
 from madrob_console.testbeds.recorded_bag import RecordedBag
-from madrob_console.testbeds.recorded_clock import TICK, RecordedClock
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.bag import Topic
-from recorder.message import RawMessage
+from recorder.bag import RawMessage, Topic
 from recorder.writer import BagWriter
 from scoring.protocol import Condition, StartPose
 from tests.madrob_console import said

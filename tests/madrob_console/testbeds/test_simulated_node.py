@@ -13,17 +13,17 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.clock import SystemClock
-from madrob_console.errors import MadrobError
+from madrob_console.common.clock import SystemClock
+from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC, Decoder
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated import Network, Scenario, SensorSettings, SimulatedTestbed
-from madrob_console.testbeds.simulated.referee_state import parse_state
+from madrob_console.testbeds.simulated.testbed import parse_state
 from madrob_console.testbeds.simulated_node import refusal, serve_testbed
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
-from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.signals import DoorSample, HandleSample, Sample
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import KEPT, Peer, Taker, source
 from tests.watching import PATIENCE, until

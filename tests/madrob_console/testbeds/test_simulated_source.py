@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from madrob_console.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import NS, Clock, SystemClock, VirtualClock, nanoseconds, seconds
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
 from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.testbeds.evidence_flow import MOST_PAUSES, FlowMeter, RateLimit, SilenceWatch
+from madrob_console.testbeds.evidence_choice import MOST_PAUSES, FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     Network,
@@ -29,11 +29,9 @@ from madrob_console.testbeds.simulated import (
     SensorSettings,
     SimulatedTestbed,
 )
-from madrob_console.testbeds.simulated.frames import FRAMES_TOPIC
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.simulated.simulated_source import FRAMES_TOPIC, SimulatedSource
 from madrob_console.testbeds.source import Source
-from recorder.bag import Durability
-from recorder.message import RawMessage
+from recorder.bag import Durability, RawMessage
 from recorder.reader import read_bag
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure
@@ -47,7 +45,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
+from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample
 from tests.madrob_console import said
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.testbeds.truth import truth_of_testbed

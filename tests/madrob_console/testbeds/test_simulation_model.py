@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     MotionPlan,
@@ -20,11 +20,9 @@ from madrob_console.testbeds.simulated import (
     SimulatedTestbed,
     plan_run,
 )
-from madrob_console.testbeds.simulated.motion import Levels, Profile, Track
-from madrob_console.testbeds.simulated.perception import is_clear_cut, observe
-from madrob_console.testbeds.simulated.performance import Manner, Performance
-from madrob_console.testbeds.simulated.plan import LOAD_CELL_LIMIT
-from madrob_console.testbeds.simulated.sensor_model import Scene, SensorModel
+from madrob_console.testbeds.simulated.geometry import LOAD_CELL_LIMIT, Levels, Profile, Track
+from madrob_console.testbeds.simulated.scenarios import Manner, Performance
+from madrob_console.testbeds.simulated.sensor_model import Scene, SensorModel, is_clear_cut, observe
 from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,

@@ -21,7 +21,7 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Signal
 from scoring.result import Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, ROBUST_2026, Ruleset
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.sampled_runs import (
     EXACT,
     START,

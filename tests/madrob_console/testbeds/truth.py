@@ -9,10 +9,9 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from madrob_console.clock import seconds
-from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.perception import Perception, Switch, observe
-from madrob_console.testbeds.simulated.plan import MotionPlan
+from madrob_console.common.clock import seconds
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
+from madrob_console.testbeds.simulated.sensor_model import Perception, Switch, observe
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed
 from scoring.protocol import POST_ROLL, Condition, Event, EventName, Outcome, Side, Step
 

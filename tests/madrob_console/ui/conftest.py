@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from madrob_console.engine.shown.requests import Request
+from madrob_console.engine.requests import Request
 from tests.madrob_console.ui.driver import SMALL, Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
 

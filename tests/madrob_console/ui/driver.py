@@ -19,11 +19,10 @@ from textual.screen import Screen
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.lines import TONE_CLASSES
-from madrob_console.ui.defaults import ConsoleDefaults
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.type_ahead import TypeAhead
-from madrob_console.ui.panes.history_pane import HistoryPane
-from madrob_console.ui.panes.runs_pane import RunsPane
+from madrob_console.ui.keys.console_app import TypeAhead
+from madrob_console.ui.link import ConsoleDefaults
+from madrob_console.ui.panes.runs_pane import HistoryPane, RunsPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
 from scoring.protocol import Outcome
 from tests.madrob_console.ui.fake_engine import FakeEngine

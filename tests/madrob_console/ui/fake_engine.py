@@ -9,11 +9,12 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.unfinished import Unfinished
-from madrob_console.engine.live.view import NO_STEPS, elapsed, remaining
-from madrob_console.engine.shown.curves import Curve, Curves
-from madrob_console.engine.shown.playback import PlaybackCommand, PlaybackView
-from madrob_console.engine.shown.requests import (
+from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.requests import (
+    Curve,
+    Curves,
     ExportDossier,
     ExportTeam,
     GiveCurves,
@@ -22,11 +23,13 @@ from madrob_console.engine.shown.requests import (
     NextRunNumber,
     OpenRun,
     Perform,
+    PlaybackCommand,
+    PlaybackView,
     Request,
     T,
     TakeOver,
 )
-from madrob_console.engine.shown.snapshot import (
+from madrob_console.engine.snapshot import (
     DoorView,
     ExportView,
     HandleView,
@@ -40,8 +43,7 @@ from madrob_console.engine.shown.snapshot import (
     TopicView,
     Weight,
 )
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.engine.view import NO_STEPS, elapsed, remaining
 from madrob_console.referee.acts import (
     Act,
     ConfirmPose,
@@ -51,17 +53,13 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
+from madrob_console.referee.checks import Check, Freshness, Readings, preflight
 from madrob_console.referee.competition_plan import NO_PLAN, Plan, plan_progress
-from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.on_record import FalseStart
-from madrob_console.referee.preflight import Check, Readings, preflight
-from madrob_console.referee.run import Phase, Run
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import NO_TEAMS, TeamList
-from madrob_console.referee.transitions import begin_run, stop
-from scoring.figure_table import Quantity
-from scoring.indicator_table import IndicatorName
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.records import FalseStart, RunSetup
+from madrob_console.referee.run import Phase, Run, begin_run, stop
+from scoring.indicator_table import IndicatorName, Quantity
 from scoring.procedure import StepRecord
 from scoring.protocol import (
     PASSAGE_SENSORS,

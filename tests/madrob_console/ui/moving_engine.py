@@ -7,9 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-from madrob_console.engine.shown.snapshot import RecorderView, Snapshot
+from madrob_console.engine.snapshot import RecorderView, Snapshot
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.link import ConsoleDefaults
 from madrob_console.ui.terminal import run_console
 from scoring.protocol import Side, Step
 from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine, a_setup

@@ -11,22 +11,21 @@ from typing import Any
 import pytest
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.unfinished import Unfinished
+from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.shown.client import EngineClient, UnsureError
-from madrob_console.engine.shown.playback import PlaybackCommand
-from madrob_console.engine.shown.requests import UNSURE, Role, TakeOver
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import ThemeName
+from madrob_console.engine.requests import UNSURE, PlaybackCommand, Role, TakeOver
+from madrob_console.engine.snapshot import Pulse, RightToAct
+from madrob_console.engine.wire import EngineClient, UnsureError
 from madrob_console.referee.acts import Abort, DeclareTimeout
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase
-from madrob_console.referee.teams import TeamList
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import KEYS
-from madrob_console.ui.panes.history_pane import HistoryPane
+from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, Hand, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine

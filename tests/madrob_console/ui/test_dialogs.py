@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 from textual.widgets import Input
 
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct
-from madrob_console.kinds import SourceKind
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import (
     Abort,
     AddNote,
@@ -16,10 +16,10 @@ from madrob_console.referee.acts import (
     Start,
     Void,
 )
-from madrob_console.referee.on_record import IncidentKind, TeamWord
-from madrob_console.referee.questions import Option, Pick
+from madrob_console.referee.acts.act import Option, Pick
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.referee.teams import TeamList
 from madrob_console.ui.cells.dialog import Prompt
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Outcome, Side, Step

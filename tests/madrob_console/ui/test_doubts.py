@@ -10,16 +10,16 @@ import pytest
 from rich.cells import cell_len
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.kinds import SourceKind
+from madrob_console.common.names import SourceKind
+from madrob_console.pages.competition import SIGNS
+from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.acts import AcceptDoubts
-from madrob_console.referee.on_record import Voiding
-from madrob_console.standings.competition import SIGNS
-from madrob_console.standings.tally import Aggregate
+from madrob_console.referee.records import Voiding
 from madrob_console.ui.cells.lines import plain
-from madrob_console.ui.frame.wall import PAGE_TIME
-from madrob_console.ui.panes.history_pane import HistoryPane
-from madrob_console.ui.panes.result_indicators import IndicatorTable, compared
+from madrob_console.ui.panes.result_pane import IndicatorTable, compared
+from madrob_console.ui.panes.runs_pane import HistoryPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
+from madrob_console.ui.wall import PAGE_TIME
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Indicator, Uncertainty

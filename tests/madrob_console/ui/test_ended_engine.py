@@ -6,14 +6,14 @@ import threading
 
 import pytest
 
-from madrob_console.engine.shown.client import EngineClient
-from madrob_console.engine.shown.requests import Role
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.requests import Role
+from madrob_console.engine.snapshot import Pulse, RightToAct
+from madrob_console.engine.wire import EngineClient
 from madrob_console.ui.app import MadrobApp
+from madrob_console.ui.keys.console_app import _commands
 from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF
 from madrob_console.ui.link import LOOKING_PERIOD
-from madrob_console.ui.palette import _commands
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, Hand, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, SlowEngine
 

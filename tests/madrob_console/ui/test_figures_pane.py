@@ -18,19 +18,26 @@ from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from madrob_console.engine.shown.curves import Curve, Curves
-from madrob_console.engine.shown.snapshot import Snapshot
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.requests import Curve, Curves
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Abort
-from madrob_console.ui.cells import choice as lines_module
-from madrob_console.ui.cells.axes import Axis, Window
+from madrob_console.ui.cells import lines as lines_module
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line
-from madrob_console.ui.cells.plot import ASCII, BRAILLE, Extreme, Frame, Ink, Mark, Plot
-from madrob_console.ui.panes import figure as figures
-from madrob_console.ui.panes.figure import FIGURES, Sheet
-from madrob_console.ui.panes.figures_pane import FiguresPane
-from scoring.figure_table import Quantity
-from scoring.indicator_table import IndicatorName
+from madrob_console.ui.cells.plot import (
+    ASCII,
+    BRAILLE,
+    Axis,
+    Extreme,
+    Frame,
+    Ink,
+    Mark,
+    Plot,
+    Window,
+)
+from madrob_console.ui.panes import figures_pane as figures
+from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
+from scoring.indicator_table import IndicatorName, Quantity
 from scoring.protocol import EventName
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.ui.driver import rows_of

@@ -17,12 +17,10 @@ from textual.app import App, ComposeResult
 from textual.screen import Screen
 
 import madrob_console.ui
+from madrob_console.common.names import terminal_safe
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.names import terminal_safe
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start
-from madrob_console.ui.cells import choice as lines_module
-from madrob_console.ui.cells.columns import GAP, ROOMY, Column, in_order, lay_out
-from madrob_console.ui.cells.gauge import column, ruler, scale
+from madrob_console.ui.cells import lines as lines_module
 from madrob_console.ui.cells.large_text import HEIGHT, large_text, rows_of, width_of_large
 from madrob_console.ui.cells.lines import (
     TONE_CLASSES,
@@ -31,14 +29,17 @@ from madrob_console.ui.cells.lines import (
     Span,
     Tone,
     changed_cells,
+    column,
     line,
+    ruler,
+    scale,
     width_of,
 )
-from madrob_console.ui.cells.table import Table
-from madrob_console.ui.frame import fault_line as frame_lines
-from madrob_console.ui.frame.tiny_clock import SMALLEST, TinyClock, tiny_lines
-from madrob_console.ui.look.glyphs import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.panes.run_columns import Shown, indicator_column, number_text
+from madrob_console.ui.cells.table import GAP, ROOMY, Column, Table, in_order, lay_out
+from madrob_console.ui.frame import frame_lines
+from madrob_console.ui.frame.frame_lines import SMALLEST, TinyClock, tiny_lines
+from madrob_console.ui.look.themes import LIKENESS, to_ascii, uses_ascii
+from madrob_console.ui.panes.runs_pane import Shown, indicator_column, number_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import DEFAULTS, driving

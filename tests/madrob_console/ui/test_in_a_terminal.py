@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.requests import Role
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine import wire
+from madrob_console.engine.requests import Role
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.app import MadrobApp

@@ -11,7 +11,7 @@ from textual.events import MouseDown, MouseUp
 from textual.widgets import Input
 
 from madrob_console.archive.folders import pictures_in
-from madrob_console.engine.shown.snapshot import ExportView
+from madrob_console.engine.snapshot import ExportView
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
@@ -29,15 +29,14 @@ from madrob_console.referee.acts import (
     Waive,
     ZeroHandle,
 )
-from madrob_console.referee.on_record import CheckName, IncidentKind, TeamWord
-from madrob_console.referee.run import Phase
-from madrob_console.referee.transitions import stop
-from madrob_console.ui.keys.asks import Copy, ask_copy
-from madrob_console.ui.keys.clipboard import clipboard_sequences
+from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.run import Phase, stop
+from madrob_console.ui.keys.console_app import clipboard_sequences
+from madrob_console.ui.keys.dialogs import Copy, ask_copy
 from madrob_console.ui.keys.key_table import KEYS
 from madrob_console.ui.look.words import cut_inside, wrapped
-from madrob_console.ui.panes.history_pane import HistoryPane
-from madrob_console.ui.panes.run_marks import RunMarks
+from madrob_console.ui.panes.run_status import RunMarks
+from madrob_console.ui.panes.runs_pane import HistoryPane
 from scoring.protocol import Outcome, Side, Step
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import DEFAULTS, LARGE, Driver, driving

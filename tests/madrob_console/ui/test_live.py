@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.shown.snapshot import (
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.snapshot import (
     EvidenceTopicView,
     EvidenceView,
     Pulse,
@@ -15,19 +16,17 @@ from madrob_console.engine.shown.snapshot import (
     RightToAct,
     Snapshot,
 )
-from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import Abort
+from madrob_console.referee.checks import Freshness
 from madrob_console.referee.evidence_account import EvidenceGap
-from madrob_console.referee.health import Freshness
 from madrob_console.referee.journal import Origin
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
-from madrob_console.ui.frame.wall import wall_steps
 from madrob_console.ui.look.words import ROUGH
-from madrob_console.ui.panes.evidence_line import EvidenceLine
-from madrob_console.ui.panes.provisional import Provisional
-from madrob_console.ui.panes.run_clock import clock_span
-from madrob_console.ui.panes.step_table import result_step_lines, step_lines
+from madrob_console.ui.panes.all_faults import EvidenceLine
+from madrob_console.ui.panes.live_pane import Provisional
+from madrob_console.ui.panes.run_status import clock_span, result_step_lines, step_lines
+from madrob_console.ui.wall import wall_steps
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, Side, Step

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from madrob_console.kinds import SourceKind
+from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.competition_plan import Attempts, Plan, PlanLine, Task
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import NO_TEAMS, TeamList
-from madrob_console.ui.cells.field import Field
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.link import ConsoleDefaults
 from madrob_console.ui.panes.plan_pane import CellView, about, cell
 from madrob_console.ui.panes.team_picker import matching
 from scoring.protocol import Outcome

@@ -10,12 +10,12 @@ import pytest
 from textual.widgets import Input
 
 from madrob_console.archive.history import RunSummary
+from madrob_console.common.names import SourceKind
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import DecideProtest, FileProtest, WithdrawProtest
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
-from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.records import ProtestEnd
 from madrob_console.ui.look.words import export_text
 from scoring.protocol import Step
 from tests.madrob_console.run_folders import EPOCH, HOUR, summary, write

@@ -7,25 +7,22 @@ from dataclasses import replace
 import pytest
 
 from madrob_console.archive.history import RunSummary
-from madrob_console.engine.live.view import NO_STEPS
-from madrob_console.engine.shown.snapshot import Pulse
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.snapshot import Pulse
+from madrob_console.engine.view import NO_STEPS
+from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
-from madrob_console.referee.on_record import RemovedEvidence
-from madrob_console.referee.on_record import TestbedFault as Fault
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import RemovedEvidence
+from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Run
-from madrob_console.referee.teams import TeamList
-from madrob_console.standings.tally import Aggregate
 from madrob_console.ui.cells.lines import Line, Tone
 from madrob_console.ui.look.words import date_of
-from madrob_console.ui.panes.history_columns import columns
-from madrob_console.ui.panes.history_pane import HistoryPane, about
-from madrob_console.ui.panes.history_pane import summary as head_line
-from madrob_console.ui.panes.quality_table import QualityTable
-from madrob_console.ui.panes.result_head import ResultHead
-from madrob_console.ui.panes.result_indicators import compared
-from madrob_console.ui.panes.run_marks import run_marks
+from madrob_console.ui.panes.result_pane import QualityTable, ResultHead, compared
+from madrob_console.ui.panes.run_status import run_marks
+from madrob_console.ui.panes.runs_pane import HistoryPane, about, columns
+from madrob_console.ui.panes.runs_pane import summary as head_line
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import Outcome, Step

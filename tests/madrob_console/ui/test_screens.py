@@ -23,13 +23,13 @@ from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES, Theme
 
 import madrob_console.ui
-from madrob_console.engine.shown.snapshot import Weight
-from madrob_console.kinds import ThemeName
+from madrob_console.common.names import ThemeName
+from madrob_console.engine.snapshot import Weight
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.run_times import relative_text
-from madrob_console.referee.teams import TeamList
-from madrob_console.ui.cells.field import Field
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import relative_text
+from madrob_console.ui.cells.dialog import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, size_text, wrapped

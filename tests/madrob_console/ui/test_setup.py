@@ -5,14 +5,14 @@ import re
 import pytest
 from textual import events
 
-from madrob_console.engine.shown.requests import NextRunNumber
-from madrob_console.kinds import SourceKind
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.requests import NextRunNumber
 from madrob_console.referee.acts import SetUp
+from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
-from madrob_console.referee.run_setup import RunSetup
-from madrob_console.referee.teams import TeamList
-from madrob_console.ui.cells.field import Field
-from madrob_console.ui.defaults import ConsoleDefaults
+from madrob_console.ui.cells.dialog import Field
+from madrob_console.ui.link import ConsoleDefaults
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
 from tests.madrob_console.ui.driver import DEFAULTS, Driver, driving

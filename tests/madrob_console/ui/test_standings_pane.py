@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from madrob_console.archive.collection import matches
 from madrob_console.archive.history import RunSummary
-from madrob_console.archive.run_filter import matches
-from madrob_console.engine.shown.snapshot import ExportView
+from madrob_console.engine.snapshot import ExportView
+from madrob_console.pages.tally import Standing, standings
 from madrob_console.referee.flags import FlagWeight
-from madrob_console.standings.tally import Standing, standings
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.standings_pane import (
     PRACTICE_BANNER,

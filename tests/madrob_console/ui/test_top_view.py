@@ -14,28 +14,32 @@ from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.screen import Screen
 
-from madrob_console.archive.comparison import EQUAL
-from madrob_console.engine.shown.playback import (
+from madrob_console.archive.check import EQUAL
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.requests import (
     Faster,
+    GiveFrames,
     JumpTo,
     PlaybackView,
     PlayOrPause,
     Skip,
     Slower,
 )
-from madrob_console.engine.shown.requests import GiveFrames
-from madrob_console.kinds import SourceKind
 from madrob_console.referee.acts import SetUp
-from madrob_console.referee.run_times import seconds_of
-from madrob_console.referee.transitions import begin_countdown, begin_run
+from madrob_console.referee.records import seconds_of
+from madrob_console.referee.run import begin_countdown, begin_run
 from madrob_console.ui.cells.lines import TONE_CLASSES, width_of
-from madrob_console.ui.frame.key_line import KeyLine
-from madrob_console.ui.frame.playback_bar import playback_line, position_text, speed_text
-from madrob_console.ui.frame.tiny_clock import tiny_lines
-from madrob_console.ui.keys.asks import Leave, ask_leave
+from madrob_console.ui.frame.frame_lines import (
+    KeyLine,
+    playback_line,
+    position_text,
+    speed_text,
+    tiny_lines,
+)
+from madrob_console.ui.keys.dialogs import Leave, ask_leave
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.panes.result_head import ResultHead
-from madrob_console.ui.panes.top_view import SCALES, TopView, top_view
+from madrob_console.ui.panes.figures_pane import SCALES, TopView, top_view
+from madrob_console.ui.panes.result_pane import ResultHead
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console.ui.driver import Driver, driving
 from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup

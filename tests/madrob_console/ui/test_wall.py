@@ -11,14 +11,12 @@ import pytest
 from textual.pilot import Pilot
 from textual.worker import WorkerCancelled
 
+from madrob_console.common.names import SourceKind
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.shown.requests import Role
-from madrob_console.engine.shown.snapshot import Pulse, RightToAct
-from madrob_console.kinds import SourceKind
+from madrob_console.engine.requests import Role
+from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.run import Phase, Run
-from madrob_console.ui.frame.wall import PAGE_TIME
-from madrob_console.ui.frame.wall_screen import WallScreen
-from madrob_console.ui.wall_app import WallApp
+from madrob_console.ui.wall import PAGE_TIME, WallApp, WallScreen
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import DEFAULTS, drawn, rows_of

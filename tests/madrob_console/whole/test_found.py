@@ -17,16 +17,16 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.cli import coming_back as console_command
 from madrob_console.cli import running_engines
+from madrob_console.cli import running_engines as console_command
 from madrob_console.cli.attaching import STARTING_TIME, TAKEN, attach, owned_testbed
 from madrob_console.cli.main import build_parser, main
+from madrob_console.common.errors import MadrobError
 from madrob_console.config import load_settings
-from madrob_console.engine.process.engines import FoundEngine, all_engines
-from madrob_console.engine.process.owned import results_name
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.requests import Perform, Role, TakeOver
-from madrob_console.errors import MadrobError
+from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.discovery import FoundEngine, all_engines
+from madrob_console.engine.engine_lock import results_name
+from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
@@ -358,7 +358,7 @@ def test_an_engine_is_ended_by_name_where_the_system_lists_no_names(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     process = bench.serve()
-    monkeypatch.setattr("madrob_console.engine.process.owned._TABLE", bench.folder / "none")
+    monkeypatch.setattr("madrob_console.engine.engine_lock._TABLE", bench.folder / "none")
     shutil.rmtree(bench.runtime)
     assert bench.stop(f"--results={bench.results}") == (0, "SIMULATED nominal: ended\n")
     assert "/proc/net/unix cannot be read" in capsys.readouterr().err

@@ -23,7 +23,7 @@ import pytest
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, Finalise, Reissue, Start
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from recorder.reader import read_bag
 from scoring.protocol import POST_ROLL, Outcome

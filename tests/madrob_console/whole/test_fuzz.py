@@ -18,21 +18,20 @@ from hypothesis import strategies as st
 from madrob_console.archive import score
 from madrob_console.archive.folders import RunName, reserve_run_folder
 from madrob_console.archive.history import History
+from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import open_run
-from madrob_console.archive.unfinished import find_unfinished
-from madrob_console.config.example import example_toml
-from madrob_console.config.settings import load_settings
-from madrob_console.engine.shown import wire
-from madrob_console.engine.shown.parts import Incoming, Outgoing
-from madrob_console.engine.shown.requests import NextRunNumber, OpenRun, Perform
-from madrob_console.errors import MadrobError
-from madrob_console.names import clean_name, terminal_safe
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import clean_name, terminal_safe
+from madrob_console.config.settings import example_toml, load_settings
+from madrob_console.engine import wire
+from madrob_console.engine.client import Incoming, Outgoing
+from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.teams import read_teams
+from madrob_console.referee.lists import read_teams
+from madrob_console.referee.records import CheckName
 from madrob_console.testbeds.simulated import Scenario
 from recorder.errors import RecorderError
-from scoring.errors import ScoringError
+from scoring.protocol import ScoringError
 from tests.madrob_console.engine.drive import Drive, make_setup
 
 OURS = (MadrobError, ScoringError, RecorderError)

@@ -30,14 +30,14 @@ from msgspec.structs import replace
 
 from madrob_console.archive import score
 from madrob_console.archive.scored import OpenedRun, Scored
-from madrob_console.clock import NS, SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.course import Course
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.recording import Recording
-from madrob_console.engine.live.scorer import EarlierRun, RenderedResult
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.requests import Role
+from madrob_console.common.clock import NS, SystemClock
+from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.journal_writer import Recording
+from madrob_console.engine.observation import Course
+from madrob_console.engine.requests import Role
+from madrob_console.engine.scorer import EarlierRun, RenderedResult
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -52,11 +52,11 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.journal import Journal, read_journal
-from madrob_console.referee.on_record import IncidentKind
+from madrob_console.referee.records import IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.message import RawMessage
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from recorder.writer import BagWriter
 from scoring.evaluate import Assessment
@@ -95,7 +95,7 @@ class SteppedDrive(Drive):
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
-    monkeypatch.setattr("madrob_console.clock.time", machine)
+    monkeypatch.setattr("madrob_console.common.clock.time", machine)
     return machine
 
 
@@ -111,7 +111,7 @@ def folder_of(drive: Drive) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Result:
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("madrob_console.clock.time", Machine())
+        patched.setattr("madrob_console.common.clock.time", Machine())
         drive = SteppedDrive(tmp_path_factory.mktemp("undisturbed"))
         drive.whole_run(make_setup())
         drive.engine.close()

@@ -19,19 +19,19 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.result_reader import read_result
+from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
-from madrob_console.archive.unfinished import find_unfinished
-from madrob_console.engine.live.result_keeper import RETRY_PERIOD
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.result_writer import RETRY_PERIOD
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import AddNote, Finalise, Start
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from recorder.bag import RawMessage
 from recorder.errors import RecorderError
-from recorder.message import RawMessage
 from recorder.reader import read_bag
 from scoring.protocol import EventName, Outcome
 from scoring.quality import Quality

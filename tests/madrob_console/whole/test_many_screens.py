@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.engine.process.accepting import SPARE, WANTED_HANDLES
-from madrob_console.engine.process.remote import RemoteEngine
-from madrob_console.engine.shown.client import UnsureError, awaited
-from madrob_console.engine.shown.requests import NO_ANSWER, NextRunNumber, Perform, Role
-from madrob_console.errors import MadrobError
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.client import RemoteEngine
+from madrob_console.engine.requests import NO_ANSWER, NextRunNumber, Perform, Role
+from madrob_console.engine.server_socket import SPARE, WANTED_HANDLES
+from madrob_console.engine.wire import UnsureError, awaited
 from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout
 from madrob_console.referee.run import Phase
 from madrob_console.ui.link import EngineLink

@@ -19,22 +19,20 @@ import msgspec
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
-from madrob_console.archive.grades import Grade
+from madrob_console.archive.check import Grade, check_run
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import History, RunSummary
 from madrob_console.archive.result_document import ResultDocument, result_schema
-from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import open_run
-from madrob_console.archive.unfinished import find_unfinished
 from madrob_console.cli.main import main
-from madrob_console.cli.problems import BAD_INPUT
+from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.repairing import repair_all
+from madrob_console.common.files import Hold
 from madrob_console.config import load_settings
-from madrob_console.files.held import Hold
 from madrob_console.referee.acts import Finalise, Void
 from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.on_record import TeamWord
+from madrob_console.referee.records import TeamWord
 from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.recorded_runs import final, without_digests
 

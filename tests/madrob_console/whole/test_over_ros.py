@@ -23,25 +23,25 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.archive import score
 from madrob_console.cli.main import main
-from madrob_console.clock import NS, SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.shown.requests import Perform
-from madrob_console.engine.shown.snapshot import Snapshot
+from madrob_console.common.clock import NS, SystemClock
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.requests import Perform
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
+from madrob_console.referee.checks import CheckState, blocking
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.on_record import CheckName
-from madrob_console.referee.preflight import CheckState, blocking
 from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.ros.loading import RosObject
+from madrob_console.testbeds.ros.connection import RosObject
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.message import RawMessage
+from madrob_console.testbeds.source import INFO_TOPIC
+from recorder.bag import RawMessage
 from recorder.reader import read_bag
 from scoring.protocol import Signal
 from tests.madrob_console.camera_peer import Kind, Stream, cameras

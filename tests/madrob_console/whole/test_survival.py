@@ -19,7 +19,7 @@ import pytest
 
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change
-from madrob_console.ui.keys.type_ahead import UNSEEN
+from madrob_console.ui.keys.console_app import UNSEEN
 from recorder.reader import read_bag
 from scoring.protocol import EventName
 from tests.madrob_console.console_process import (

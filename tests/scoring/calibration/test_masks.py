@@ -9,12 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce, propose_handle
-from scoring.calibration.masks import LEAST_SWEEP, MaskProposal, propose_masks
-from scoring.calibration.sweep import Numbers, Sweep, SweepLog, Swept
-from scoring.errors import ScoringError
-from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Side, Strip, Thresholds
-from scoring.samples import DoorSample, PassageSample
+from scoring.calibration.masks import (
+    GRAVITY,
+    LEAST_SWEEP,
+    HandleProposal,
+    MaskProposal,
+    Numbers,
+    SteadyForce,
+    Sweep,
+    SweepLog,
+    Swept,
+    propose_handle,
+    propose_masks,
+)
+from scoring.protocol import PASSAGE_SENSORS, PassageSensor, ScoringError, Side, Strip, Thresholds
+from scoring.signals import DoorSample, PassageSample
 
 FLOOR, PANEL = 2.3, 0.35
 STEP = 0.004

@@ -11,14 +11,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scoring.errors import ScoringError
 from scoring.eurobench import run_files as eurobench
 from scoring.eurobench.run_files import EurobenchRun, Wrench, door_stays_closed, read_run, run_files
-from scoring.eurobench.run_info import RunInfo
-from scoring.eurobench.run_names import run_prefixes
+from scoring.eurobench.run_info import RunInfo, run_prefixes
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import JointState, joint_state
-from scoring.protocol import Condition, Event, EventName, StartPose, Thresholds
+from scoring.protocol import Condition, Event, EventName, ScoringError, StartPose, Thresholds
 from scoring.result import Indicator
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, RulesetName
 

@@ -20,24 +20,45 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from scoring.figure_table import LARGEST_JERK, EventMark, FigureName, Quantity
-from scoring.figures.box_plots import FEWEST_FOR_A_BOX, BoxRow, box_plot
-from scoring.figures.day_curves import DayPoint, day_curve
 from scoring.figures.drawing import MOST_POINTS
-from scoring.figures.event_labels import EventLabel, labels_of, rows_of
-from scoring.figures.fluid import rows_of_words, ticks
-from scoring.figures.passage_lanes import Lane, passage_figure, passage_svg
-from scoring.figures.phases import TimedPhase, median_phases, phase_bars, phases_of
 from scoring.figures.plots import alternatives_of, figures_of, missing_figures, png, svg
-from scoring.figures.stretches import stretches
-from scoring.figures.value_scale import FAILED, shown_values
-from scoring.indicator_table import IndicatorName, unit_text
-from scoring.kinematics import joint_state
+from scoring.figures.run_drawings import (
+    EventLabel,
+    Lane,
+    labels_of,
+    passage_figure,
+    passage_svg,
+    rows_of,
+    rows_of_words,
+    stretches,
+    ticks,
+)
+from scoring.figures.team_drawings import (
+    FAILED,
+    FEWEST_FOR_A_BOX,
+    BoxRow,
+    DayPoint,
+    TimedPhase,
+    box_plot,
+    day_curve,
+    median_phases,
+    phase_bars,
+    phases_of,
+    shown_values,
+)
+from scoring.indicator_table import (
+    LARGEST_JERK,
+    EventMark,
+    FigureName,
+    IndicatorName,
+    Quantity,
+    unit_text,
+)
+from scoring.kinematics import Rows, joint_state, process_rows
 from scoring.protocol import PASSAGE_SENSORS, Event, EventName, Outcome, Side, Step, Thresholds
 from scoring.result import Ending, EventRecord, Result, value_text
-from scoring.rows import Rows, process_rows
 from scoring.rulesets import PROTOCOL
-from scoring.samples import Sample
+from scoring.signals import Sample
 from tests.scoring.runs import CONDITION, START, assessment, clear, door, handle, under
 
 Array = NDArray[np.float64]

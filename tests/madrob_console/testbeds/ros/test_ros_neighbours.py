@@ -8,24 +8,24 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.clock import SystemClock
+from madrob_console.common.clock import SystemClock
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import RemoteService
 from madrob_console.config import Settings
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.engine.live.keeper import InlineKeeper, Keepers
-from madrob_console.engine.process.attendant import Attendant
-from madrob_console.engine.process.local import LocalEngine
-from madrob_console.engine.shown.requests import Perform
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import RemoteService
+from madrob_console.engine.core import Engine
+from madrob_console.engine.disk import InlineKeeper, Keepers
+from madrob_console.engine.engine_config import EngineConfig
+from madrob_console.engine.engine_thread import LocalEngine
+from madrob_console.engine.requests import Perform
+from madrob_console.engine.service import Attendant
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, Waive
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import Origin, read_journal
-from madrob_console.referee.preflight import blocking
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.ros.loading import RosObject, load_module
+from madrob_console.testbeds.ros.connection import RosObject, load_module
 from madrob_console.testbeds.ros.neighbours import TOO_MANY
 from scoring.protocol import Outcome
 from tests.madrob_console import said

@@ -12,25 +12,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.clock import NS, SimulationClock
+from madrob_console.common.clock import NS, SimulationClock
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, referee_topics
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.outside import CallAnswer
 from madrob_console.testbeds.ros import RosSource, evidence_intake
-from madrob_console.testbeds.ros.definitions import Definition, find_definition, prefixes
-from madrob_console.testbeds.ros.evidence_intakes import EvidenceIntakes
-from madrob_console.testbeds.ros.handover import Handover
-from madrob_console.testbeds.ros.loading import RosObject, load_message_class, load_module
-from madrob_console.testbeds.ros.losses import LossCounter
-from madrob_console.testbeds.ros.mailbox import Mailbox
+from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
+from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros.intake import Handover, LossCounter
 from madrob_console.testbeds.ros.neighbours import DEPTH, TOO_MANY, Replies
-from madrob_console.testbeds.ros.parameters import door_parameters
-from madrob_console.testbeds.ros.referee_watch import console_name, second_referee
-from madrob_console.testbeds.ros.type_words import TypeWords
-from recorder.bag import Durability, Reliability
-from recorder.message import RawMessage
+from madrob_console.testbeds.ros.ros_source import Mailbox
+from madrob_console.testbeds.ros.types import Definition, TypeWords, find_definition, prefixes
+from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
+from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, CallAnswer, info_text
+from recorder.bag import Durability, RawMessage, Reliability
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, KEPT, TYPES, Peer, Taker, source, truth

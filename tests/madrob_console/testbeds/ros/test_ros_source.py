@@ -14,18 +14,17 @@ from typing import NoReturn
 
 import pytest
 
-from madrob_console.clock import NS, SystemClock
-from madrob_console.engine.live.core import Engine
-from madrob_console.engine.live.engine_config import EngineConfig
-from madrob_console.errors import MadrobError
-from madrob_console.kinds import SourceKind
+from madrob_console.common.clock import NS, SystemClock
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.core import Engine
+from madrob_console.engine.engine_config import EngineConfig
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive
-from madrob_console.referee.preflight import blocking
+from madrob_console.referee.checks import blocking
 from madrob_console.testbeds.ros import RosSource, ros_source
-from recorder.bag import Durability, Qos, Reliability
-from recorder.message import RawMessage
+from recorder.bag import Durability, Qos, RawMessage, Reliability
 from recorder.reader import read_bag
 from scoring.protocol import Outcome, Signal
 from tests.madrob_console import ros_peer, said

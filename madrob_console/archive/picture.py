@@ -1,0 +1,357 @@
+"""A message of a camera as a small picture. Loads Pillow: import it where pictures are made.
+
+Whatever a message says of itself may be wrong: what would take more memory or time than a picture
+does is refused before it is decoded.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from madrob_console.archive.nearest_frames import PICTURE_TYPES, SIDE
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.messages.message_types import Message, MessageError, standard_types
+from recorder.bag import RawMessage
+
+MOST_MESSAGE = 32_000_000
+"""Of a message that is read, bytes."""
+
+MOST_PIXELS = 24_000_000
+"""Of a picture before it is made small: 6000 x 4000."""
+
+MOST_BYTES = 200_000
+"""Of a picture of that size."""
+
+_PACKED, _RAW = PICTURE_TYPES
+_LONGEST = 16_384  # pixels in a row or a column
+_MOST_SCANS = 100  # a picture is sent in ten at most; each costs as much as all of it
+_SCAN = b"\xff\xda"
+_JPEG, _PNG = b"\xff\xd8", b"\x89PNG\r\n\x1a\n"
+_PNG_HEAD = struct.Struct(">16x2I")  # signature, begin of the chunk IHDR; width, height
+_QUALITIES = (85, 70, 50, 30, 15)
+_SHOWN = 40
+_PLAIN_NAME = re.compile(r"[0-9A-Za-z_]{1,40}")
+
+Pixels = NDArray[np.uint8]
+
+
+class PictureError(MadrobError):
+    """A message holds no picture that can be shown; the text says why, for one line."""
+
+
+class Decoded(NamedTuple):
+    """What a message of a camera shows.
+
+    Attributes:
+        picture: RGB or grey, without anything beside it.
+        scale: what its grey stands for, in words; empty where it is what was seen.
+    """
+
+    picture: Image.Image
+    scale: str = ""
+
+
+def decoded(message: RawMessage, side: int = SIDE) -> Decoded:
+    """The picture in a message of a camera, made small.
+
+    Args:
+        message: a `sensor_msgs/msg/CompressedImage` (JPEG or PNG, whatever it says that it is) or a
+            `sensor_msgs/msg/Image`.
+        side: the most pixels in a row and in a column.
+
+    Raises:
+        PictureError: it holds none, one that is damaged, or one that is too large.
+    """
+    if len(message.data) > MOST_MESSAGE:
+        raise PictureError(f"it has {len(message.data) / 1e6:.0f} MB, more than 32 MB")
+    if message.type not in (_PACKED, _RAW):
+        raise PictureError(f"it is a {terminal_safe(message.type)[:_SHOWN]}, no picture")
+    try:
+        content = standard_types().decode(message.type, message.data)
+    except MessageError:
+        raise PictureError(f"its bytes are no {message.type}") from None
+    packed = message.type == _PACKED
+    try:
+        found = Decoded(_unpacked(bytes(content.data), side)) if packed else _raw(content)
+        picture = found.picture
+        picture.thumbnail((side, side), Image.Resampling.BILINEAR, reducing_gap=2.0)
+    except PictureError:
+        raise
+    except MemoryError:
+        raise PictureError("no memory to decode it: end other programs") from None
+    except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
+        words = terminal_safe(str(error))[:100] or type(error).__name__
+        raise PictureError(f"it cannot be decoded ({words})") from None
+    picture.info.clear()  # comments and profiles are not for whoever gets the file
+    return found
+
+
+def opened(data: bytes, side: int = SIDE) -> Image.Image:
+    """A JPEG that was kept, as `decoded` makes it.
+
+    Raises:
+        PictureError: it is none, or it is damaged.
+    """
+    try:
+        picture = _unpacked(data, side)
+        picture.thumbnail((side, side), Image.Resampling.BILINEAR)
+    except PictureError:
+        raise
+    except Exception as error:  # noqa: BLE001  damaged pictures raise what they like
+        raise PictureError(f"it cannot be decoded ({type(error).__name__})") from None
+    picture.info.clear()
+    return picture
+
+
+@dataclass(frozen=True, slots=True)
+class Jpeg:
+    """A picture as a file.
+
+    Attributes:
+        data: the file.
+        width, height: pixels.
+    """
+
+    data: bytes
+    width: int
+    height: int
+
+
+def jpeg(picture: Image.Image, most: int = MOST_BYTES) -> Jpeg:
+    """A picture as JPEG of at most so many bytes: as good as it can be in them.
+
+    Raises:
+        PictureError: it cannot be made so small.
+    """
+    while True:
+        for quality in _QUALITIES:
+            file = io.BytesIO()
+            picture.save(file, "JPEG", quality=quality, optimize=True)
+            if file.tell() <= most:
+                return Jpeg(file.getvalue(), *picture.size)
+        half = max(1, picture.width // 2), max(1, picture.height // 2)
+        if half == picture.size:
+            raise PictureError(f"it cannot be made smaller than {most} bytes")
+        picture = picture.resize(half)
+
+
+def _unpacked(data: bytes, side: int) -> Image.Image:
+    """A JPEG or a PNG; the first picture of several."""
+    if not data:
+        raise PictureError("it is empty")
+    if data.count(_SCAN) > _MOST_SCANS and data.startswith(_JPEG):
+        raise PictureError(f"it is a JPEG of more than {_MOST_SCANS} scans")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            picture = Image.open(io.BytesIO(data), formats=("JPEG", "PNG"))
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        _check_png_head(data)
+        raise PictureError(f"it claims more than {MOST_PIXELS // 1_000_000} megapixels") from None
+    except UnidentifiedImageError:
+        _check_png_head(data)
+        raise PictureError(f"it is {_damaged(data)}") from None
+    _check_size(*picture.size)
+    picture.draft("RGB", (side, side))  # a large JPEG is decoded small
+    picture.load()
+    if picture.mode.startswith(("I", "F")):  # 16 bits of grey
+        return _grey(np.asarray(picture, dtype=np.float64))
+    has_colour = picture.mode not in ("1", "L", "LA")
+    return picture.convert("RGB" if has_colour else "L")
+
+
+def _check_png_head(data: bytes) -> None:
+    """What a PNG claims that Pillow does not open.
+
+    Raises:
+        PictureError: it claims too many pixels, or none.
+    """
+    if data.startswith(_PNG) and len(data) >= _PNG_HEAD.size:
+        _check_size(*_PNG_HEAD.unpack_from(data))
+
+
+def _damaged(data: bytes) -> str:
+    """What something is that Pillow does not open, in words."""
+    if data.startswith(_PNG):
+        return "a damaged PNG"
+    return "a damaged JPEG" if data.startswith(_JPEG) else "neither JPEG nor PNG"
+
+
+def _check_size(width: int, height: int) -> None:
+    if width < 1 or height < 1:
+        raise PictureError(f"it claims {width} x {height} pixels")
+    if width * height > MOST_PIXELS or max(width, height) > _LONGEST:
+        most = MOST_PIXELS // 1_000_000
+        raise PictureError(f"it claims {width} x {height} pixels, more than {most} megapixels")
+
+
+# ---------------------------------------------------------------------- raw pictures
+
+
+def _raw(message: Message) -> Decoded:
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    _check_size(width, height)
+    encoding = str(message.encoding)
+    depth = _DEPTHS.get(encoding)
+    if depth is None and encoding not in _ENCODINGS:
+        name = encoding if _PLAIN_NAME.fullmatch(encoding) else repr(encoding[:_SHOWN])
+        raise PictureError(f"the encoding {terminal_safe(name)} is not shown")
+    size = _ENCODINGS[encoding][0] if depth is None else depth.size
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    row = width * size
+    if step < row or step * height > len(data):
+        raise PictureError(
+            f"{width} x {height} pixels of {encoding} in rows of {step} bytes are not in its "
+            f"{len(data)} bytes"
+        )
+    rows = data[: step * height].reshape(height, step)[:, :row]
+    if depth is not None:
+        return _depth(rows, depth, ">" if message.is_bigendian else "<")
+    make = _ENCODINGS[encoding][1]
+    if encoding in _WIDE:
+        return Decoded(make(rows.view() if message.is_bigendian else _swapped(rows)))
+    return Decoded(make(rows))
+
+
+class _Depth(NamedTuple):
+    """How distances are sent: bytes of a pixel, numpy's name of the number, its unit in m."""
+
+    size: int
+    number: str
+    unit: float
+
+
+def _depth(rows: Pixels, kind: _Depth, order: str) -> Decoded:
+    """Distances as grey: the nearest dark, the farthest white, what has none black."""
+    found = np.ascontiguousarray(rows).view(f"{order}{kind.number}")
+    there = np.isfinite(found) if kind.number == "f4" else found > 0
+    if not there.any():
+        raise PictureError("no pixel of it has a depth")
+    depths = found[there].astype(np.float64)  # they may be as far apart as float32 goes
+    low, high = float(depths.min()), float(depths.max())
+    depths -= low
+    depths *= (255 - _NEAREST) / ((high - low) or 1.0)
+    depths += _NEAREST
+    grey = np.zeros(found.shape, np.uint8)
+    grey[there] = np.rint(depths, out=depths)
+    words = f"depth {low * kind.unit:.3g} to {high * kind.unit:.3g} m"
+    return Decoded(_picture("L", grey), words if there.all() else f"{words}, black: none")
+
+
+def _swapped(rows: Pixels) -> Pixels:
+    """Of numbers of two bytes the higher byte first."""
+    height, size = rows.shape
+    return (
+        np.ascontiguousarray(rows).reshape(height, size // 2, 2)[:, :, ::-1].reshape(height, size)
+    )
+
+
+def _picture(mode: str, pixels: NDArray[Any]) -> Image.Image:
+    height, width = pixels.shape[:2]
+    return Image.frombytes(mode, (width, height), np.ascontiguousarray(pixels, np.uint8).tobytes())
+
+
+def _mono(rows: Pixels) -> Image.Image:
+    return _picture("L", rows)
+
+
+def _mono16(rows: Pixels) -> Image.Image:
+    return _grey(_wide(rows))
+
+
+def _wide(rows: Pixels) -> NDArray[Any]:
+    return np.ascontiguousarray(rows).view(">u2")
+
+
+def _grey(values: NDArray[Any]) -> Image.Image:
+    """The brightest is white: few cameras use all of 16 bits."""
+    finite = np.nan_to_num(values.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0).clip(0)
+    brightest = float(finite.max(initial=0.0)) or 1.0
+    return _picture("L", finite * (255 / brightest))
+
+
+def _colours(*order: int) -> Callable[[Pixels], Image.Image]:
+    """Bytes side by side, of which those at `order` are red, green and blue; how many in all."""
+    *places, size = order
+
+    def make(rows: Pixels) -> Image.Image:
+        return _picture("RGB", rows.reshape(rows.shape[0], -1, size)[:, :, places])
+
+    return make
+
+
+def _yuv(luma: int, blue: int, red: int) -> Callable[[Pixels], Image.Image]:
+    """Two pixels in four bytes: where the first brightness and both colours stand."""
+
+    def make(rows: Pixels) -> Image.Image:
+        height, size = rows.shape
+        if size % 4:
+            raise PictureError("an odd number of pixels in a row")
+        pairs = rows.reshape(height, size // 4, 4)
+        bright = pairs[:, :, [luma, luma + 2]].reshape(height, size // 2)
+        colours = [np.repeat(pairs[:, :, place], 2, axis=1) for place in (blue, red)]
+        return _picture("YCbCr", np.dstack([bright, *colours])).convert("RGB")
+
+    return make
+
+
+def _bayer(pattern: str, *, wide: bool = False) -> Callable[[Pixels], Image.Image]:
+    """Each square of four becomes one pixel; `pattern` names its colours, row by row."""
+    red, blue = pattern.index("r"), pattern.index("b")
+    greens = [place for place, colour in enumerate(pattern) if colour == "g"]
+
+    def make(rows: Pixels) -> Image.Image:
+        values = _wide(rows) >> 8 if wide else rows
+        height, width = (size - size % 2 for size in values.shape)
+        if not height or not width:
+            raise PictureError("it is smaller than one square of its pattern")
+        corners = [values[y:height:2, x:width:2].astype(np.uint16) for y in (0, 1) for x in (0, 1)]
+        green = (corners[greens[0]] + corners[greens[1]]) // 2
+        return _picture("RGB", np.dstack([corners[red], green, corners[blue]]))
+
+    return make
+
+
+_PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
+
+_RGB, _BGR = _colours(0, 1, 2, 3), _colours(2, 1, 0, 3)
+_UYVY, _YUYV = _yuv(1, 0, 2), _yuv(0, 1, 3)
+
+_ENCODINGS: Mapping[str, tuple[int, Callable[[Pixels], Image.Image]]] = {
+    "rgb8": (3, _RGB),
+    "bgr8": (3, _BGR),
+    "8UC3": (3, _BGR),
+    "rgba8": (4, _colours(0, 1, 2, 4)),
+    "bgra8": (4, _colours(2, 1, 0, 4)),
+    "8UC4": (4, _colours(2, 1, 0, 4)),
+    "mono8": (1, _mono),
+    "8UC1": (1, _mono),
+    "mono16": (2, _mono16),
+    "yuv422": (2, _UYVY),
+    "uyvy": (2, _UYVY),
+    "yuv422_yuy2": (2, _YUYV),
+    "yuyv": (2, _YUYV),
+    **{f"bayer_{pattern}8": (1, _bayer(pattern)) for pattern in _PATTERNS},
+    **{f"bayer_{pattern}16": (2, _bayer(pattern, wide=True)) for pattern in _PATTERNS},
+}
+"""By the names of `sensor_msgs/image_encodings.hpp`: bytes of a pixel, and what makes a picture."""
+
+_DEPTHS: Mapping[str, _Depth] = {"32FC1": _Depth(4, "f4", 1.0), "16UC1": _Depth(2, "u2", 0.001)}
+"""Those of distances, as REP 118 has them: m, and mm of which 0 is none."""
+
+_NEAREST = 40
+"""The grey of the nearest, apart from black."""
+
+_WIDE = frozenset({"mono16", *(f"bayer_{pattern}16" for pattern in _PATTERNS)})
+"""Those whose numbers have two bytes."""

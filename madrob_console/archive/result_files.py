@@ -1,0 +1,286 @@
+"""The files of a result: written, and read one after the other for tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from madrob_console.archive.folders import (
+    ISSUE_FILE,
+    PRACTICE_FOLDER,
+    RESULT_FILE,
+    RunPath,
+    RunPlace,
+    parse_folder_name,
+    places_that_count,
+)
+from madrob_console.archive.history import misplaced
+from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.result_reader import (
+    LARGEST_RESULT,
+    UnusableResultError,
+    read_tabled_result,
+    tabled_result,
+)
+from madrob_console.archive.result_summary import TabledResult
+from madrob_console.archive.run_journal import UnusableJournalError, disagreement, out_of_date
+from madrob_console.archive.run_record import RunLabel
+from madrob_console.archive.scored import Scored
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import atomic_write, atomic_writes, read_all, refusal
+from madrob_console.referee.flags import FlagKind
+from scoring.eurobench.run_files import Wrench, run_files
+from scoring.eurobench.run_info import RunInfo
+from scoring.protocol import Event, Outcome, ScoringError
+from scoring.rulesets import RulesetName
+
+if TYPE_CHECKING:
+    from madrob_console.archive.scored import ScoredPath
+
+ResultFiles = Mapping[str, bytes | memoryview]
+"""Every file of a result by its name, in the order in which they are written."""
+
+
+def result_files(folder: Path, scored: Scored) -> dict[str, bytes]:
+    """Every file of the result, to be written into the run's folder; `result.json` is the last.
+
+    Args:
+        folder: holds the recording, whose digest stands in the result.
+        scored: the run.
+
+    Raises:
+        MadrobError: something that was set for the run cannot be written down.
+    """
+    data = eurobench_files(folder.name, scored)
+    document = msgspec.json.encode(ResultDocument.of(scored, folder, data))
+    return data | {RESULT_FILE: msgspec.json.format(document, indent=2) + b"\n"}
+
+
+def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
+    """EUROBENCH's files of a run: set-up, pre-processed data and indicators (section 10).
+
+    Args:
+        name: of the run's folder.
+        scored: the run.
+
+    Raises:
+        MadrobError: something that was set for the run cannot be written down.
+    """
+    record, result, rows = scored.record, scored.result, scored.rows
+    setup, first = record.setup, scored.run.set_up_as
+    info = RunInfo(
+        subject=setup.subject,
+        team=setup.team,
+        run_number=setup.run_number,
+        condition=setup.condition,
+        start_time=result.start,
+        start_pose=setup.start_pose,
+        timeout=setup.timeout,
+        ruleset=result.ruleset,
+        rosbag_path=f"{name}_0.mcap",
+        settings={
+            "referee": setup.referee,
+            "countdown": setup.countdown,
+            "lock_detection": result.lock_detection.value,
+            "handle_zero": record.handle_zero,
+            "source": record.source.value,
+            "competition": record.competition,
+            "practice": setup.practice,
+            **({"run_id": setup.run_id, "testbed": setup.testbed} if setup.run_id else {}),
+        },
+        set_up_as=(
+            (first.subject, first.condition.number, first.run_number)
+            if first is not None and scored.run.corrections
+            else None
+        ),
+    )
+    try:
+        return run_files(
+            info,
+            [Event(event.time, event.event) for event in result.events],
+            rows.joint_state,
+            Wrench(rows.force_time, rows.force),
+            {} if result.outcome is Outcome.ABORTED else result.indicators,
+        )
+    except ScoringError as error:
+        raise MadrobError(str(error)) from None
+
+
+def write_result(folder: Path, files: ResultFiles, issue: int) -> None:
+    """Write the files of a result that are not there yet; an earlier issue is kept by its number.
+
+    A folder that was deleted is made again: the result is all that is left of the run.
+
+    Args:
+        folder: of the run.
+        files: as `result_files` made them.
+        issue: number of the result's issue.
+
+    Raises:
+        MadrobError: a file cannot be written; the recording is untouched.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MadrobError(
+            f"{folder}: cannot be written ({error.strerror}): check disk space and permissions"
+        ) from None
+    data = {name: content for name, content in files.items() if name != RESULT_FILE}
+    changed = {name: data[name] for name in data if not has_content(folder / name, data[name])}
+    atomic_writes(folder, changed)
+    _keep_earlier_issue(folder, issue)
+    atomic_write(folder / RESULT_FILE, files[RESULT_FILE])
+
+
+def _keep_earlier_issue(folder: Path, issue: int) -> None:
+    """Keep the result of the issue before this one under its number, once."""
+    current, kept = folder / RESULT_FILE, folder / ISSUE_FILE.format(issue - 1)
+    try:
+        if issue < 2 or kept.exists():
+            return
+        earlier = read_all(current, LARGEST_RESULT)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise MadrobError(f"{current}: cannot be read ({refusal(error)})") from None
+    atomic_write(kept, earlier)
+
+
+def has_content(path: Path, content: bytes | memoryview) -> bool:
+    """Whether a file has this content: it has it on disk then, for it was written whole."""
+    try:
+        return read_all(path, len(content)) == content
+    except OSError:
+        return False
+
+
+# The results of any number of runs, stored or fresh, one after the other, for tables.
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A run with its result.
+
+    Attributes:
+        folder: where it lies; a bag may be a file.
+        result: what its `result.json` says, or would say.
+    """
+
+    folder: Path
+    result: TabledResult
+
+    @property
+    def label(self) -> RunLabel:
+        """Whose run it is."""
+        told = self.result
+        return RunLabel(
+            told.subject,
+            told.team,
+            told.condition_number,
+            told.run_number,
+            told.run_id,
+            told.testbed,
+            told.competition,
+        )
+
+    @property
+    def practice(self) -> bool:
+        """Whether it counts for nothing and stands apart (protocol section 2)."""
+        return self.result.practice or self.folder.parent.name == PRACTICE_FOLDER
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """Which of the places of each run counts, where it is there several times.
+
+    Attributes:
+        places: by `run_id`, the name of the place that counts.
+        testbeds, competitions: the names of all.
+    """
+
+    places: dict[str, str]
+    testbeds: frozenset[str]
+    competitions: frozenset[str]
+
+    @classmethod
+    def of(cls, runs: Iterable[RunPath]) -> Counted:
+        """Look through the results of runs; what cannot be used is passed over."""
+        testbeds, competitions = set(), set()
+
+        def places() -> Iterator[RunPlace]:
+            for run in runs:
+                with suppress(MadrobError):
+                    one = stored_run(run)
+                    testbeds.add(one.result.testbed)
+                    competitions.add(one.result.competition)
+                    yield RunPlace(run.name, one.result.run_id, one.practice, one.result.issue)
+
+        return cls(places_that_count(places()), frozenset(testbeds), frozenset(competitions))
+
+
+def stored_run(run: RunPath) -> StoredRun:
+    """The stored result of a run.
+
+    Raises:
+        MadrobError: it has none, or one that cannot be used; the message names path and remedy.
+    """
+    folder = run.path
+    try:
+        result = read_tabled_result(str(folder))
+        named = parse_folder_name(folder.name)
+        why = None if named is None else misplaced(result, named[0])
+        if why is None and (differing := disagreement(result, folder)) is not None:
+            why = out_of_date(differing)
+    except FileNotFoundError:
+        why = f"has no {RESULT_FILE}: name folders with runs; the console decides on one cut off"
+        why = why if folder.exists() else "no such folder; name folders with runs"
+    except (UnusableResultError, UnusableJournalError) as error:
+        why = str(error)
+    if why is not None:
+        raise MadrobError(f"{run.name}: {why}")
+    return StoredRun(folder, result)
+
+
+def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
+    """The same of a run that is scored now, by each of some rulesets; it is read only once.
+
+    Args:
+        run: what to score.
+        rules: as for `score_run`.
+
+    Raises:
+        MadrobError: it cannot be scored; the message names path and remedy.
+    """
+    # they load numpy and SciPy, which the tables of stored results do without
+    from madrob_console.archive.result_document import ResultDocument
+    from madrob_console.archive.scored import score_recording, score_run
+
+    if run.prefix:
+        documents = [_published_content(one) for one in score_run(run, rules)]
+    else:
+        scored = score_recording(run.path, rules)
+        documents = [msgspec.to_builtins(ResultDocument.of(one, run.path, {})) for one in scored]
+    return [
+        StoredRun(run.path, tabled_result(str(run.path), msgspec.json.encode(document)))
+        for document in documents
+    ]
+
+
+def _published_content(scored: ScoredPath) -> dict[str, Any]:
+    """What EUROBENCH's files tell of what a `result.json` says."""
+    label = scored.label
+    return {
+        **msgspec.to_builtins(scored.result),
+        "subject": label.subject,
+        "condition_number": label.condition,
+        "run_number": label.run,
+        "team": label.team,
+        "issue": 0,
+        "flags": msgspec.to_builtins(scored.flags),
+        "setup": {"practice": any(flag.kind == FlagKind.PRACTICE for flag in scored.flags)},
+    }

@@ -1,0 +1,513 @@
+"""The keys of `result.json` that lists need, and the checksums that tie it to its run."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import html
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import quote, unquote
+from uuid import UUID
+
+import msgspec
+from msgspec import Meta
+
+from madrob_console.archive.folders import LARGEST_NUMBER
+from madrob_console.common.files import open_plain, refusal
+from madrob_console.common.names import SourceKind
+from madrob_console.referee.flags import Flag
+from madrob_console.referee.records import (
+    AcceptedDoubts,
+    Closure,
+    Correction,
+    FalseStart,
+    Incident,
+    JournalMark,
+    Protest,
+    Reissuing,
+    Sha256,
+    TestbedFault,
+    Voiding,
+    Waiver,
+    derived_run_id,
+)
+from madrob_console.referee.run import VALID_OUTCOMES
+from scoring.indicator_table import IndicatorName
+from scoring.libraries import Libraries
+from scoring.procedure import Ruling, StepRecord
+from scoring.protocol import Condition, Outcome, Signal, Step, Thresholds
+from scoring.result import Indicator, Uncertainty
+
+# What the file holds is declared in `result_document`.
+
+
+Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
+"""Of a subject or a run."""
+ConditionNumber = Annotated[int, Meta(ge=1, le=20)]
+Name = Annotated[str, Meta(max_length=200)]
+"""Longer than any name that the console writes."""
+StartTime = Annotated[float, Meta(ge=0, le=1e11)]
+"""s since the epoch, within what calendars reach."""
+
+_UNTOLD = "why is not told"
+
+Spread = Annotated[float, Meta(ge=0)]
+"""Of a value, in its unit."""
+
+
+class UncertaintyPart(msgspec.Struct, frozen=True):
+    """How far a value can be trusted."""
+
+    u: Spread
+    expanded: Spread
+
+
+class IndicatorPart(msgspec.Struct, frozen=True):
+    """One indicator; no value where there is a reason instead."""
+
+    value: int | float | None
+    unit: str = ""
+    reason: str | None = None
+    uncertainty: UncertaintyPart | None = None
+    doubts: tuple[str, ...] = ()
+
+    def of(self, name: IndicatorName) -> Indicator:
+        """The same of an indicator that is known, in its unit."""
+        if self.value is None:
+            return Indicator(None, name.spec.unit, self.reason or _UNTOLD, doubts=self.doubts)
+        known = self.uncertainty
+        spread = None if known is None else Uncertainty(known.u, known.expanded)
+        return Indicator(self.value, name.spec.unit, None, spread, self.doubts)
+
+
+class ClosurePart(msgspec.Struct, frozen=True):
+    """How the result was finalised."""
+
+    team_word: Name
+
+
+class VoidingPart(msgspec.Struct, frozen=True):
+    """Why a run counts nowhere."""
+
+    reason: str
+
+
+class AnswerPart(msgspec.Struct, frozen=True):
+    """What closed a protest."""
+
+    end: Name
+
+
+class ProtestPart(msgspec.Struct, frozen=True):
+    """A protest against the result; without an answer it is open. Times as `StartTime`."""
+
+    due: StartTime
+    at: StartTime | None = None
+    answer: AnswerPart | None = None
+
+
+class FormerSetup(msgspec.Struct, frozen=True):
+    """As which run a run was set up, before a correction."""
+
+    subject: Number
+    run_number: Number
+    condition: Condition
+
+
+class CorrectionPart(msgspec.Struct, frozen=True):
+    """What was set until a correction."""
+
+    before: FormerSetup
+
+
+class ZeroPart(msgspec.Struct, frozen=True):
+    """The handle zero that was set for a run, N."""
+
+    mean: int | float
+
+
+class SignalRate(msgspec.Struct, frozen=True):
+    """How often a signal was sampled, Hz."""
+
+    signal: str
+    rate: Annotated[float, Meta(ge=0)] | None = None
+
+
+class RatesPart(msgspec.Struct, frozen=True):
+    """What is read of the data quality."""
+
+    signals: Annotated[tuple[SignalRate, ...], Meta(max_length=50)] = ()
+
+
+class RunKind(msgspec.Struct, frozen=True):
+    """What is read of the set-up in a result; older ones know no practice."""
+
+    practice: bool = False
+
+
+class ListedResult(msgspec.Struct, frozen=True):
+    """What lists of runs read of a `ResultDocument`; words of later versions pass as they are."""
+
+    subject: Number
+    condition_number: ConditionNumber
+    run_number: Number
+    team: Name
+    start: StartTime
+    outcome: Outcome
+    indicators: dict[str, IndicatorPart]
+    issue: Annotated[int, Meta(ge=0)]
+    ruleset: Name
+    source: Name | None = None
+    competition: Name = ""
+    closure: ClosurePart | None = None
+    outcome_reason: str = ""
+    journal: JournalMark | None = None
+    flags: Annotated[tuple[Flag, ...], Meta(max_length=50)] | None = None
+    voided: VoidingPart | None = None
+    corrections: tuple[CorrectionPart, ...] = ()
+    protests: Annotated[tuple[ProtestPart, ...], Meta(max_length=50)] = ()
+    setup: RunKind = RunKind()
+    libraries: Libraries | None = None
+    zero_samples: ZeroPart | None = None
+    run_id: Name = ""
+    testbed: Name = ""
+    thresholds: Thresholds | None = None
+    quality: RatesPart = RatesPart()
+
+    @property
+    def told(self) -> dict[IndicatorName, Indicator]:
+        """The indicators that this version knows, in the protocol's order."""
+        parts = self.indicators
+        return {name: parts[name].of(name) for name in IndicatorName if name in parts}
+
+    @property
+    def rate(self) -> float | None:
+        """How often the door's angle was sampled, Hz; None where it does not say."""
+        door = Signal.DOOR.value
+        return next((one.rate for one in self.quality.signals if one.signal == door), None)
+
+    @property
+    def open_protest(self) -> ProtestPart | None:
+        """The open protest that is due first; None = none is open."""
+        waiting = (one for one in self.protests if one.answer is None)
+        return min(waiting, key=lambda one: one.due, default=None)
+
+    @property
+    def instant_in_question(self) -> float | None:
+        """Of the protest that is open, else of the last one, s from the start; None = none."""
+        of = self.open_protest or (self.protests[-1] if self.protests else None)
+        return None if of is None or of.at is None else of.at - self.start
+
+    @property
+    def valid(self) -> bool:
+        """Whether its indicators count (protocol section 2)."""
+        return self.outcome in VALID_OUTCOMES and self.voided is None
+
+    @property
+    def why_invalid(self) -> str:
+        """Why they do not, in the referee's words or the machine's; empty where they do."""
+        if self.voided is not None:
+            return self.voided.reason
+        return "" if self.valid else self.outcome_reason
+
+    @property
+    def practice(self) -> bool:
+        """Whether it is of a practice run; all those of a simulated testbed are."""
+        return self.setup.practice or self.source == SourceKind.SIMULATED
+
+
+class RulingPart(msgspec.Struct, frozen=True):
+    """The referee's word on a step."""
+
+    confirmed: bool | None
+
+
+class StepPart(msgspec.Struct, frozen=True):
+    """One of the six steps: its times, s since the epoch; null = not done."""
+
+    step: Step
+    name: Name = ""
+    sensors: StartTime | None = None
+    referee: RulingPart | None = None
+    final: StartTime | None = None
+    reason: str | None = None
+
+
+class StepsPart(msgspec.Struct, frozen=True):
+    """When what was done in a run, s since the epoch; no stop where the machine failed."""
+
+    start: StartTime
+    stop: StartTime | None
+    steps: Annotated[tuple[StepPart, ...], Meta(max_length=len(Step))]
+
+    @property
+    def done(self) -> dict[Step, float]:
+        """The steps that count."""
+        return {one.step: one.final for one in self.steps if one.final is not None}
+
+
+class SetupPart(msgspec.Struct, frozen=True):
+    """What is read of a run's set-up in its journal."""
+
+    subject: Number
+    team: Name
+    ruleset: Name
+    practice: bool = False
+    run_id: Name = ""
+    testbed: Name = ""
+    competition: Name | None = None
+
+
+class RemarksPart(msgspec.Struct):
+    """What is said of the data quality."""
+
+    remarks: list[str]
+
+
+class MarksPart(msgspec.Struct, frozen=True):
+    """What a result of a version that wrote no flags has of them."""
+
+    outcome: Outcome
+    source: SourceKind
+    quality: RemarksPart
+    steps: tuple[StepRecord, ...]
+    false_starts: tuple[FalseStart, ...]
+    incidents: tuple[Incident, ...]
+    waivers: tuple[Waiver, ...]
+    rulings: tuple[Ruling, ...]
+    closure: Closure | None
+    voided: Voiding | None = None
+    corrections: tuple[Correction, ...] = ()
+    setup: RunKind = RunKind()
+
+    @property
+    def practice(self) -> bool:
+        """Whether it was set up as practice."""
+        return self.setup.practice
+
+    @property
+    def out_of_plan(self) -> bool:
+        """Who wrote no flags knew no plan."""
+        return False
+
+    @property
+    def team_reason(self) -> str:
+        """There was no list of teams to differ from."""
+        return ""
+
+    @property
+    def accepted_doubts(self) -> tuple[AcceptedDoubts, ...]:
+        """Nor any doubts."""
+        return ()
+
+    @property
+    def protests(self) -> tuple[Protest, ...]:
+        """Nor any protests but the team's word."""
+        return ()
+
+    @property
+    def faults(self) -> tuple[TestbedFault, ...]:
+        """They stand among the remarks, as `Run.remarks` words them."""
+        found = (text for text in self.quality.remarks if text.startswith(("fault at ", "fault: ")))
+        return tuple(TestbedFault(0.0, text) for text in found)
+
+    @property
+    def unrecorded(self) -> int:
+        """It was told by the remarks alone."""
+        return 0
+
+
+class EventPart(msgspec.Struct, frozen=True):
+    """Something that happened, s since the epoch and since the start."""
+
+    time: float
+    since_start: float
+    event: Name
+
+
+class PagedResult(ListedResult, frozen=True):
+    """What the page of a run on a competition's site reads besides."""
+
+    steps: Annotated[tuple[StepRecord, ...], Meta(max_length=len(Step))] = ()
+    reissues: tuple[Reissuing, ...] = ()
+
+
+class TabledResult(ListedResult, frozen=True):
+    """What the tables of runs read besides."""
+
+    stop: float | None = None
+    lock_detection: Name = ""
+    software: str = ""
+    events: tuple[EventPart, ...] = ()
+    steps: tuple[StepPart, ...] = ()
+
+
+# Links of a report, led elsewhere where it stands in another place than it was made for.
+
+
+_LINK = re.compile(r'<a href="([^"#][^"]*)">([^<]*</a>)?')
+
+
+def led_elsewhere(page: str, place: Callable[[str], str | None], nowhere: str = "") -> str:
+    """A page with other links; those to places on the page itself stay.
+
+    Args:
+        page: its text.
+        place: where a link leads now, by where it led: relative paths; None = nowhere.
+        nowhere: stands behind words that are no link any more.
+    """
+
+    def led(found: re.Match[str]) -> str:
+        target = place(unquote(html.unescape(found[1])))
+        words = found[2] or ""
+        if target is None:
+            return f"<a>{words}{words and nowhere}"
+        return f'<a href="{quote(target)}">{words}'
+
+    return _LINK.sub(led, page)
+
+
+# What tells that the files of a run are those that made its result.
+
+
+LARGEST_DIGESTED = 4_000_000_000
+"""Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
+
+IDENTITY_RECORD = "madrob_identity"
+"""Name of the metadata record of a repaired recording, whose digest is another one since."""
+
+_RUN_ID = "run_id"
+_RECORDING = ".mcap"
+_METADATA = "metadata.yaml"
+_DATA = (_RECORDING, ".yaml", ".csv")
+
+
+@dataclass(frozen=True, slots=True)
+class FileDigest:
+    """A file of the run as it was when the result was written.
+
+    Attributes:
+        sha256: its digest.
+        bytes: its size.
+    """
+
+    sha256: Sha256
+    bytes: int
+
+
+def digests_of(
+    folder: Path, new: Mapping[str, bytes] | None = None
+) -> tuple[dict[str, FileDigest], tuple[str, ...]]:
+    """The digests of a run's recording and data files, and which have none and why, in words.
+
+    Args:
+        folder: of the run.
+        new: files that are about to be written there, in the place of those that there are.
+    """
+    digests, left_out, new = {}, [], new or {}
+    names = {f"{folder.name}_0.mcap", _METADATA, *_data_files(folder), *new}
+    if lists_evidence(folder):
+        names.discard(_METADATA)
+    for name in sorted(names):
+        try:
+            digests[name] = _digest_of(new[name]) if name in new else _digest(folder / name)
+        except OSError as error:
+            left_out.append(f"{name}: cannot be read ({refusal(error)})")
+    return digests, tuple(left_out)
+
+
+def lists_evidence(folder: Path) -> bool:
+    """Whether a bag has evidence, or had some: then its `metadata.yaml` has no digest.
+
+    Evidence may be finished after the result, and is thinned away later; both make another
+    `metadata.yaml`, which only repeats what the files say themselves.
+    """
+    from recorder.bag import is_evidence
+
+    return any(map(is_evidence, _names(folder))) or any(map(is_evidence, listed_in(folder)))
+
+
+def listed_in(folder: Path) -> list[str]:
+    """The files of a bag, by its `metadata.yaml`; none where that is missing or damaged."""
+    from recorder.bag import YAML_PROBLEMS
+    from recorder.mcap_reader import DamageError
+    from recorder.reader import bag_information, listed_names
+
+    try:
+        return listed_names(bag_information(folder))
+    except (DamageError, OSError, *YAML_PROBLEMS):
+        return []
+
+
+def run_id_of(files: Mapping[str, FileDigest]) -> str:
+    """The identity of a run of an earlier version, by its files; empty without a recording.
+
+    An empty recording, as a sync that keeps names only leaves it, says nothing of which run it is.
+    """
+    named = (name for name, of in files.items() if name.endswith(_RECORDING) and of.bytes)
+    recordings = sorted(named)
+    return derived_run_id(files[recordings[0]].sha256) if recordings else ""
+
+
+def run_id_at(path: Path) -> str:
+    """The same of a bag or a run folder on disk; empty where its recording cannot be read."""
+    if kept := kept_run_id(path):
+        return kept
+    names = [path.name] if path.is_file() else _data_files(path)
+    folder = path.parent if path.is_file() else path
+    recordings = sorted(name for name in names if name.endswith(_RECORDING))
+    try:
+        return run_id_of({name: _digest(folder / name) for name in recordings[:1]})
+    except OSError:
+        return ""
+
+
+def identity_record(run_id: str) -> dict[str, dict[str, str]]:
+    """The metadata record that tells a repaired recording's run."""
+    return {IDENTITY_RECORD: {_RUN_ID: run_id}}
+
+
+def kept_run_id(path: Path) -> str:
+    """The identity that a repair wrote into a bag or run folder; empty where none did."""
+    from recorder.errors import RecorderError  # lists of runs do without the recorder
+    from recorder.reader import read_bag
+
+    try:
+        return str(UUID(read_bag(path).records[IDENTITY_RECORD][_RUN_ID]))
+    except (RecorderError, KeyError, ValueError):
+        return ""
+
+
+def _data_files(folder: Path) -> list[str]:
+    return [name for name in _names(folder) if _is_data(name)]
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return os.listdir(folder)  # noqa: PTH208  of the names only
+    except OSError:
+        return []  # the files that must be there tell why
+
+
+def _is_data(name: str) -> bool:
+    """Evidence is none: nothing of the result comes from it, and a digest of it takes long."""
+    from recorder.bag import is_evidence  # lists of runs do without the recorder
+
+    return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)
+
+
+def _digest(path: Path) -> FileDigest:
+    with os.fdopen(open_plain(path), "rb") as file:
+        if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
+            raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return FileDigest(sha256=digest, bytes=file.tell())
+
+
+def _digest_of(content: bytes) -> FileDigest:
+    return FileDigest(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))

@@ -1,0 +1,409 @@
+"""The pictures of a run: at each event and each mark of the referee the nearest of each camera."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
+from madrob_console.archive.nearest_frames import (
+    FARTHEST,
+    SIDE,
+    Camera,
+    CameraFrame,
+    Cameras,
+    has_evidence,
+)
+from madrob_console.archive.run_record import Moment, moments_of
+from madrob_console.archive.scored import Scored
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import read_all, replaced_folder
+from madrob_console.common.names import terminal_safe
+from madrob_console.messages.codec import TopicMapping
+from recorder.errors import RecorderError
+
+if TYPE_CHECKING:
+    from madrob_console.archive.picture import Jpeg
+    from recorder.bag import RawMessage
+
+INDEX_FORMAT: Final = 1
+"""Version of the layout of the index."""
+
+FAR = 0.1
+"""A frame farther from its moment may show something else, s: three periods at 30 Hz."""
+
+MOST_PICTURES = 200
+"""Of a run; what happens later has none."""
+
+WORKING_TIME = 60.0
+"""Finding and decoding takes so long at most, s; what is left then has no picture."""
+
+_LONGEST_NAME = 36  # of what happened, and of a camera: whole names stay below 100, as zips want
+_LARGEST_INDEX = 4_000_000
+_LARGEST_PICTURE = 1_000_000
+_NOT_PLAIN = re.compile(r"[^0-9A-Za-z]+")
+
+
+class CameraEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera in the index.
+
+    Attributes:
+        topic: its name.
+        type: of its messages.
+        clock_offset: how far its clock is ahead of the testbed's at the first moment, s; null =
+            too few stamps to tell.
+        clock_spread: how far that may be off for what varies, s; a constant delay on the way
+            cannot be told.
+        clock_drift: by how much it gains on the testbed's, s/s.
+        clock_steps: how often it was stepped.
+    """
+
+    topic: str
+    type: str
+    clock_offset: float | None = None
+    clock_spread: float | None = None
+    clock_drift: float | None = None
+    clock_steps: int | None = None
+
+
+class PictureEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture in the index, or why there is none.
+
+    Attributes:
+        moment: its number in the run, from 1.
+        event: what happened, as file names have it.
+        words: the same for people.
+        time: when, s since the epoch.
+        since_start: when, s since the start of the run.
+        topic: of the camera.
+        file: beside the index; empty = there is none.
+        width, height: of the file, pixels.
+        stamp: of the frame's header, s since the epoch; null = it has none.
+        log_time: when the frame was logged, s since the epoch.
+        difference: how much later the frame is than the moment, by the testbed's clock, s.
+        clock: how its time was told from the camera's clock, in words.
+        scale: what the grey of the picture stands for, in words; empty = it is what was seen.
+        problem: why there is no picture, in words.
+    """
+
+    moment: int
+    event: str
+    words: str
+    time: float
+    since_start: float
+    topic: str
+    file: str = ""
+    width: int = 0
+    height: int = 0
+    stamp: float | None = None
+    log_time: float | None = None
+    difference: float | None = None
+    clock: str = ""
+    scale: str = ""
+    problem: str = ""
+
+
+class PictureIndex(msgspec.Struct, frozen=True, kw_only=True):
+    """What `index.json` says.
+
+    Attributes:
+        cameras: by topic.
+        pictures: by moment and topic.
+        problems: what else is wrong with the evidence, in words.
+        format: version of the layout.
+    """
+
+    cameras: tuple[CameraEntry, ...] = ()
+    pictures: tuple[PictureEntry, ...] = ()
+    problems: tuple[str, ...] = ()
+    format: int = INDEX_FORMAT
+
+
+@dataclass(frozen=True, slots=True)
+class RunPictures:
+    """The pictures of a run with their index.
+
+    Attributes:
+        index: which is of what.
+        files: JPEG by name.
+    """
+
+    index: PictureIndex
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to be told."""
+        return bool(self.index.pictures or self.index.problems)
+
+
+NO_PICTURES = RunPictures(PictureIndex())
+"""Of a run without evidence."""
+
+
+def events_of(scored: Scored) -> list[tuple[str, float]]:
+    """The events of a run: as EUROBENCH names them, and when they were, s since the epoch."""
+    return [(one.event.value, one.time) for one in scored.result.events]
+
+
+def moments_in(scored: Scored) -> tuple[Moment, ...]:
+    """What there are pictures of."""
+    return moments_of(events_of(scored), scored.run, scored.result.start)
+
+
+def pictures_of(
+    folder: Path,
+    moments: Sequence[Moment],
+    mappings: Sequence[TopicMapping],
+    cameras: str = "*",
+    side: int = SIDE,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> RunPictures:
+    """The nearest frame of each camera at each moment, decoded; none without evidence.
+
+    What a camera says wrongly of its pictures is told in one line, and harms nothing else.
+
+    Args:
+        folder: of the run.
+        moments: by time.
+        mappings: which topics carry the testbed's signals.
+        cameras: a pattern for the names of their topics.
+        side: the most pixels in a row and in a column.
+        monotonic: real time, s.
+    """
+    if not has_evidence(folder):
+        return NO_PICTURES
+
+    def wanted(topic: str) -> bool:
+        return fnmatchcase(topic, cameras)
+
+    try:
+        with Cameras(folder, mappings, wanted) as found:
+            return _Maker(found, side, monotonic).pictures(moments)
+    except MadrobError as error:
+        return RunPictures(PictureIndex(problems=(terminal_safe(str(error)),)))
+
+
+def stored_pictures(folder: Path) -> RunPictures:
+    """The pictures that were made of a run before; none where there are none that can be read."""
+    place = folder / PICTURES_FOLDER
+    try:
+        index = msgspec.json.decode(
+            read_all(place / PICTURES_INDEX, _LARGEST_INDEX), type=PictureIndex, strict=True
+        )
+    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        return NO_PICTURES
+    files = {}
+    for entry in index.pictures[:MOST_PICTURES]:
+        if entry.file and Path(entry.file).name == entry.file:
+            try:
+                files[entry.file] = read_all(place / entry.file, _LARGEST_PICTURE)
+            except OSError:
+                continue
+    return RunPictures(index, files)
+
+
+def run_pictures(folder: Path, scored: Scored) -> RunPictures:
+    """The pictures of a run of the results folder.
+
+    They are made of its evidence. Where that is not there any more, those that were made before
+    are all there is.
+    """
+    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
+    return made or stored_pictures(folder)
+
+
+def renewed_pictures(folder: Path, scored: Scored) -> RunPictures:
+    """The same, put into a folder of their own in the run's, in place of those before.
+
+    Raises:
+        MadrobError: the disk refuses, or something else has that name.
+    """
+    made = pictures_of(folder, moments_in(scored), scored.record.mappings)
+    if not made:
+        return stored_pictures(folder)
+    _write(folder / PICTURES_FOLDER, made)
+    return made
+
+
+def _write(place: Path, pictures: RunPictures) -> None:
+    if place.is_symlink() or (place.exists() and not (place / PICTURES_INDEX).is_file()):
+        raise MadrobError(f"{place}: is no folder of pictures; move it away")
+    index = msgspec.json.format(msgspec.json.encode(pictures.index), indent=2)
+    replaced_folder(place, {**pictures.files, PICTURES_INDEX: index + b"\n"})
+
+
+class _Maker:
+    """Finds and decodes, until all is made or the time is up."""
+
+    def __init__(self, cameras: Cameras, side: int, monotonic: Callable[[], float]) -> None:
+        self._cameras = cameras
+        self._side = side
+        self._names = _file_names([camera.topic for camera in cameras.cameras])
+        self._monotonic = monotonic
+        self._until = monotonic() + WORKING_TIME
+        self._made: dict[tuple[int, int, int], tuple[Jpeg, str] | str] = {}
+        self._files: dict[str, bytes] = {}
+        self._left_out = 0
+
+    def pictures(self, moments: Sequence[Moment]) -> RunPictures:
+        entries = [entry for one in enumerate(moments, start=1) for entry in self._at(*one)]
+        problems = [terminal_safe(problem) for problem in self._cameras.problems]
+        if self._left_out:
+            problems.append(
+                f"{self._left_out} pictures were not made: at most {MOST_PICTURES}, and "
+                f"{WORKING_TIME:g} s of work; `madrob pictures` makes single ones"
+            )
+        first = moments[0].time if moments else 0.0
+        described = tuple(_described(camera, first) for camera in self._cameras.cameras)
+        index = PictureIndex(cameras=described, pictures=tuple(entries), problems=tuple(problems))
+        return RunPictures(index, self._files)
+
+    def _at(self, number: int, moment: Moment) -> Iterator[PictureEntry]:
+        time = self._cameras.of_testbed(moment.time) if moment.logged else moment.time
+        for camera in self._cameras.cameras:
+            if len(self._files) >= MOST_PICTURES or self._monotonic() > self._until:
+                self._left_out += 1
+                continue
+            entry = PictureEntry(
+                moment=number,
+                event=moment.name,
+                words=moment.words,
+                time=moment.time,
+                since_start=moment.since_start,
+                topic=camera.topic,
+            )
+            try:
+                frame = self._cameras.nearest(camera, time)
+            except RecorderError as error:
+                yield msgspec.structs.replace(entry, problem=terminal_safe(str(error)))
+                continue
+            yield entry if frame is None else self._of_frame(entry, frame)
+
+    def _of_frame(self, entry: PictureEntry, frame: CameraFrame) -> PictureEntry:
+        known = msgspec.structs.replace(
+            entry,
+            stamp=frame.stamp,
+            log_time=frame.log,
+            difference=frame.difference,
+            clock=frame.clock_words,
+        )
+        made = self._picture(frame)
+        if isinstance(made, str):
+            return msgspec.structs.replace(known, problem=made)
+        name = f"{entry.moment:02d}_{_plain(entry.event)}_{self._names[entry.topic]}.jpg"
+        file, scale = made
+        self._files[name] = file.data
+        return msgspec.structs.replace(
+            known, file=name, width=file.width, height=file.height, scale=scale
+        )
+
+    def _picture(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
+        """A frame as JPEG and what its grey is, or why there is none; each is decoded once."""
+        if frame.found.key not in self._made:
+            self._made[frame.found.key] = self._decode(frame)
+        return self._made[frame.found.key]
+
+    def _decode(self, frame: CameraFrame) -> tuple[Jpeg, str] | str:
+        from madrob_console.archive.picture import (
+            MOST_BYTES,
+            MOST_MESSAGE,
+            PictureError,
+            decoded,
+            jpeg,
+        )
+
+        try:
+            message: RawMessage = self._cameras.message(frame, MOST_MESSAGE)
+            most = round(MOST_BYTES * max(1.0, (self._side / SIDE) ** 2))
+            picture, scale = decoded(message, self._side)
+            return jpeg(picture, most), scale
+        except (PictureError, RecorderError) as error:
+            return terminal_safe(str(error)).removeprefix(f"{frame.camera.topic}: ")
+
+
+def nothing_near(entry: PictureEntry) -> str:
+    """Why there is no picture, in words; empty where there is one."""
+    if entry.file:
+        return ""
+    return entry.problem or f"no frame within {FARTHEST:g} s"
+
+
+def caption_words(entry: PictureEntry) -> str:
+    """What is to be known of a picture: what its grey stands for, and its camera's clock."""
+    return "; ".join(filter(None, (entry.scale, entry.clock)))
+
+
+def is_far(entry: PictureEntry) -> bool:
+    """Whether a frame is so far from its moment that it may show something else."""
+    return abs(entry.difference or 0.0) > FAR
+
+
+def difference_words(entry: PictureEntry) -> str:
+    """How far a frame is from its moment: `-12 ms` where it is earlier; `389 ms LATER` if far."""
+    ms = _ms(entry)
+    if is_far(entry):
+        return f"{abs(ms)} ms {'LATER' if ms > 0 else 'EARLIER'}"
+    return f"{ms:+d} ms" if ms else "0 ms"
+
+
+def named_by_distance(made: RunPictures) -> RunPictures:
+    """The same with names of files that say how far each frame is from its moment.
+
+    For files that no index lies beside.
+    """
+    names: dict[str, str] = {}
+    for entry in made.index.pictures:
+        if entry.file in made.files:
+            ms, (stem, ending) = _ms(entry), os.path.splitext(entry.file)  # noqa: PTH122
+            side = "" if not ms else "_later" if ms > 0 else "_earlier"
+            names[entry.file] = f"{stem}_{abs(ms)}_ms{side}{ending}"
+    listed = tuple(
+        msgspec.structs.replace(entry, file=names.get(entry.file, entry.file))
+        for entry in made.index.pictures
+    )
+    index = msgspec.structs.replace(made.index, pictures=listed)
+    return RunPictures(index, {names[name]: data for name, data in made.files.items()})
+
+
+def _ms(entry: PictureEntry) -> int:
+    return round(1000 * (entry.difference or 0.0))
+
+
+def _described(camera: Camera, at: float) -> CameraEntry:
+    clock = camera.clock
+    if clock is None:
+        return CameraEntry(topic=camera.topic, type=camera.type)
+    return CameraEntry(
+        topic=camera.topic,
+        type=camera.type,
+        clock_offset=clock.offset(at),
+        clock_spread=clock.spread(at),
+        clock_drift=clock.drift,
+        clock_steps=clock.camera.steps,
+    )
+
+
+def _file_names(topics: Sequence[str]) -> dict[str, str]:
+    """A plain name for each topic, of no other one."""
+    names: dict[str, str] = {}
+    for topic in topics:
+        name = plain = _plain(topic)
+        number = 1
+        while name in names.values():
+            number += 1
+            name = f"{plain}_{number}"
+        names[topic] = name
+    return names
+
+
+def _plain(text: str) -> str:
+    """Letters, digits and underscores of it, so that any system takes it for a file name."""
+    return _NOT_PLAIN.sub("_", text).strip("_")[:_LONGEST_NAME] or "unnamed"

@@ -1,0 +1,534 @@
+"""What `madrob doctor` says: whether this machine can referee, and what stands in the way."""
+
+from __future__ import annotations
+
+import codecs
+import configparser
+import locale
+import os
+import pwd
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from madrob_console.cli.doctor_ros import Finding, Severity, overheard
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.version import DISTRIBUTION
+from madrob_console.engine.engine_lock import runtime_folder
+from madrob_console.referee.competition_plan import PlanSource, unknown_teams
+from madrob_console.referee.lists import TeamSource
+from madrob_console.referee.records import counted, listed, size_words
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicFlow, TopicLimit
+from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
+from madrob_console.testbeds.ros_domain import domain_id
+
+if TYPE_CHECKING:
+    from madrob_console.common.names import RemoteService
+    from madrob_console.messages.codec import TopicMapping
+
+OLDEST_PYTHON = (3, 11)
+SMALLEST_TERMINAL = (80, 24)
+SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
+
+
+def doctor(  # noqa: PLR0913  what it looks at
+    mappings: Sequence[TopicMapping],
+    results: Path,
+    *,
+    domain: int | None = None,
+    disk_space: int,
+    listen: float = 2.0,
+    environment: Mapping[str, str] = os.environ,
+    services: Collection[RemoteService] = (),
+    lists: Callable[[], Iterator[Finding]] = lambda: iter(()),
+    evidence: Callable[[], Iterator[Finding]] = lambda: iter(()),
+) -> Iterator[Finding]:
+    """Look at everything the console needs, one after the other; never raises.
+
+    Args:
+        mappings: the configured topics.
+        results: the folder in which runs are kept.
+        domain: ROS domain; None = `ROS_DOMAIN_ID`, or 0.
+        disk_space: bytes that should be free.
+        listen: how long to listen to the testbed, s, once it is found; 0 = not. Looking for it
+            takes 3 s at most.
+        environment: environment variables.
+        services: what other programs of the ROS domain may call.
+        lists: looks at the competition's lists.
+        evidence: looks at what would be recorded beside the testbed's topics.
+    """
+
+    def testbed() -> Iterator[Finding]:
+        from madrob_console.cli.doctor_ros import look_at_ros
+
+        return look_at_ros(mappings, domain, listen, environment, services)
+
+    def session() -> Iterator[Finding]:
+
+        return look_at_session(environment)
+
+    checks: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
+        ("python", look_at_python),
+        ("packages", lambda: look_at_packages(_requirements())),
+        ("results", lambda: look_at_results(results, disk_space)),
+        ("lists", lists),
+        ("terminal", lambda: look_at_terminal(environment)),
+        ("log-out", session),
+        ("ros", testbed),
+        ("evidence", evidence),
+    )
+    for subject, check in checks:
+        yield from _safely(subject, check)
+
+
+def usable(findings: Sequence[Finding]) -> bool:
+    """Whether the console runs here."""
+    return all(finding.severity is not Severity.ERROR for finding in findings)
+
+
+def line(finding: Finding) -> str:
+    """A finding as a line of plain text."""
+    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """What all findings come to, as a line."""
+    if not usable(findings):
+        return "not usable: see the errors above"
+    warnings = sum(finding.severity is Severity.WARNING for finding in findings)
+    return f"usable, {warnings} warning{'s' if warnings > 1 else ''}" if warnings else "usable"
+
+
+def look_at_python() -> Iterator[Finding]:
+    """Python itself."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        needed = ".".join(map(str, OLDEST_PYTHON))
+        yield Finding(Severity.ERROR, "python", f"{version}: install {needed} or newer")
+    else:
+        yield Finding(Severity.OK, "python", f"{version}, {sys.prefix}")
+
+
+def look_at_packages(requirements: Sequence[str] | None) -> Iterator[Finding]:
+    """The libraries without which the console does not run.
+
+    Args:
+        requirements: as pyproject.toml has them (PEP 508), extras and all; None = nobody knows.
+    """
+    if requirements is None:
+        unknown = f"nothing says which are needed: install {DISTRIBUTION} to have them looked at"
+        yield Finding(Severity.WARNING, "packages", unknown)
+        return
+    try:
+        from packaging.requirements import Requirement
+    except ModuleNotFoundError:
+        yield _missing("packaging")
+        return
+    found = []
+    for requirement in map(Requirement, requirements):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue  # of another platform, or of an extra
+        try:
+            found.append(f"{requirement.name} {metadata.version(requirement.name)}")
+        except metadata.PackageNotFoundError:
+            yield _missing(requirement.name)
+    yield Finding(Severity.OK, "packages", ", ".join(found))
+
+
+def _missing(package: str) -> Finding:
+    text = f"{package} is missing: install {DISTRIBUTION} again"
+    return Finding(Severity.ERROR, "packages", text)
+
+
+def _requirements() -> Sequence[str] | None:
+    """What this installation needs, or this source tree that is not installed."""
+    try:
+        return metadata.requires(DISTRIBUTION)
+    except metadata.PackageNotFoundError:
+        pass
+    try:
+        project = (Path(__file__).parents[2] / "pyproject.toml").read_bytes().decode()
+    except OSError:
+        return None
+    dependencies: list[str] = tomllib.loads(project)["project"]["dependencies"]
+    return dependencies
+
+
+def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:
+    """The results folder: whether it can be written, and how much fits."""
+    place = next((place for place in (folder, *folder.parents) if place.exists()), folder)
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+        yield Finding(
+            Severity.ERROR, "results", f"{folder} cannot be written: set results.folder to another"
+        )
+        return
+    free = shutil.disk_usage(place).free
+    text = f"{folder}: {size_words(free)} free"
+    if free < disk_space:
+        needed = size_words(disk_space)
+        yield Finding(Severity.WARNING, "results", f"{text}, less than {needed}: make room")
+    else:
+        yield Finding(Severity.OK, "results", text)
+
+
+def look_at_terminal(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """The terminal: kind, colours, size, characters."""
+    kind = environment.get("TERM", "")
+    if not sys.stdout.isatty():
+        yield Finding(Severity.OK, "terminal", "none: the output goes elsewhere")
+    elif kind in ("", "dumb", "unknown"):
+        yield Finding(
+            Severity.WARNING, "terminal", f"TERM={kind} draws no screens: use TERM=xterm-256color"
+        )
+    else:
+        size = shutil.get_terminal_size()
+        text = f"{kind}, {_colours(kind, environment)}, {size.columns}x{size.lines}"
+        small = size.columns < SMALLEST_TERMINAL[0] or size.lines < SMALLEST_TERMINAL[1]
+        if small:
+            text += f": enlarge it to {SMALLEST_TERMINAL[0]}x{SMALLEST_TERMINAL[1]}"
+        yield Finding(Severity.WARNING if small else Severity.OK, "terminal", text)
+    encoding = getattr(sys.stdout, "encoding", None) or locale.getpreferredencoding(False)
+    if _is_utf8(encoding):
+        yield Finding(Severity.OK, "characters", "UTF-8")
+    else:
+        yield Finding(
+            Severity.WARNING, "characters", f"{encoding}: use a UTF-8 locale (LANG=C.UTF-8)"
+        )
+
+
+def _colours(kind: str, environment: Mapping[str, str]) -> str:
+    if environment.get("NO_COLOR"):
+        return "no colours (NO_COLOR)"
+    if environment.get("COLORTERM", "") in ("truecolor", "24bit"):
+        return "16 million colours"
+    return "256 colours" if "256" in kind else "16 colours"
+
+
+def _is_utf8(encoding: str) -> bool:
+    try:
+        return codecs.lookup(encoding).name == "utf-8"
+    except LookupError:
+        return False
+
+
+def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> list[Finding]:
+    findings: list[Finding] = []
+    try:
+        findings.extend(check())
+    except Exception as error:  # noqa: BLE001  # the doctor must get to the end on a sick machine
+        first = next(iter(str(error).splitlines()), "") or type(error).__name__
+        findings.append(Finding(Severity.WARNING, subject, f"could not be looked at ({first})"))
+    return findings
+
+
+# What the doctor says of a competition's lists: its teams and its plan.
+
+
+def look_at_lists(teams: TeamSource, plan: PlanSource) -> Iterator[Finding]:
+    """Whether all of both lists can be used, and whether they know the same teams."""
+    listed, planned = teams.read(), plan.read()
+    for name, problems in (("teams", listed.problems), ("plan", planned.problems)):
+        yield from (Finding(Severity.WARNING, name, problem) for problem in problems)
+    if listed.names:
+        yield Finding(Severity.OK, "teams", f"{len(listed.names)} in the list")
+    if not planned.lines:
+        return
+    tasks = {line.task for line in planned.lines}
+    subjects = sorted({task.subject for task in tasks})
+    attempts = sum(line.attempts for line in planned.lines)
+    text = f"{attempts} attempts, teams: {len(subjects)}, conditions: "
+    text += str(len({task.condition for task in tasks}))
+    yield Finding(Severity.OK, "plan", text)
+    for words in unknown_teams(tasks, listed.names):
+        yield Finding(Severity.WARNING, "plan", words)
+
+
+# The doctor's look at what a log-out does to an engine, and at where its socket lies.
+
+
+AS_A_SERVICE = "run it as a service (`madrob engine unit`)"
+_CONFIGURED = ("etc/systemd", "run/systemd", "usr/local/lib/systemd", "usr/lib/systemd")
+"""Where logind's settings lie; the first one with a file of some name has it."""
+
+_PATIENCE = 3.0
+_ASK_LOGIND = (
+    *("busctl", "--system", "get-property", "org.freedesktop.login1", "/org/freedesktop/login1"),
+    *("org.freedesktop.login1.Manager", "KillUserProcesses"),
+)
+
+RunCommand = Callable[[Sequence[str]], str | None]
+"""Runs a command; what it prints, None where that is not possible."""
+
+
+def answer_of(command: Sequence[str]) -> str | None:
+    """What a command prints; None where there is none, or it fails, or takes too long."""
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=_PATIENCE
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout
+
+
+def look_at_session(
+    environment: Mapping[str, str], root: Path = Path("/"), ask: RunCommand = answer_of
+) -> Iterator[Finding]:
+    """Where the socket lies, and what ends an engine when its user logs out.
+
+    Args:
+        environment: environment variables.
+        root: where the system's files are.
+        ask: asks the running system.
+    """
+    managed = (root / "run/systemd/system").is_dir()
+    yield _socket(environment, managed=managed)
+    if not managed:
+        yield Finding(Severity.OK, "log-out", "no systemd here: it ends no engine")
+        return
+    user = _user()
+    lingers = (root / "var/lib/systemd/linger" / user).exists()
+    kills = kills_processes(user, root, ask)
+    yield _linger(user, lingers=lingers)
+    yield _log_out(kills)
+
+
+def _socket(environment: Mapping[str, str], *, managed: bool) -> Finding:
+    try:
+        folder = runtime_folder()
+    except MadrobError as error:
+        return Finding(Severity.ERROR, "socket", str(error))
+    given = environment.get("XDG_RUNTIME_DIR", "")
+    if given and folder.parent == Path(given):
+        return Finding(Severity.OK, "socket", str(folder))
+    what = f"XDG_RUNTIME_DIR is {f'{given}, which cannot be used' if given else 'not set'}"
+    return Finding(
+        Severity.WARNING if given or managed else Severity.OK,
+        "socket",
+        f"{folder}: {what}, as after `su` or `sudo`; log in as yourself, or set it to a folder of "
+        "your own",
+    )
+
+
+def _linger(user: str, *, lingers: bool) -> Finding:
+    if lingers:
+        return Finding(Severity.OK, "linger", f"on: what is {user}'s outlives a log-out")
+    return Finding(
+        Severity.WARNING,
+        "linger",
+        "off: the last log-out removes the runtime folder and ends services of the user; "
+        "`loginctl enable-linger` keeps them",
+    )
+
+
+def _log_out(kills: bool | None) -> Finding:
+    if kills is None:
+        text = f"not known whether it ends programs (KillUserProcesses): {AS_A_SERVICE}"
+        return Finding(Severity.WARNING, "log-out", text)
+    if kills:
+        text = (
+            f"it ends all programs, an engine and its run too (KillUserProcesses): {AS_A_SERVICE}"
+        )
+        return Finding(Severity.WARNING, "log-out", text)
+    return Finding(Severity.OK, "log-out", "it leaves programs alone (KillUserProcesses=no)")
+
+
+def kills_processes(user: str, root: Path, ask: RunCommand) -> bool | None:
+    """Whether a log-out ends what a user started; None where nothing tells.
+
+    What logind itself says comes first, then its settings; a build of systemd may have another
+    default, which stands nowhere.
+    """
+    settings = _logind_settings(root)
+    if user in settings.get("killexcludeusers", "root").split():
+        return False
+    if (only := settings.get("killonlyusers", "").split()) and user not in only:
+        return False
+    said = ask(_ASK_LOGIND)
+    if said is not None and said.split()[:1] == ["b"]:
+        return said.split()[1:] == ["true"]
+    value = settings.get("killuserprocesses", "").lower()
+    return None if not value else value in ("1", "yes", "y", "true", "t", "on")
+
+
+def _logind_settings(root: Path) -> dict[str, str]:
+    """The keys of [Login], in small letters; of two files the later one counts."""
+    main = next(
+        (file for place in _CONFIGURED if (file := root / place / "logind.conf").is_file()), None
+    )
+    dropped: dict[str, Path] = {}
+    for place in reversed(_CONFIGURED):
+        for file in (root / place / "logind.conf.d").glob("*.conf"):
+            dropped[file.name] = file
+    found: dict[str, str] = {}
+    for file in (*([main] if main else []), *(dropped[name] for name in sorted(dropped))):
+        parser = configparser.ConfigParser(
+            strict=False, interpolation=None, allow_no_value=True, delimiters=("=",)
+        )
+        try:
+            parser.read_string(file.read_text(errors="replace"))
+        except (OSError, configparser.Error):
+            continue
+        if parser.has_section("Login"):
+            found |= {key: (value or "").strip() for key, value in parser.items("Login")}
+    return found
+
+
+def _user() -> str:
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # a user without a name
+        return str(os.getuid())
+
+
+# The doctor's look at the evidence: what would be recorded now, and what it would cost.
+
+
+LISTENS = 4.0
+"""So long it listens once it has found something, s."""
+
+PATIENCE = 10.0
+"""So long it looks for topics that are not seen yet, s: on a busy machine some take as long."""
+
+_LOOK_PERIOD, _REST = 0.5, 0.02
+_HOUR = 3600.0
+
+_LARGE = 100_000
+"""Mean bytes of messages that are easily lost: Fast DDS hands over 512 kB at once."""
+
+
+def look_at_evidence(
+    choice: EvidenceChoice,
+    own_topics: Collection[str],
+    domain: int | None,
+    budget: int,
+    environment: Mapping[str, str],
+    ros_args: Sequence[str] = (),
+) -> Iterator[Finding]:
+    """What matches now, with its rate, and what an hour of it costs.
+
+    Args:
+        choice: what is wanted.
+        own_topics: those that are recorded anyway.
+        domain: ROS domain; None = as the environment has it.
+        budget: of evidence, bytes.
+        environment: environment variables.
+        ros_args: what a launch file says of names.
+    """
+    if not choice.topics:
+        yield Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
+        return
+    try:
+        with overheard() as lines:
+            seen = _listen(choice, own_topics, domain, environment, ros_args)
+    except MadrobError as error:
+        yield Finding(Severity.WARNING, "evidence", str(error))
+        return
+    yield from (_evidence_topic(flow, choice.limit(flow.topic)) for flow in seen.flows)
+    if seen.flows:
+        yield _whole(seen.flows, budget)
+    yield from (Finding(Severity.WARNING, "evidence", words) for words in _missing_evidence(seen))
+    yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was seen.
+
+    Attributes:
+        flows: what comes.
+        left_over, unseen, scored: see `EvidenceIntakes`.
+    """
+
+    flows: Sequence[TopicFlow]
+    left_over: Sequence[str]
+    unseen: Sequence[str]
+    scored: Sequence[str]
+
+
+def _listen(
+    choice: EvidenceChoice,
+    own_topics: Collection[str],
+    domain: int | None,
+    environment: Mapping[str, str],
+    ros_args: Sequence[str],
+) -> _Seen:
+    """What comes: it listens for a while once there is something for each pattern.
+
+    Raises:
+        MadrobError: ROS does not start, or there is no such domain.
+    """
+    intakes = EvidenceIntakes(
+        domain_id(domain, environment),
+        choice,
+        own_topics,
+        ros_args=ros_args,
+        environment=environment,
+        name="doctor_evidence",
+    )
+    looked, ends, found = 0.0, time.monotonic() + PATIENCE, False
+    try:
+        while (now := time.monotonic()) < ends:
+            if now - looked >= _LOOK_PERIOD:
+                looked = now
+                intakes.discover(recording=False)
+            for _ in intakes.take(time.time_ns):
+                pass
+            if not found and not intakes.unseen and _comes(intakes.flows()):
+                found, ends = True, now + LISTENS
+            intakes.rest(_REST)
+        return _Seen(intakes.flows(), intakes.left_over, intakes.unseen, intakes.scored)
+    finally:
+        intakes.close()
+
+
+def _comes(flows: Sequence[TopicFlow]) -> bool:
+    """Whether something comes, or there is nothing that could."""
+    return not flows or any(flow.rate for flow in flows)
+
+
+def _missing_evidence(seen: _Seen) -> Iterator[str]:
+    """What is not there of what is wanted, or needs not be asked for."""
+    if seen.unseen:
+        within = f"not seen within {PATIENCE:g} s: start what does, or correct the patterns"
+        yield f"nobody publishes {', '.join(seen.unseen)}, {within}"
+    if seen.scored:
+        yield f"{', '.join(seen.scored)}: recorded with the score, remove the pattern"
+    if seen.left_over:
+        too_many = counted(len(seen.left_over), "topic")
+        yield f"{too_many} too many, {listed(seen.left_over)}: exclude some"
+
+
+def _evidence_topic(flow: TopicFlow, limit: TopicLimit) -> Finding:
+    rate = f"{flow.rate:.1f} Hz, {flow.byte_rate / 1e6:.2f} MB/s"
+    if limit.most_rate is not None:
+        rate += f" (at most {limit.most_rate:g} Hz by `recording.limits`)"
+    lost = f", {flow.lost} lost on the way" if flow.lost else ""
+    text = f"evidence, {flow.type}, {rate}{lost}"
+    problem = flow.problem or ("nothing comes now" if flow.silent else "")
+    if flow.lost and flow.byte_rate > _LARGE * flow.rate and not problem:
+        problem = (
+            "have it published reliably, or give its publisher's Fast DDS profile a larger "
+            "`segment_size` (`madrob guide testbed`)"
+        )
+    if problem:
+        return Finding(Severity.WARNING, flow.topic, f"{text}: {problem}")
+    return Finding(Severity.WARNING if flow.lost else Severity.OK, flow.topic, text)
+
+
+def _whole(flows: Sequence[TopicFlow], budget: int) -> Finding:
+    byte_rate = sum(flow.byte_rate for flow in flows)
+    hours = (
+        f", the budget of {budget / 1e9:g} GB is {budget / byte_rate / _HOUR:.1f} h"
+        if byte_rate
+        else ""
+    )
+    text = f"{counted(len(flows), 'topic')}, {byte_rate * _HOUR / 1e9:.2f} GB an hour{hours}"
+    return Finding(Severity.OK, "evidence", text)

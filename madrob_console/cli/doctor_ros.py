@@ -1,0 +1,347 @@
+"""The doctor's findings about ROS 2 and the testbed's topics."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import re
+import shutil
+import sys
+import time
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from importlib import metadata
+from pathlib import Path
+from typing import BinaryIO
+
+from madrob_console.common.clock import SystemClock
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import RemoteService, terminal_safe
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.ros import RosSource
+from madrob_console.testbeds.ros.connection import (
+    REMEDY,
+    SHARED_MEMORY,
+    Connection,
+    load_module,
+    load_rclpy,
+)
+from madrob_console.testbeds.ros.neighbours import NEEDED_BY_SERVICES, SERVICES_REMEDY
+from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
+from madrob_console.testbeds.ros_domain import domain_id
+from madrob_console.testbeds.source import TopicStatus
+
+# What the doctor finds.
+
+
+class Severity(IntEnum):
+    """How bad a finding is."""
+
+    OK = 0
+    WARNING = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        severity: WARNING = the console runs, but look at it; ERROR = it does not run.
+        subject: what was looked at, one or two words.
+        text: what was found and, unless all is well, the remedy; one line.
+    """
+
+    severity: Severity
+    subject: str
+    text: str
+
+
+# What libraries write past Python to the terminal, caught.
+
+
+MOST_LINES = 5
+"""Different lines that are kept."""
+
+_LARGEST = 1 << 20
+_STREAMS = (1, 2)  # standard output and error output
+_DATE = re.compile(r"^[0-9-]{10} [0-9:.]+ ")
+_PLACE = re.compile(r" -> Function \w+$")
+
+
+@contextmanager
+def overheard() -> Iterator[list[str]]:
+    """While inside, nothing of it reaches the terminal.
+
+    Yields:
+        A list that has the lines afterwards, each once, without their times: what a library says
+        ten times a second is one line. Empty where nothing can be caught.
+    """
+    lines: list[str] = []
+    try:
+        file = os.fdopen(os.memfd_create("overheard"), "w+b")
+    except OSError:
+        yield lines
+        return
+    with file:
+        kept = _redirected(file)
+        try:
+            yield lines
+        finally:
+            _flush()
+            for stream, copy in kept.items():
+                os.dup2(copy, stream)
+                os.close(copy)
+        file.seek(0)
+        said = file.read(_LARGEST).decode(errors="replace").splitlines()
+        lines += [line for line in dict.fromkeys(map(_plain, said)) if line][:MOST_LINES]
+
+
+def _redirected(file: BinaryIO) -> dict[int, int]:
+    """Let the streams end in a file; copies of what they were."""
+    _flush()
+    kept: dict[int, int] = {}
+    for stream in _STREAMS:
+        try:
+            kept[stream] = os.dup(stream)
+        except OSError:  # closed, or no file handles
+            continue
+        os.dup2(file.fileno(), stream)
+    return kept
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    ctypes.CDLL(None).fflush(None)  # and what C has not written yet
+
+
+def _plain(line: str) -> str:
+    return _PLACE.sub("", _DATE.sub("", terminal_safe(line))).strip()
+
+
+SYSTEM_ROS = Path("/opt/ros")
+ENOUGH_SHARED_MEMORY = 16_000_000
+"""Bytes; Fast DDS wants half a megabyte for each program, and files for its ports."""
+
+_WHEELS = "ros-jazzy-rclpy"
+_DISCOVERY = 3.0
+"""Seconds to find everything; less where everything is there."""
+
+
+def look_at_ros(
+    mappings: Sequence[TopicMapping],
+    domain: int | None,
+    listen: float,
+    environment: Mapping[str, str],
+    services: Collection[RemoteService] = (),
+) -> Iterator[Finding]:
+    """Which ROS is here, how it is set up, what others may call, and what the testbed sends."""
+    yield from look_at_installation(environment)
+    try:
+        number = domain_id(domain, environment)
+    except MadrobError as error:
+        yield Finding(Severity.ERROR, "ros domain", str(error))
+        return
+    yield _domain(number)
+    yield _discovery(environment)
+    if importlib.util.find_spec("rclpy") is None:
+        return
+    yield from look_at_shared_memory()
+    try:
+        with overheard() as lines:
+            found = list(_look_inside(mappings, number, listen, environment, services))
+        yield from found
+        yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
+    except MadrobError as error:
+        yield Finding(Severity.WARNING, "ros", str(error))
+
+
+def _look_inside(
+    mappings: Sequence[TopicMapping],
+    number: int,
+    listen: float,
+    environment: Mapping[str, str],
+    services: Collection[RemoteService],
+) -> Iterator[Finding]:
+    """What ROS says when one joins the domain."""
+    try:
+        load_rclpy()
+        utilities = load_module("rclpy.utilities")
+        rmw = utilities.get_rmw_implementation_identifier()
+        yield Finding(Severity.OK, "middleware", str(rmw))
+        yield from look_at_messages(services)
+        if listen > 0:
+            yield from look_at_testbed(mappings, number, listen, environment)
+    except MadrobError as error:
+        yield Finding(Severity.WARNING, "ros", str(error))
+
+
+_MESSAGES = {
+    "diagnostic_msgs": "/diagnostics is not published",
+    "std_srvs": "no service can be offered (setting `ros.services`)",
+    "tf2_msgs": "`madrob testbed` publishes no /tf_static",
+}
+"""Packages of messages without which all else works, and what does not."""
+
+
+def look_at_messages(services: Collection[RemoteService]) -> Iterator[Finding]:
+    """What is missing for other programs.
+
+    Args:
+        services: what the settings allow them to call.
+    """
+    for package, lacks in _MESSAGES.items():
+        if importlib.util.find_spec(package) is not None:
+            continue
+        if services and package == NEEDED_BY_SERVICES:
+            yield Finding(Severity.ERROR, package, f"no engine starts: {SERVICES_REMEDY}")
+        else:
+            yield Finding(Severity.OK, package, f"not installed: {lacks}")
+
+
+def look_at_shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
+    """Where programs on one machine hand messages to each other."""
+    with suppress(OSError):
+        free = shutil.disk_usage(folder).free
+        if free < ENOUGH_SHARED_MEMORY:
+            yield Finding(
+                Severity.WARNING,
+                "shared memory",
+                f"{folder} has {free / 1e6:.1f} MB free, ROS may lose messages: make room; "
+                f"{folder}/fastrtps_* may go while no ROS program runs",
+            )
+
+
+def look_at_installation(
+    environment: Mapping[str, str], system: Path = SYSTEM_ROS
+) -> Iterator[Finding]:
+    """The system's ROS, the wheels, both, or none.
+
+    Args:
+        environment: environment variables.
+        system: the folder with the system's ROS distributions.
+    """
+    distributions = sorted(path.name for path in system.glob("*/") if (path / "share").is_dir())
+    try:
+        wheels = metadata.version(_WHEELS)
+    except metadata.PackageNotFoundError:
+        wheels = None
+    spec = importlib.util.find_spec("rclpy")
+    if spec is None:
+        hint = f"{system}/{distributions[-1]} is not sourced; " if distributions else ""
+        yield Finding(Severity.WARNING, "ros", f"not found, {hint}only simulated: {REMEDY}")
+        return
+    where = Path(spec.origin or "").parent
+    distribution = environment.get("ROS_DISTRO") or "jazzy"
+    kind = "system" if where.is_relative_to(system) or not wheels else f"wheels {wheels}"
+    yield Finding(Severity.OK, "ros", f"{distribution}, {kind}, {where}")
+    if distributions and wheels:
+        yield Finding(
+            Severity.WARNING,
+            "ros",
+            f"both {system}/{distributions[-1]} and wheels are installed, their libraries clash: "
+            f"use an environment without {_WHEELS}",
+        )
+
+
+def look_at_testbed(
+    mappings: Sequence[TopicMapping],
+    domain: int,
+    listen: float,
+    environment: Mapping[str, str],
+) -> Iterator[Finding]:
+    """Listen to every configured topic for `listen` s.
+
+    Raises:
+        MadrobError: ROS does not start.
+    """
+    needed = {m.topic for m in mappings if not m.signal.optional}
+    source = RosSource(
+        mappings, MessageTypes(), SystemClock(), domain, speaks=False, environment=environment
+    )
+    connection = Connection(domain)
+    try:
+        source.open()
+        node = connection.node("doctor")
+        door = node.create_client(load_module("rcl_interfaces.srv").SetParameters, SET_PARAMETERS)
+        ends = time.monotonic() + _DISCOVERY
+        while time.monotonic() < ends and not (
+            door.service_is_ready() and _all_matched(source, needed)
+        ):
+            source.take(0.05)
+        found = any(status.publishers for status in source.status())
+        counts = _take(source, listen if found else 0.0)
+        statuses = source.status()
+        has_door = door.service_is_ready()
+        console = source.other_referee
+    finally:
+        source.close()
+        connection.close()
+    for status in statuses:
+        yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+    yield _door(present=has_door)
+    if console is not None:
+        yield Finding(Severity.WARNING, "console", f"one runs in domain {domain}: {console}")
+
+
+def _all_matched(source: RosSource, topics: set[str]) -> bool:
+    return all(status.publishers for status in source.status() if status.topic in topics)
+
+
+def _take(source: RosSource, duration: float) -> Counter[str]:
+    """How many messages came on each topic within `duration` s."""
+    counts: Counter[str] = Counter()
+    ends = time.monotonic() + duration
+    while (left := ends - time.monotonic()) > 0:
+        counts.update(message.topic for message in source.take(left))
+    return counts
+
+
+def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:
+    if status.problem is not None:
+        return Finding(Severity.WARNING, status.topic, status.problem)
+    if status.publishers == 0:
+        if optional:
+            return Finding(Severity.OK, status.topic, "no publisher (optional)")
+        return Finding(Severity.WARNING, status.topic, "no publisher: start the testbed")
+    found = f"{status.publishers} publisher{'s' if status.publishers > 1 else ''}, {status.type}"
+    if rate == 0 and not optional:
+        return Finding(Severity.WARNING, status.topic, f"{found}, but silent: look at its sensor")
+    if status.publishers > 1:
+        return Finding(Severity.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
+    return Finding(Severity.OK, status.topic, f"{found}, {rate:.1f} Hz")
+
+
+def _door(*, present: bool) -> Finding:
+    if present:
+        return Finding(Severity.OK, DOOR_NODE, "takes the sides and the brake")
+    return Finding(Severity.WARNING, DOOR_NODE, "not there: the sides must be set by hand")
+
+
+def _domain(number: int) -> Finding:
+    # above, its ports lie among those that Linux gives to any connection
+    if 101 < number < 215:
+        return Finding(
+            Severity.WARNING, "ros domain", f"{number}: its ports may be taken, use 0 to 101"
+        )
+    return Finding(Severity.OK, "ros domain", str(number))
+
+
+def _discovery(environment: Mapping[str, str]) -> Finding:
+    given = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() or "SUBNET"
+    if environment.get("ROS_LOCALHOST_ONLY") == "1":
+        given = "LOCALHOST"
+    peers = environment.get("ROS_STATIC_PEERS", "")
+    text = f"{given}, peers {peers}" if peers else given
+    if given == "OFF" and not peers:
+        return Finding(Severity.WARNING, "discovery", f"{text}: nobody is found, unset it")
+    if given == "LOCALHOST" and not peers:
+        return Finding(Severity.OK, "discovery", f"{text}: only testbeds on this machine")
+    return Finding(Severity.OK, "discovery", text)

@@ -1,0 +1,224 @@
+"""Recordings with known answers: does this installation score right?
+
+The recordings and what each must score to lie beside this module, in the package. Reading,
+decoding, detecting and scoring are those of every run: nothing here knows a rule.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import msgspec
+
+from madrob_console.archive.scored import score_recording
+from madrob_console.cli.doctor_ros import Finding, Severity
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import read_all
+from madrob_console.common.version import DISTRIBUTION
+from madrob_console.referee.records import Sha256
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import Indicator, Result
+from scoring.rulesets import RulesetName
+
+FOLDER = Path(__file__).parent / "references"
+"""Where the recordings lie."""
+
+EXPECTED_FILE = "expected.json"
+
+_LIBRARIES = ("NumPy", "SciPy", "pandas")
+_LARGEST = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """What one value must be.
+
+    Attributes:
+        lowest, highest: a right score lies between them, both included; null where there is none.
+        truth: what happened, before sensors and filters; null where no number says it.
+        missing: why there is no value, in words; null where there is one.
+        why: how this follows.
+
+    Raises:
+        ValueError: there are both or neither of an interval and of words.
+    """
+
+    lowest: float | None = None
+    highest: float | None = None
+    truth: float | None = None
+    missing: str | None = None
+    why: str
+
+    def __post_init__(self) -> None:
+        if {self.lowest is None, self.highest is None} != {self.missing is not None}:
+            raise ValueError("give lowest and highest, or why there is no value")
+
+    def problem(self, value: float | None, reason: str | None) -> str | None:
+        """What is off with a value, or with the reason why there is none; None = nothing is."""
+        if self.missing is not None:
+            wanted = f"no value ({self.missing})"
+            right = value is None and reason == self.missing
+        else:
+            assert self.lowest is not None
+            assert self.highest is not None
+            ends = dict.fromkeys(f"{end:.9g}" for end in (self.lowest, self.highest))
+            wanted = " to ".join(ends)
+            right = value is not None and self.lowest <= value <= self.highest
+        if right:
+            return None
+        found = f"no value ({reason})" if value is None else f"{value:.9g}"
+        return f"{found}, expected {wanted}"
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A recording and what it must score to.
+
+    Attributes:
+        recording: name of its file.
+        sha256: of that file.
+        about: what was recorded, in words.
+        outcome: how the run ended.
+        steps: by number: when each was done, s since the start. They are the same in all rulesets.
+        indicators: of each ruleset for which they are known.
+    """
+
+    recording: str
+    sha256: Sha256
+    about: str
+    outcome: Outcome
+    steps: Mapping[str, Expected]
+    indicators: Mapping[RulesetName, Mapping[IndicatorName, Expected]]
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return Path(self.recording).stem
+
+    @property
+    def values(self) -> int:
+        """How many values are known of it."""
+        return 1 + len(self.steps) + sum(map(len, self.indicators.values()))
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceScore:
+    """What this installation made of a reference.
+
+    Attributes:
+        reference: which.
+        off: what is not as it must be: name, value and what was expected, a line each.
+        values: how many values are off; all of them where it could not be scored.
+    """
+
+    reference: Reference
+    off: tuple[str, ...]
+    values: int
+
+
+def read_references(folder: Path) -> tuple[Reference, ...]:
+    """The references of a folder, in order.
+
+    Raises:
+        MadrobError: the file that tells of them is missing, damaged, or names none.
+    """
+    path = folder / EXPECTED_FILE
+    try:
+        references = msgspec.json.decode(read_all(path, _LARGEST), type=tuple[Reference, ...])
+    except OSError as error:
+        raise _damaged(path, f"cannot be read: {error.strerror}") from None
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise _damaged(path, f"is damaged: {error}") from None
+    if not references:
+        raise _damaged(path, "names no recording")
+    return references
+
+
+def score_references(references: tuple[Reference, ...], folder: Path) -> Iterator[ReferenceScore]:
+    """Score each reference from its recording; all files are looked at before the first is.
+
+    Raises:
+        MadrobError: a recording is missing, or not the one that was shipped.
+    """
+    for reference in references:
+        _check_file(folder / reference.recording, reference.sha256)
+    for reference in references:
+        yield _scored_reference(reference, folder / reference.recording)
+
+
+def versions() -> Finding:
+    """What scores here: Python and the libraries that the numbers depend on, with versions."""
+    found = [f"{name} {metadata.version(name)}" for name in _LIBRARIES]
+    return Finding(
+        Severity.OK, "versions", ", ".join([f"Python {platform.python_version()}", *found])
+    )
+
+
+def reference_findings(score: ReferenceScore) -> Iterator[Finding]:
+    """What a score comes to: one line where it is right, else one for each value that is off."""
+    name = score.reference.name
+    if not score.off:
+        yield Finding(Severity.OK, name, f"{score.reference.values} values right")
+    for problem in score.off:
+        yield Finding(Severity.ERROR, name, problem)
+
+
+def reference_verdict(scores: Sequence[ReferenceScore]) -> str:
+    """What all scores come to, as a line."""
+    off = sum(score.values for score in scores)
+    if off:
+        are = "value is" if off == 1 else "values are"
+        return (
+            f"{off} {are} off: do not use this installation for results; "
+            f"install {DISTRIBUTION} again in a new environment, with its libraries"
+        )
+    values = sum(score.reference.values for score in scores)
+    return f"this installation scores right ({len(scores)} references, {values} values)"
+
+
+def _damaged(path: Path, what: str) -> MadrobError:
+    return MadrobError(f"{path}: {what}: install {DISTRIBUTION} again")
+
+
+def _check_file(path: Path, digest: str) -> None:
+    try:
+        data = read_all(path, _LARGEST)
+    except OSError as error:
+        raise _damaged(path, f"cannot be read: {error.strerror}") from None
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise _damaged(path, "is not the reference that was shipped")
+
+
+def _scored_reference(reference: Reference, path: Path) -> ReferenceScore:
+    try:
+        scored = score_recording(path, tuple(reference.indicators))
+    except MadrobError as error:
+        return ReferenceScore(reference, (str(error),), reference.values)
+    results = {one.result.ruleset: one.result for one in scored}
+    first = scored[0].result
+    off = []
+    if first.outcome is not reference.outcome:
+        off.append(f"outcome: {first.outcome}, expected {reference.outcome}")
+    off += _steps_off(reference, first)
+    for ruleset, expected in reference.indicators.items():
+        for name, wanted in expected.items():
+            found: Indicator = results[ruleset].indicators[name]
+            problem = wanted.problem(found.value, found.reason)
+            if problem is not None:
+                off.append(f"{name} by {ruleset}: {problem}")
+    return ReferenceScore(reference, tuple(off), len(off))
+
+
+def _steps_off(reference: Reference, result: Result) -> Iterator[str]:
+    for record in result.steps:
+        wanted = reference.steps.get(str(record.step.value))
+        time = None if record.final is None else record.final - result.start
+        problem = None if wanted is None else wanted.problem(time, record.why_not)
+        if problem is not None:
+            yield f"step {record.step.value}: {problem}"

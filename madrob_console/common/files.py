@@ -1,0 +1,427 @@
+"""Files: read bounded and without links, locked, written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Self
+
+from madrob_console.common.errors import MadrobError
+
+
+def atomic_write(path: Path, data: bytes | memoryview) -> None:
+    """Write a file as `whole_file` does.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    atomic_writes(path.parent, {path.name: data})
+
+
+def atomic_writes(folder: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Write several files of a folder in their order, each as `whole_file` does.
+
+    The folder is brought to the disk once, at the end.
+
+    Raises:
+        MadrobError: the disk refuses; the files before the one that it names are written.
+    """
+    path = folder
+    try:
+        for name, data in files.items():
+            path = folder / name
+            with _replaced(path) as file:
+                file.write(data)
+        _sync_folder(folder)
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+def atomic_write_in(folder: int, name: str, data: bytes) -> None:
+    """Write a file of an open folder as `whole_file` does.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    with _replaced(Path(name), folder) as file:
+        file.write(data)
+    os.fsync(folder)
+
+
+def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Make a folder with these files, as `new_folder` does.
+
+    Args:
+        path: of the folder.
+        files: by name.
+
+    Raises:
+        MadrobError: something is there already, or the disk refuses.
+    """
+    with new_folder(path) as part:
+        atomic_writes(part, files)
+
+
+def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
+    """Make a folder with these files in place of one with others.
+
+    It is there with all of them; where that is cut off, as it was before or not at all.
+
+    Args:
+        path: of the folder.
+        files: by name.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    old, new = (path.with_name(f".{path.name}.{secrets.token_hex(4)}.part") for _ in range(2))
+    write_new_folder(new, files)
+    try:
+        with suppress(FileNotFoundError):
+            path.rename(old)
+        new.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        with suppress(OSError):  # what was there comes back, unless the new one is in its place
+            old.rename(path)
+        raise _refused(path, error) from None
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to be filled; it is there with all that was put into it or not at all.
+
+    Args:
+        path: of the folder; the one that it lies in is made, too. There must be nothing yet.
+
+    Yields:
+        where to put the files until then.
+
+    Raises:
+        MadrobError: something is there already, or the disk refuses.
+    """
+    taken = MadrobError(f"{path}: is there already; move it away or choose another folder")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        if path.exists() or path.is_symlink():
+            raise taken
+        part.mkdir(parents=True)
+        yield part
+        _sync_folder(part)
+        part.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        if error.errno in (errno.EEXIST, errno.ENOTEMPTY):  # somebody was faster
+            raise taken from None
+        raise _refused(path, error) from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to be written that, whatever happens, is either the old one or the whole new one.
+
+    The data are on disk at the end. A link at `path` is replaced, not followed.
+
+    Raises:
+        MadrobError: the disk refuses.
+    """
+    try:
+        with _replaced(path) as file:
+            yield file
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+@contextmanager
+def _replaced(path: Path, folder: int | None = None) -> Iterator[BinaryIO]:
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NOFOLLOW, 0o666, dir_fd=folder)
+
+    try:
+        with open(part, "xb", opener=opened) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path, src_dir_fd=folder, dst_dir_fd=folder)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(part, dir_fd=folder)
+        raise
+
+
+def _refused(path: Path, error: OSError) -> MadrobError:
+    return MadrobError(
+        f"{path}: not written ({error.strerror}); make room or choose another folder"
+    )
+
+
+def free_space(path: Path) -> int | None:
+    """Bytes free where `path` lies or will lie; None if that cannot be found out."""
+    for place in (path, *path.absolute().parents):
+        try:
+            return shutil.disk_usage(place).free
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return None
+    return None
+
+
+def _sync_folder(folder: Path) -> None:
+    file = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+# Opens files that others may have put there: plain ones only, no links, and never waiting.
+
+
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+_READ = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
+
+
+def open_plain(path: str | Path, *, folder: int | None = None) -> int:
+    """A file descriptor for reading; the caller closes it.
+
+    Args:
+        path: of the file.
+        folder: descriptor of the folder where `path` begins; None = where it always does.
+
+    Raises:
+        OSError: it cannot be read, or it is a link or no file.
+    """
+    return checked_plain(os.open(path, _READ, dir_fd=folder))
+
+
+@contextmanager
+def opened_folder(root: Path, *below: str, make: bool = False) -> Iterator[int]:
+    """Descriptor of a folder for as long as inside; no folder below `root` may be a link.
+
+    Args:
+        root: where to begin.
+        below: the folders on the way, each in the one before.
+        make: make those that are missing.
+
+    Raises:
+        OSError: it cannot be opened, or a link is on the way (`ENOTDIR`).
+    """
+    number = os.open(root, _FOLDER)
+    try:
+        for name in below:
+            if make:
+                with suppress(FileExistsError):
+                    os.mkdir(name, dir_fd=number)
+            within = os.open(name, _FOLDER | os.O_NOFOLLOW, dir_fd=number)
+            os.close(number)
+            number = within
+        yield number
+    finally:
+        os.close(number)
+
+
+def checked_plain(number: int) -> int:
+    """An open file that is a plain one; another is closed.
+
+    Raises:
+        OSError: it is no file.
+    """
+    if stat.S_ISREG(os.fstat(number).st_mode):
+        return number
+    os.close(number)
+    raise OSError(errno.EINVAL, "no plain file")
+
+
+def refusal(error: OSError) -> str:
+    """Why a file cannot be read, in words."""
+    return "it is a link" if error.errno == errno.ELOOP else error.strerror or "no reason given"
+
+
+# Reads no more of a file than it may hold, and knows one version of it from the next.
+
+
+class Stamp(NamedTuple):
+    """Of one version of a file: another stamp, another content.
+
+    Attributes:
+        modified: when its content changed, ns; any program can put that back.
+        changed: when it or its name changed, ns; no program can put that back.
+        size: in bytes.
+    """
+
+    modified: int
+    changed: int
+    size: int
+
+
+def stamp_of(path: str) -> Stamp | None:
+    """The stamp of a file; None for no file, a link or anything else."""
+    try:
+        found = os.stat(path, follow_symlinks=False)  # noqa: PTH116  ten thousand Paths take too long
+    except OSError:
+        return None
+    return _stamp(found) if stat.S_ISREG(found.st_mode) else None
+
+
+def _stamp(found: os.stat_result) -> Stamp:
+    return Stamp(found.st_mtime_ns, found.st_ctime_ns, found.st_size)
+
+
+def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
+    """The content of a file and its stamp; of a larger file only the first `limit` bytes.
+
+    Raises:
+        OSError: it cannot be read, or it is a link or no file.
+    """
+    number = open_plain(path)
+    try:
+        found = os.fstat(number)
+        with os.fdopen(number, "rb", closefd=False) as file:
+            return file.read(limit), _stamp(found)
+    finally:
+        os.close(number)
+
+
+def read_all(path: str | Path, limit: int) -> bytes:
+    """The content of a file that may have up to `limit` bytes.
+
+    Raises:
+        OSError: it cannot be read, it is a link or no file, or it is larger (`EFBIG`).
+    """
+    number = open_plain(path)
+    try:
+        size = os.fstat(number).st_size
+        data = b""
+        if size <= limit:
+            with os.fdopen(number, "rb", closefd=False) as file:
+                data = file.read(limit + 1)
+            size = len(data)
+        if size > limit:
+            raise OSError(errno.EFBIG, f"{size / 1e6:.1f} MB, more than {limit / 1e6:g} MB")
+        return data
+    finally:
+        os.close(number)
+
+
+# Locks that nobody else can hold: in files that only their user may open.
+#
+# Whoever may read a file can lock it. What is told by a lock is therefore told by one on a file
+# of its own, of mode 0600, that lies beside the others while it is held. Nobody ever waits for
+# it.
+
+
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+
+
+class Hold:
+    """A lock that is held until `release`, or until the process ends.
+
+    Args:
+        path: its file; made if there is none.
+
+    Attributes:
+        path: the same.
+
+    Raises:
+        BlockingIOError: another holds it.
+        OSError: the file cannot be made or locked, or what lies there is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._holders = 1
+        while (number := _locked(path)) is None:  # its file was taken away a moment ago
+            pass
+        self._number = number
+
+    @property
+    def stands(self) -> bool:
+        """Whether its file is still there: without it others would not know of the lock."""
+        return _names(self.path, self._number)
+
+    def share(self) -> Self:
+        """Hold it once more: it is let go of when everybody has released it."""
+        self._holders += 1
+        return self
+
+    def release(self) -> None:
+        """Let go of it; its file goes, too."""
+        self._holders -= 1
+        if self._holders:
+            return
+        try:
+            if self.stands:
+                self.path.unlink(missing_ok=True)
+        except OSError:
+            pass  # a disk that fails: the lock goes all the same
+        finally:
+            os.close(self._number)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.release()
+
+
+def is_held(path: Path) -> bool | None:
+    """Whether somebody holds the lock of this file; None where it does not tell.
+
+    It does not where there is none, or where it is another user's.
+    """
+    try:
+        number = open_plain(path)
+    except OSError:
+        return None
+    try:
+        return locked_by_another(number)
+    finally:
+        os.close(number)
+
+
+def locked_by_another(number: int) -> bool:
+    """Whether another than who asks has locked an open file for writing."""
+    try:
+        fcntl.flock(number, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a network disk without locks, on which no engine records
+    return False
+
+
+def _locked(path: Path) -> int | None:
+    """The open and locked file; None if it has lost its name meanwhile."""
+    number = checked_plain(os.open(path, _FLAGS, 0o600))
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if _names(path, number):
+            return number
+    except OSError:
+        os.close(number)
+        raise
+    os.close(number)
+    return None
+
+
+def _names(path: Path, number: int) -> bool:
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(number))
+    except OSError:
+        return False

@@ -1,0 +1,126 @@
+"""Words that settings, files and screens share, and text from outside made safe."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from enum import StrEnum
+
+from madrob_console.common.errors import MadrobError
+
+# Names that people type, and words that a testbed sends, may hold anything: escape sequences that
+# repaint the screen, marks that turn the direction of writing, parts of a path.
+
+
+LONGEST_NAME = 60
+"""Characters in a name; at four bytes each it still fits into a file name."""
+
+_ESCAPE_SEQUENCE = re.compile(
+    r"(?:\x1b[\]PX^_]|[\x90\x98\x9d-\x9f]).*?(?:\x07|\x1b\\|\x9c)"  # strings, with their end
+    r"|(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"  # control sequences
+    r"|\x1b[ -/]*[0-~]",  # the short ones
+    re.DOTALL,
+)
+_JOINERS = frozenset("\u200c\u200d")  # Persian and emoji need them
+_FLAG_TAGS = frozenset(map(chr, range(0xE0020, 0xE0080)))  # the flag of Scotland does
+_DROPPED = frozenset({"Cc", "Cf", "Co"})
+_INVISIBLE = frozenset({"Cf", "Mn", "Me", "Zs"})
+_PATH_SEPARATORS = str.maketrans("/\\", "  ")
+
+
+def terminal_safe(text: str) -> str:
+    """The text on one line, without anything that a terminal would obey rather than show.
+
+    Escape sequences, control characters and marks of direction are dropped, every kind of line
+    break and tab becomes a blank, and what is no valid character becomes U+FFFD. It does not
+    concern itself with a screen library's markup.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    plain = _ESCAPE_SEQUENCE.sub("", text)
+    return "".join(map(_shown, plain))
+
+
+def valid_text(text: str) -> str:
+    """The text for a file: bytes of a path that are no UTF-8 become U+FFFD, the rest stays."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def clean_name(text: str, field: str, fallback: str = "") -> str:
+    """A name of a person, team or competition, safe in a file name and on the terminal.
+
+    Blanks are collapsed, path separators become blanks, leading dots go; East-Asian and other
+    scripts and emoji stay. Cleaning a clean name changes nothing.
+
+    Args:
+        text: what somebody typed.
+        field: what it is, for the message: `team`, `referee`.
+        fallback: the name when nothing visible is left.
+
+    Raises:
+        MadrobError: it is longer than `LONGEST_NAME` characters.
+    """
+    plain = terminal_safe(text).translate(_PATH_SEPARATORS)
+    name = " ".join(unicodedata.normalize("NFC", plain).split()).lstrip(". ")
+    if not any(unicodedata.category(c) not in _INVISIBLE for c in name):
+        return fallback
+    if len(name) > LONGEST_NAME:
+        raise MadrobError(
+            f"{field} has {len(name)} characters: use at most {LONGEST_NAME}, nothing is cut"
+        )
+    return name
+
+
+def _shown(char: str) -> str:
+    if char.isspace():
+        return " "
+    category = unicodedata.category(char)
+    if category == "Cs":
+        return "\N{REPLACEMENT CHARACTER}"
+    if category in _DROPPED and char not in _JOINERS and char not in _FLAG_TAGS:
+        return ""
+    return char
+
+
+# Words that settings, files and screens share.
+
+
+class ThemeName(StrEnum):
+    """How the screens look; what a terminal cannot show is brought down to what it can."""
+
+    DARK = "dark"
+    LIGHT = "light"
+    HIGH_CONTRAST = "high-contrast"
+
+
+class SourceKind(StrEnum):
+    """Where the messages come from."""
+
+    ROS = "ros"
+    SIMULATED = "simulated"
+    REPLAY = "replay"
+
+
+class RemoteService(StrEnum):
+    """What another program may ask of the engine over ROS, by the name of the service."""
+
+    START = "start"
+    ABORT = "abort"
+    DECLARE_TIMEOUT = "declare_timeout"
+
+
+class Scenario(StrEnum):
+    """What a simulated robot does, by the name under which a user asks for it."""
+
+    NOMINAL = "nominal"
+    JERKY = "jerky"
+    SLAM = "slam"
+    SLOW = "slow"
+    NO_TOUCH = "no-touch"
+    TOUCH_ONLY = "touch-only"
+    OPEN_ONLY = "open-only"
+    NO_CLOSE = "no-close"
+    TURNS_BACK = "turns-back"
+    CLOSES_UNDER_SENSORS = "closes-under-sensors"
+    BOUNCES = "bounces"
+    RANDOM = "random"

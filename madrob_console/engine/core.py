@@ -1,0 +1,549 @@
+"""The engine: joins source, recorder, detector and the referee's domain.
+
+It decides everything and waits for nobody. It is single-threaded: whoever owns it calls
+`step` again and again; `madrob_console.engine.engine_thread` does so in a thread of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+
+from madrob_console.archive.folders import next_run_number
+from madrob_console.common.clock import Clock
+from madrob_console.engine.current_run import Acting, RunAtHand
+from madrob_console.engine.disk import Keepers, T
+from madrob_console.engine.durable_acts import EarlierRuns, Told
+from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
+from madrob_console.engine.evidence_client import NoWitness, Witness
+from madrob_console.engine.observation import Backlog, Interrupt, Observation
+from madrob_console.engine.replay import NO_ACTS, OWN_RUN, Equipment, Replay
+from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
+from madrob_console.engine.run_recorder import EventLog
+from madrob_console.engine.scorer import EarlierRun, InlineScorer, RenderedResult, Scorer
+from madrob_console.engine.sensors import Trouble
+from madrob_console.engine.snapshot import ExportView, Snapshot
+from madrob_console.engine.start_checks import PreStart
+from madrob_console.engine.view import StateView, testbed_problem
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.acts import Act, Situation
+from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.rebuild import after
+from madrob_console.referee.records import new_run_id
+from madrob_console.referee.run import Phase, Run
+from madrob_console.testbeds.source import INFO_TOPIC, Source
+from recorder.bag import RawMessage
+from scoring.protocol import POST_ROLL
+
+CLOSING_TIME = 30.0
+"""At its end it waits so long for a disk that does not answer, s."""
+
+STEP = 0.02
+"""So long it waits for messages while an act waits for the disk, s."""
+
+HURRIED_STEP = 0.002
+"""After the end of a run it waits only so long for messages: a result is coming, s."""
+
+DISK_WAITS = 0.6
+"""Evidence leaves the disk to the score when the score has waited for it for so long, s."""
+
+WATCH_PERIOD = 0.1
+"""Between two looks at the topics in a run, s."""
+
+
+class Engine:
+    """One testbed, one run after the other; or one recorded run once more.
+
+    Args:
+        source: the testbed; opened with `open`.
+        clock: steady time.
+        config: what it needs to know.
+        types: the message types, shared with the source.
+        replay: the recorded run that `source` and `clock` belong to; None = a live testbed.
+        keepers: do what touches a file; closed with the engine. Not given: at once, in its thread.
+        scorer: makes the results; closed with the engine. Not given: at once, in its thread.
+        witness: records evidence; closed with the engine. Not given: nobody does.
+
+    Attributes:
+        on_result: called with the run's folder and the scored run, pickled, when its result is on
+            disk; must not wait.
+        on_left_unsettled: called with the next result after a run was left whose evidence was still
+            being written: its journal has to say what of it is there; must not wait.
+    """
+
+    def __init__(  # noqa: PLR0913, PLR0917  what it works with
+        self,
+        source: Source,
+        clock: Clock,
+        config: EngineConfig,
+        types: MessageTypes,
+        replay: Replay | None = None,
+        keepers: Keepers | None = None,
+        scorer: Scorer | None = None,
+        witness: Witness | None = None,
+    ) -> None:
+        self.source = source
+        # a recording says itself what was read of it
+        self.config = config.limited(types) if replay is None else config
+        self.on_result: Callable[[Path, bytes | memoryview], None] | None = None
+        self.on_left_unsettled: Callable[[], None] | None = None
+        self._replay = replay
+        self._keepers = keepers or Keepers.inline()
+        self._scorer = scorer or InlineScorer()
+        self._witness = witness or NoWitness()
+        self._teams = NO_TEAMS
+        self._plan = NO_PLAN
+        self._equipment = Equipment(
+            source,
+            clock,
+            self.config,
+            types,
+            replay,
+            self._keepers,
+            self._scorer,
+            self._witness,
+            EvidenceRoom(self.config, self._keepers.reading),
+        )
+        self._begin()
+
+    @classmethod
+    def of_recording(cls, replay: Replay, config: EngineConfig, types: MessageTypes) -> Engine:
+        """An engine that goes through a recorded run once more, with the recording's numbers."""
+        source = replay.source
+        return cls(source, source.clock, replay.config(config), types, replay)
+
+    def _begin(self) -> None:
+        """Nothing was seen and nothing done; a replay begins anew."""
+        config, equipment = self.config, self._equipment
+        if self._replay is not None:
+            self._replay.begin()
+        self._looked: float | None = None
+        self._watched = 0.0
+        self._observation = observation = Observation(
+            config.mappings, config.thresholds, config.limits, equipment.types
+        )
+        self._sensors = observation.sensors
+        self._backlog = backlog = Backlog(observation.receive)
+        self._pre_start = pre_start = PreStart(equipment, self._sensors)
+        self._earlier = EarlierRuns(config.results, self._keepers)
+        self._at_hand = at_hand = RunAtHand(equipment, observation, self._earlier, self._tell)
+        self._recorder = at_hand.recorder
+        self._result = at_hand.result
+        self._acting = acting = Acting(equipment, at_hand, self.situation, self._advance)
+        self._view = StateView(equipment, observation, backlog, pre_start, at_hand, acting)
+
+    # ------------------------------------------------------------------ for the owner
+
+    @property
+    def log(self) -> EventLog:
+        """The event log."""
+        return self._at_hand.chronicle.log
+
+    @property
+    def run(self) -> Run:
+        """The state of the run."""
+        return self._at_hand.run
+
+    @property
+    def scored(self) -> RenderedResult | None:
+        """The run's result, once it was computed."""
+        return self._result.scored
+
+    @property
+    def result_problem(self) -> str | None:
+        """Why the result is not on disk, in words; None when it is."""
+        return self._result.problem
+
+    @property
+    def folder(self) -> Path | None:
+        """The run's folder, once there is one."""
+        return self._at_hand.folder
+
+    @property
+    def unwritten(self) -> tuple[int, float]:
+        """How many lines of the journal are not on disk, and for how long, s. From any thread."""
+        return self._at_hand.chronicle.unwritten
+
+    @property
+    def refused(self) -> str:
+        """What the disk refuses of the run at hand, in words; empty = nothing.
+
+        It is in memory alone, and tried again until it is written. From any thread.
+        """
+        return self._result.problem or self._at_hand.chronicle.problem or ""
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Which runs before it are in memory alone, likewise, and why. From any thread."""
+        return self._result.waiting
+
+    @property
+    def writing(self) -> str:
+        """The act that takes effect when it is on disk; empty = none. From any thread."""
+        waiting = self._acting.waiting
+        return "" if waiting is None else waiting.name
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run goes on or its files are being written; nothing is lost with a replay."""
+        if self._replay is not None:
+            return False
+        files = self._recorder.open or self._result.writing
+        return self._acting.waiting is not None or self.run.active or files
+
+    @property
+    def disk_silence(self) -> float:
+        """How long the disk has not answered, s; 0 while nothing waits for it. From any thread."""
+        keepers = self._keepers
+        return max(keepers.own.silent, keepers.reading.silent, self._recorder.silent)
+
+    @property
+    def replay(self) -> Replay | None:
+        """The recorded run that is gone through; None for a live testbed."""
+        return self._replay
+
+    def now(self) -> float:
+        """Steady time, s since the epoch."""
+        return self._equipment.now()
+
+    def open(self) -> None:
+        """Connect to the testbed.
+
+        Raises:
+            MadrobError: it cannot be reached.
+        """
+        self.source.open()
+        if self._replay is not None:
+            self._repeat_decisions(self._replay)  # before the first message
+            self.step(0.0)
+            return
+        self._at_hand.chronicle.announce_state(self.run)
+        self._earlier.look()
+
+    def step(self, timeout: float, interrupt: Interrupt | None = None) -> None:
+        """Take what the testbed sends within `timeout` s of clock time, and decide.
+
+        Args:
+            timeout: s of clock time.
+            interrupt: asked between two messages whether its owner wants a turn; None = no step
+                ends before all messages were looked at. Virtual time and replays know no other.
+        """
+        self._keepers.deliver()
+        self._scorer.deliver()
+        self._looked = self.now()
+        if self._replay is not None or self.config.lossless:
+            interrupt = None
+        if self._result.hurries:
+            timeout = min(timeout, HURRIED_STEP)
+        if not self._backlog.full:
+            self._receive(self.source.take(0.0 if self._backlog else timeout))
+        self._backlog.work_off(interrupt)
+        self._looked = self._backlog.seen(self._looked)
+        if self._replay is not None:
+            self._repeat_decisions(self._replay)
+        self._advance()
+
+    def close(self) -> None:
+        """Disconnect; a run that goes on is cut off, scored as interrupted and kept."""
+        acts = self._acting.durable
+        if acts.waiting is not None and not acts.withdraw("the engine ended"):
+            self._keepers.own.settle(CLOSING_TIME)  # it takes effect
+        if self.busy and self.run.active:
+            self._at_hand.interrupt("the console was closed during the run")
+        if self._recorder.recording:
+            self._finish()
+        answers = self._settle()
+        self._witness.close()
+        if answers:
+            self._at_hand.settle_evidence(self.now(), ending=True)
+            self._settle()
+        self._scorer.close()
+        if answers:
+            self._result.end(self.now(), busy=self.run.active)
+        self._at_hand.chronicle.close()
+        self.source.close()
+        self._keepers.close(CLOSING_TIME if answers else 0.0)
+
+    def _settle(self) -> bool:
+        """Wait for the bag, the result and its files; False when the disk does not answer."""
+        answers = self._keepers.own.settle(CLOSING_TIME)  # the bag is closed
+        if answers and self._scorer.settle(CLOSING_TIME):
+            answers = self._keepers.own.settle(CLOSING_TIME)  # the result is written
+        return answers
+
+    def read(self, job: Callable[[], T], *, first: bool = True) -> Future[T]:
+        """Have something read that the run needs not. From any thread; see `Reader`."""
+        return self._keepers.reading.ask(job, first=first)
+
+    def next_run_number(
+        self,
+        subject: int,
+        condition_number: int,
+        *,
+        practice: bool = False,
+        first: bool = True,
+    ) -> Future[int]:
+        """The next run number never used for this subject and condition, official or practice.
+
+        A `MadrobError` in it: the results folder cannot be read, or all numbers are used. From any
+        thread.
+        """
+        results = self.config.results
+        look = partial(next_run_number, results, subject, condition_number, practice=practice)
+        return self.read(look, first=first)
+
+    def _tell(self, folder: Path, scored: RenderedResult) -> None:
+        if self.on_result is not None:
+            self.on_result(folder, scored.report)
+        if self._at_hand.left_unsettled and self.on_left_unsettled is not None:
+            self._at_hand.left_unsettled = False
+            self.on_left_unsettled()
+
+    # ------------------------------------------------------------------ earlier runs
+
+    @property
+    def generation(self) -> int:
+        """See `RunAtHand`. From any thread."""
+        return self._at_hand.generation
+
+    def opening_refusal(self, instead_of: int | None = None) -> str | None:
+        """Why no earlier run can be opened now, in words; None when one can.
+
+        Args:
+            instead_of: the `generation` in which that was asked for; None = this one.
+        """
+        if self._replay is not None:
+            return OWN_RUN
+        if self.run.active or self._acting.waiting is not None:
+            return "a run is going on"
+        if self.run.phase in (Phase.STOPPED, Phase.FINAL) and not (
+            self._result.settled or self._result.hopeless
+        ):
+            return "the result of the last run is being written"
+        if instead_of not in (None, self.generation):
+            return self._at_hand.came_words
+        return None
+
+    def hear_of_teams(self, teams: TeamList) -> None:
+        """Judge set-ups by this list of teams from now on. From any thread."""
+        self._teams = teams
+
+    def hear_of_plan(self, plan: Plan) -> None:
+        """Show this plan of the competition from now on. From any thread."""
+        self._plan = plan
+
+    def warm(self) -> None:
+        """Get ready to score and to record evidence, beside the caller: nothing shall wait."""
+        self._scorer.warm()
+        self._witness.warm()
+
+    def read_run(self, folder: Path) -> Future[EarlierRun]:
+        """Read an earlier run, to open it; a `MadrobError` says why not. From any thread."""
+        return self._scorer.read(folder)
+
+    def open_run(
+        self,
+        opened: EarlierRun,
+        done: Told,
+        *,
+        invalid: bool = False,
+        instead_of: int | None = None,
+    ) -> None:
+        """Show a run of the results folder as if it had stopped just now: rule, note, finalise.
+
+        A run that was cut off is stopped as interrupted, and scored. Reading it took a while: a run
+        that was set up meanwhile stays.
+
+        Args:
+            opened: the run.
+            done: told once, in this thread: why that is not possible, in words (another console
+                works on it, say), or None when it is done.
+            invalid: stop a run that was cut off as aborted: it does not count.
+            instead_of: the `generation` in which it was asked for; None = this one.
+        """
+        asked = self.generation if instead_of is None else instead_of
+        refusal = partial(self.opening_refusal, asked)
+        refused = refusal()
+        if refused is not None or opened.folder == self.folder:
+            done(refused)
+        elif opened.folder in self._result:
+            done("its result waits for the disk")
+        else:
+            take_up = partial(self._at_hand.take_up, opened, invalid=invalid)
+            self._earlier.reopen(opened, refusal, take_up, done)
+
+    # ------------------------------------------------------------------ acts
+
+    def situation(self) -> Situation:
+        """What acts are judged against."""
+        now = self._sensors_now
+        return Situation(
+            run=self.run,
+            scored=self._result.settled,
+            hopeless=self._result.hopeless,
+            simulated=self.source.announcement.simulated,
+            indicators=self._result.indicators,
+            refused=self.refused,
+            look=lambda: self._pre_start.checks(
+                self.run, self.source, now, self._at_hand.drift, self._teams
+            ),
+            measure=lambda: self._sensors.handle_rest(now),
+            rest_force=self.config.thresholds.touch_force / 2,
+            teams=self._teams,
+            steps=self._observation.steps,
+            testbed=self.config.testbed,
+            competition=self.config.competition,
+            new_id=lambda: new_run_id(self._equipment.clock.now_ns(), self.config.random),
+            time=self.now(),
+            protest_times=self.config.protest_times,
+        )
+
+    @property
+    def _sensors_now(self) -> float:
+        """Up to when messages were surely taken: a program held up makes no topic silent."""
+        return self.now() if self._looked is None or self._replay is not None else self._looked
+
+    def submit(
+        self,
+        act: Act,
+        done: Told,
+        *,
+        id: str = "",  # noqa: A002
+        origin: Origin = Origin.REFEREE,
+    ) -> None:
+        """Do an act, if it is possible: at once, or when its line is on disk.
+
+        Args:
+            act: what to do.
+            done: told once, in this thread: why it was refused, in words, or None when it took
+                effect. What was refused never takes effect later.
+            id: made by who asks; an act that is known by it is answered again, not done twice.
+            origin: who asks, for the journal.
+        """
+        if self._replay is not None:
+            done(NO_ACTS)
+        else:
+            self._acting.submit(act, done, id, origin)
+
+    def perform(self, act: Act) -> str | None:
+        """Do an act of the referee as `submit` does, and go on until it is answered.
+
+        Returns:
+            Why it was refused, in words; None when it took effect.
+        """
+        told: list[str | None] = []
+        self.submit(act, told.append)
+        while not told:
+            self.step(STEP)
+        return told[0]
+
+    # ------------------------------------------------------------------ what time brings
+
+    def _receive(self, messages: Sequence[RawMessage]) -> None:
+        recording = self._recorder.recording and not self._at_hand.over
+        if recording:
+            self._recorder.put(messages)
+        self._backlog.add(messages, recorded=recording or self._replay is not None)
+
+    def _advance(self) -> None:
+        now, at_hand = self.now(), self._at_hand
+        self._acting.durable.look()
+        if not 0 <= now - self._watched < WATCH_PERIOD:
+            self._watched = now
+            self._watch(now)
+        at_hand.go_on(*self._observation.advance(at_hand.run, now, self._backlog.seen(now)))
+        over = at_hand.decided is not None and now >= at_hand.decided + POST_ROLL
+        if over and self._recorder.recording:
+            # nothing more is recorded; what is, is judged
+            at_hand.over |= self._backlog.recorded > 0
+            if not self._backlog.recorded:
+                self._finish()
+        self._result.look(now, busy=at_hand.run.active)
+
+    def _watch(self, now: float) -> None:
+        """Look at the disk, and at the topics that are recorded, ten times a second."""
+        # also while a bag is closed and then: evidence that was held is let go again
+        self._witness.hold(held=self._recorder.silent > DISK_WAITS)
+        if not self._recorder.recording:
+            self._at_hand.settle_evidence(now)
+            return
+        self._recorder.look()
+        troubles: dict[tuple[str, Trouble], str] = dict(
+            self._sensors.troubles(self.source.status(), self._sensors_now)
+        )
+        if (other := self.source.other_referee) is not None:
+            troubles[REFEREE_STATE_TOPIC, Trouble.SEVERAL_PUBLISHERS] = other
+        if (told := testbed_problem(self.source.announcement, self.run)) is not None:
+            troubles[INFO_TOPIC, Trouble.SOURCE] = told
+        if (behind := self._backlog.problem) is not None:
+            troubles["engine", Trouble.BEHIND] = behind
+        self._at_hand.note_troubles(troubles, now)
+        if (status := self._witness.status) is not None:
+            self._at_hand.note_evidence(status, now)
+
+    def _finish(self) -> None:
+        """The post-roll is over."""
+        self._receive(self.source.take(0.0))  # what is still on its way
+        self._backlog.work_off()
+        self._at_hand.finish()
+
+    # ------------------------------------------------------------------ a recorded run
+
+    def control(self, command: PlaybackCommand) -> str | None:
+        """Pause, step, jump, change the speed of a replay.
+
+        Going back begins the run anew and goes on to the time that was asked for, so that what is
+        shown is always what the data up to then say.
+
+        Returns:
+            Why that is not possible, in words; None when it is done or on its way.
+        """
+        if self._replay is None:
+            return NO_REPLAY
+        before = self.now()
+        refused = self._replay.control(command)
+        if self.now() < before:
+            self._begin()
+            self.open()
+        return refused
+
+    def _repeat_decisions(self, replay: Replay) -> None:
+        """What was decided then is decided again, at its time; at the end the result is made."""
+        at_hand = self._at_hand
+        for entry in replay.due():
+            self._advance()
+            run = after(at_hand.run, entry)
+            at_hand.write(entry)
+            at_hand.go_on(run)
+        if replay.ended and self.scored is None:
+            self._advance()
+            at_hand.go_on(replay.ending(at_hand.run))
+            assert self._observation.course is not None
+            replay.report(self._observation.course.assessment, at_hand.run)
+            at_hand.score(write=False)
+
+    # ------------------------------------------------------------------ what it shows
+
+    def snapshot(
+        self, export: ExportView | None = None, others: Iterable[str | None] = ()
+    ) -> Snapshot:
+        """Everything that a screen shows, now.
+
+        Args:
+            export: the last export of a team's runs.
+            others: what is wrong around the engine, in words.
+        """
+        return self._view.snapshot(
+            self.now(),
+            self._sensors_now,
+            self.situation(),
+            self._earlier.unfinished,
+            self._plan,
+            export,
+            others,
+        )

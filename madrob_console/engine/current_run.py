@@ -1,0 +1,508 @@
+"""The current run: its state, the referee's acts on it, and the side effects of each change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from madrob_console.archive.evidence import account_entry, settled_account
+from madrob_console.archive.folders import give_out_run_number
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.engine.durable_acts import Answers, DurableActs, EarlierRuns, Told
+from madrob_console.engine.evidence_client import EvidenceNotes, FaultNotes, WitnessStatus
+from madrob_console.engine.journal_writer import OpenJournal
+from madrob_console.engine.observation import Course, Happening, Observation
+from madrob_console.engine.replay import DECIDED_ANEW, Equipment
+from madrob_console.engine.result_writer import CurrentResult
+from madrob_console.engine.run_recorder import Chronicle, OpenRecording, RunRecorder
+from madrob_console.engine.scorer import EarlierRun, RenderedResult, ToScore
+from madrob_console.engine.sensors import Trouble
+from madrob_console.referee.acts import (
+    ACTS,
+    Abort,
+    Act,
+    Consequence,
+    Correct,
+    Situation,
+    act_details,
+    refusals,
+)
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.flags import unrecorded_words
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change, after
+from madrob_console.referee.records import TestbedFault
+from madrob_console.referee.run import Phase, Run, stop
+from scoring.protocol import Outcome
+
+SETTLING_PERIOD = 1.0
+"""Evidence that is still being written is looked at this often, s."""
+
+
+class RunAtHand:
+    """One run after the other: the one that is set up or goes on, or was the last; or an earlier.
+
+    Args:
+        equipment: what the engine works with.
+        observation: follows it.
+        earlier: hears of a run that is left without a result.
+        tell: told of each result that is on disk.
+
+    Attributes:
+        generation: another one for each run that takes the place of the one before.
+        run: its state.
+        record: what is set for it; None before its start.
+        folder: of it; None before its start.
+        opened: the earlier run that it is; None = it is of this engine.
+        decided: when it was found to be over, s since the epoch; None = it is not.
+        over: whether its post-roll is, too: nothing more is recorded.
+        left_unsettled: whether one was left whose evidence was still being written.
+        kept: a clean run with the handle zero of runs to come, while an earlier one is opened.
+        chronicle: gets a line of whatever happens.
+        recorder: its recording.
+        result: its result.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        observation: Observation,
+        earlier: EarlierRuns,
+        tell: Callable[[Path, RenderedResult], None],
+    ) -> None:
+        self.generation = 0
+        self.run = Run()
+        self.record: RunRecord | None = None
+        self.folder: Path | None = None
+        self.opened: EarlierRun | None = None
+        self.decided: float | None = None
+        self.over = False
+        self.left_unsettled = False
+        self.kept = Run()
+        self.chronicle = Chronicle(equipment)
+        self.recorder = RunRecorder(equipment, self.chronicle)
+        self.result = CurrentResult(
+            equipment.scorer,
+            equipment.keepers,
+            self.chronicle,
+            again=self.score,
+            written=self._written,
+            shown=self._shown,
+            tell=tell,
+        )
+        self._equipment = equipment
+        self._observation = observation
+        self._earlier = earlier
+        self._replay = replay = equipment.replay
+        self._missing: tuple[str, ...] = ()
+        self._settling = -math.inf
+        self._drift: tuple[RunRecord, float] | None = None
+        self._fault_notes = FaultNotes()
+        self._evidence_notes = EvidenceNotes()
+        if replay is not None:
+            self.record, self.folder = replay.recorded.recorded_as, replay.source.path
+            zero, samples = self.record.handle_zero, self.record.zero_samples
+            self.run = Run(handle_zero=zero, zero_samples=samples)
+
+    # ------------------------------------------------------------------ one after the other
+
+    @property
+    def came_words(self) -> str:
+        """Why it makes no room for a run that was asked for before it came."""
+        setup = self.run.setup
+        if self.opened is not None or setup is None:
+            return "another run was opened meanwhile"
+        which = f"run {setup.run_number} of subject {setup.subject}"
+        return f"{which} was set up meanwhile, and stays: the history (h) opens the other one"
+
+    @property
+    def drift(self) -> float | None:
+        """How far from its zero the handle was at rest after the last run of this engine, N.
+
+        None where that is no more than half the touch threshold, where nobody can tell, and where
+        it was zeroed since.
+        """
+        if self._drift is None:
+            return None
+        record, drift = self._drift
+        zero = (record.handle_zero, record.zero_samples)
+        return drift if zero == (self.run.handle_zero, self.run.zero_samples) else None
+
+    def begin_next(self) -> None:
+        """A clean next run takes its place, with the handle zero that was set last."""
+        fresh = self.run.cleared if self.opened is None else self.kept
+        self._leave()
+        self.run = fresh  # the zero of an opened run is of its day
+
+    def take_up(self, opened: EarlierRun, journal: OpenJournal, *, invalid: bool) -> None:
+        """An earlier run takes its place, as if it had stopped just now.
+
+        Args:
+            opened: the earlier run.
+            journal: of it.
+            invalid: stop a run that was cut off as aborted: it does not count.
+        """
+        if self.opened is None:
+            self.kept = self.run.cleared
+        self._leave()
+        self.chronicle.go_on(journal, opened.entries)
+        self.opened, self.record = opened, opened.scored.record
+        stood = replace(opened.scored.run, journal=None)
+        self.folder, self.run = opened.folder, stood
+        self._equipment.scorer.look_back(opened)
+        self._observation.look_back(opened.scored.past)
+        if self.run.active:
+            outcome = Outcome.ABORTED if invalid else Outcome.INTERRUPTED
+            reason = "the program or the machine failed"
+            self.interrupt(reason, opened.entries[-1].time, outcome)
+            self.decided = None
+        self.run = replace(self.run, issue=max(1, self.run.issue))
+        if self.run == stood and not opened.out_of_date:
+            self.result.scored = opened.scored
+        else:
+            cut_off = self.run.outcome is not stood.outcome
+            self.score(write=opened.out_of_date or cut_off)
+
+    def _leave(self) -> None:
+        """It makes room; nothing of it stays."""
+        self.generation += 1
+        told = self.run.evidence
+        self.left_unsettled |= told is not None and told.unwritten != 0
+        self.result.leave(self.folder)
+        self.chronicle.begin()
+        if self.result.missing:
+            self._earlier.look_again()
+        self.record = self.folder = self.opened = self.decided = None
+        self.over = False
+        self.result.clear()
+        self._missing = ()
+        self._observation.look_back()
+        self._fault_notes.clear()
+        self._evidence_notes = EvidenceNotes()
+        self.recorder.clear()
+
+    def adopt(self, made: OpenRecording) -> None:
+        """It has a folder, and is recorded from now on."""
+        self.record, self.folder = made.record, made.recording.folder
+        self.recorder.adopt(made, self._equipment.clock.now_ns())
+
+    # ------------------------------------------------------------------ what becomes of it
+
+    def go_on(self, run: Run, happened: Sequence[Happening] = ()) -> None:
+        """It is another: by an act, the sensors or the clock."""
+        before, self.run = self.run, run
+        for one in happened:
+            if self._replay is None or one.change in DECIDED_ANEW:
+                self.note(one)
+        counts_anew = run.phase is Phase.COUNTDOWN and run.countdown_began != before.countdown_began
+        if counts_anew:
+            self._count_down(run)
+        if before.active and run.phase is Phase.STOPPED:
+            self.decided = self._equipment.now()
+            self._observation.judge(run)
+        told = (run.phase, run.setup, run.voided)
+        if counts_anew or told != (before.phase, before.setup, before.voided):
+            self.chronicle.announce_state(run)
+
+    def _count_down(self, run: Run) -> None:
+        """The countdown begins, for the first time or anew."""
+        observation = self._observation
+        if observation.course is not None:
+            observation.course.restart(run)
+            return
+        assert self.record is not None
+        before = observation.sensors.newest() if self._replay is None else None
+        follow, silence = self._equipment.scorer.follow, self._equipment.config.limits.lost
+        observation.course = Course(self.record, run, follow, silence, before)
+
+    def interrupt(
+        self, reason: str, at: float | None = None, outcome: Outcome = Outcome.INTERRUPTED
+    ) -> None:
+        """It is cut off by no decision of sensors, clock or referee.
+
+        Args:
+            reason: why, in words.
+            at: its end, s since the epoch; None = now.
+            outcome: of it.
+        """
+        at = at or self._equipment.now()
+        details = {"outcome": outcome, "time": at}
+        stopped = Happening(Origin.SYSTEM, Change.RUN_STOPS, reason, details)
+        self.go_on(stop(self.run, outcome, at, reason), [stopped])
+
+    def note(self, happened: Happening) -> Entry:
+        """Write a line that takes effect whatever the disk says."""
+        if happened.change is Change.FAULT:
+            fault = TestbedFault(float(happened.details["time"]), happened.reason)
+            self.run = replace(self.run, faults=(*self.run.faults, fault))
+        entry = Entry(
+            self._equipment.now(),
+            happened.origin,
+            happened.change.value,
+            reason=happened.reason,
+            details=happened.details,
+        )
+        self.write(entry)
+        return entry
+
+    def note_troubles(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> None:
+        """Write down what is wrong with the testbed, each thing once, if it lasts.
+
+        Args:
+            troubles: in words, by topic and kind.
+            now: s since the epoch.
+        """
+        for topic, words in self._fault_notes.due(troubles, now):
+            self.note(Happening(Origin.SYSTEM, Change.FAULT, f"{topic}: {words}", {"time": now}))
+
+    def note_evidence(self, status: WitnessStatus, now: float) -> None:
+        """Write down what is lost of the evidence.
+
+        Args:
+            status: how it stands.
+            now: s since the epoch.
+        """
+        for words in self._evidence_notes.due(status, self._start, now):
+            self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now}))
+
+    @property
+    def _start(self) -> float:
+        """Of the run at hand, s since the epoch."""
+        assert self.run.start is not None
+        return self.run.start
+
+    def write(self, entry: Entry) -> None:
+        """Write a line of it."""
+        self.chronicle.write(entry, self.run.start)
+
+    # ------------------------------------------------------------------ its end
+
+    def finish(self) -> None:
+        """Nothing more is recorded: have the bag closed, and the run scored."""
+        self.result.hurry()
+        self.recorder.finish(self._recorded)
+
+    def _recorded(self, missing: tuple[str, ...], unrecorded: int) -> None:
+        """The bag is closed."""
+        self._missing = missing
+        self._equipment.clock.release()
+        if (account := self.recorder.evidence(self._start)) is not None:
+            self._note_account(account)
+        if unrecorded:
+            words, details = unrecorded_words(unrecorded), {"messages": unrecorded}
+            self.run = replace(self.run, unrecorded=unrecorded)
+            self.note(Happening(Origin.SYSTEM, Change.UNRECORDED, words, details))
+        self.run = replace(self.run, issue=1)
+        self.score()
+
+    def _note_account(self, account: EvidenceAccount) -> None:
+        """Write down what was recorded of the evidence: its file gets complete by itself."""
+        self.run = replace(self.run, evidence=account)
+        self.write(account_entry(account, self._equipment.now()))
+
+    def settle_evidence(self, now: float, *, ending: bool = False) -> None:
+        """Once its evidence is in its files, say what of it is there; nothing waits for that.
+
+        Args:
+            now: s since the epoch.
+            ending: the engine ends: for the last time.
+        """
+        told, generation = self.run.evidence, self.generation
+        idle = self.result.settled and self.folder is not None and self._replay is None
+        rests = not ending and 0 <= now - self._settling < SETTLING_PERIOD
+        if told is None or told.unwritten == 0 or not idle or rests:
+            return
+        assert self.folder is not None
+        self._settling = now
+
+        def heard(answer: Future[EvidenceAccount | None]) -> None:
+            account = None if answer.exception() else answer.result()
+            same = generation == self.generation and told == self.run.evidence
+            if account is None or not same or not self.result.settled:
+                return  # it is looked for again
+            self._note_account(account)
+            if self.run.closure is None:
+                self.score()
+
+        look, keepers = (
+            partial(settled_account, self.folder, told, self.run.start),
+            self._equipment.keepers,
+        )
+        if ending:
+            keepers.own.ask(look, heard)
+        else:
+            keepers.reading.ask(look, heard)
+
+    def score(self, *, write: bool = True) -> None:
+        """Ask for its result, and have it written unless `write` says no."""
+        self._observation.judge(self.run)
+        assert self.folder is not None
+        self.result.ask(ToScore(self.run, self.folder, self._missing, files=write))
+
+    def _written(self, _folder: Path, scored: RenderedResult) -> None:
+        details = scored.written_details
+        self.note(Happening(Origin.SYSTEM, Change.RESULT_WRITTEN, details=details))
+
+    def _shown(self, scored: RenderedResult) -> None:
+        rest = scored.result.rest
+        if self.opened is None and rest is not None and rest.drift is not None:
+            drifted = rest.drifted(scored.record.thresholds.touch_force)
+            self._drift = (scored.record, rest.drift) if drifted else None
+        if self._observation.course is None or self.run.corrections:  # it followed something else
+            self._observation.look_back(scored.past)
+
+
+# Acts of the referee: judged against the situation, and carried out, each at most once.
+
+
+class Acting:
+    """Does the referee's acts to the run at hand.
+
+    Args:
+        equipment: what the engine works with.
+        at_hand: the run.
+        situation: what acts are judged against.
+        advance: called when something was done: judges at once what follows from it.
+
+    Attributes:
+        durable: those that wait for the disk.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        at_hand: RunAtHand,
+        situation: Callable[[], Situation],
+        advance: Callable[[], None],
+    ) -> None:
+        self._equipment = equipment
+        self._at_hand = at_hand
+        self._situation = situation
+        self._advance = advance
+        self._answers = Answers()
+        self.durable = DurableActs(
+            equipment, at_hand.chronicle, at_hand.recorder, situation, self._take_effect
+        )
+
+    @property
+    def waiting(self) -> type[Act] | None:
+        """The act that takes effect when it is on disk; None = none. From any thread."""
+        return self.durable.waiting
+
+    def refusals(self, situation: Situation) -> dict[str, str]:
+        """Act name -> why there can be no such act now; those that are possible are missing."""
+        found, active = refusals(situation), situation.run.active
+        for act in ACTS:
+            if act.name not in found and (why := self.durable.refusal(act, active=active)):
+                found[act.name] = why
+        if self.waiting is not None and not active:
+            found.pop(Abort.name, None)
+        return found
+
+    def submit(self, act: Act, done: Told, name: str, origin: Origin = Origin.REFEREE) -> None:
+        """Do an act, if it is possible: at once, or when its line is on disk.
+
+        Args:
+            act: what to do.
+            done: told once: why it was refused, in words, or None when it took effect.
+            name: its id; one that is known is answered again, not done twice. Empty = none.
+            origin: who asks.
+        """
+        answer = self._answers.expect(name, done)
+        if answer is not None:
+            self._judge(act, answer, name, origin)
+
+    def _judge(self, act: Act, answer: Told, name: str, origin: Origin) -> None:
+        durable, run = self.durable, self._at_hand.run
+        if durable.waiting is not None and isinstance(act, Abort) and not run.active:
+            starts = Consequence.COUNTDOWN in durable.waiting.consequences
+            who = "the referee" if origin is Origin.REFEREE else "an abort over ROS"
+            why = "aborted before the countdown began" if starts else f"taken back by {who}"
+            why = f"{why}: {act.reason}".rstrip(": ")
+            if durable.withdraw_or(why, then=lambda: self._judge(act, answer, name, origin)):
+                answer(None)
+        elif refused := act.refusal(self._situation()) or durable.refusal(act, active=run.active):
+            answer(refused)
+        elif act.at_once or self._waits_for_start(act):
+            self._do(act, origin)
+            answer(None)
+        else:
+            name, at = name or f"{self._equipment.clock.now_ns():x}", self._equipment.now()
+            act, prepare = self._completed(act)
+            durable.submit(act, lambda act: _line_of(act, run, at, origin, name), answer, prepare)
+
+    def _waits_for_start(self, act: Act) -> bool:
+        """Whether its line does, and not for a disk: before its start a run has no journal there.
+
+        A start itself does not.
+        """
+        return self._at_hand.folder is None and Consequence.RECORDING not in act.consequences
+
+    def _completed(self, act: Act) -> tuple[Act, Callable[[], Act] | None]:
+        """An act with what only the engine knows, and what completes it on the disk, if any."""
+        if not isinstance(act, Correct):
+            return act.settled(self._situation()), None
+        at_hand, act = self._at_hand, act.named(self._situation())
+        number = at_hand.run.number_in(act.subject, act.condition)
+        if number is not None:
+            return act.numbered(number), None
+        assert at_hand.folder is not None
+        return act, partial(_numbered, act, at_hand.folder.parent)
+
+    def _do(self, act: Act, origin: Origin) -> None:
+        """An act that takes effect whatever the disk says."""
+        brings, at, situation = act.consequences, self._equipment.now(), self._situation()
+        at_hand, act = self._at_hand, act.settled(situation)
+        if Consequence.NEW_RUN in brings:
+            at_hand.begin_next()
+            situation = replace(situation, run=at_hand.run)
+        run = act.apply(situation, at)
+        at_hand.write(_line_of(act, run, at, origin))
+        if Consequence.HANDLE_ZERO in brings:
+            at_hand.kept = run.cleared
+        if Consequence.NEW_RUN in brings:
+            assert run.setup is not None
+            self._equipment.source.configure(run.setup.condition)
+            at_hand.chronicle.announce_start_pose(run.setup.start_pose)
+        self._done(run)
+
+    def _take_effect(self, act: Act, entry: Entry, made: OpenRecording | None) -> None:
+        """An act whose line is on disk."""
+        at_hand = self._at_hand
+        if made is not None:
+            at_hand.adopt(made)
+        at_hand.chronicle.say(entry, at_hand.run.start)
+        if Consequence.COUNTDOWN in act.consequences:
+            details = {"time": self._equipment.now()}
+            begins = at_hand.note(Happening(Origin.CLOCK, Change.COUNTDOWN_BEGINS, details=details))
+            self._done(after(at_hand.run, begins))
+        else:
+            self._done(act.apply(self._situation(), entry.time))
+
+    def _done(self, run: Run) -> None:
+        """What the run is after an act."""
+        at_hand = self._at_hand
+        before = at_hand.run.phase
+        at_hand.go_on(run)
+        if at_hand.result.wanted and Phase.STOPPED in (before, run.phase):
+            at_hand.score()  # but what was final stays as it was signed
+        self._advance()
+
+
+def _numbered(act: Correct, results: Path) -> Act:
+    """A correction with a run number that was never used; it waits for the disk.
+
+    Raises:
+        MadrobError: all are used, or the disk refuses.
+    """
+    number = give_out_run_number(results, act.subject, act.condition.number)
+    return act.numbered(number)
+
+
+def _line_of(act: Act, run: Run, at: float, origin: Origin, name: str = "") -> Entry:
+    referee = run.referee if origin is Origin.REFEREE else ""
+    return Entry(at, origin, act.name, referee, act.reason_given, act_details(act), name)

@@ -1,0 +1,351 @@
+"""Acts that take effect once their line is on disk: one at a time, each at most once."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+
+from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.run_journal import Unfinished, find_unfinished
+from madrob_console.engine.disk import Keepers, why_not
+from madrob_console.engine.journal_writer import OpenJournal, Promise
+from madrob_console.engine.replay import Equipment
+from madrob_console.engine.run_recorder import Chronicle, OpenRecording, RunRecorder
+from madrob_console.engine.scorer import EarlierRun
+from madrob_console.referee.acts import Act, Consequence, Finalise, Situation
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+
+# What acts were answered, so that one that comes twice is carried out once.
+
+
+MOST_KNOWN = 1000
+"""Acts whose answers are remembered."""
+
+Told = Callable[[str | None], None]
+"""Told once what became of an act: why it was refused, in words, or None."""
+
+
+class _Known:
+    """An act with an id: who waits for its answer, and the answer once there is one."""
+
+    def __init__(self) -> None:
+        self.answered = False
+        self.refused: str | None = None
+        self.waiting: list[Told] = []
+
+
+class Answers:
+    """Remembers acts by the ids that their screens made."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[str, _Known] = OrderedDict()
+
+    def expect(self, name: str, done: Told) -> Told | None:
+        """Who is to be told what becomes of an act.
+
+        Args:
+            name: its id; empty = it has none.
+            done: who asks.
+
+        Returns:
+            To be told once; None if the act is known: then `done` gets the same answer as before.
+        """
+        if not name:
+            return done
+        known = self._known.get(name)
+        if known is None:
+            self._known[name] = known = _Known()
+            known.waiting.append(done)
+            while len(self._known) > MOST_KNOWN:
+                self._known.popitem(last=False)
+            return lambda refused: _tell(known, refused)
+        if known.answered:
+            done(known.refused)
+        else:
+            known.waiting.append(done)
+        return None
+
+
+def _tell(known: _Known, refused: str | None) -> None:
+    known.answered, known.refused = True, refused
+    waiting, known.waiting = known.waiting, []
+    for done in waiting:
+        done(refused)
+
+
+DURABLE_WITHIN = 2.0
+"""What is not on disk after so long is withdrawn, s."""
+
+SILENT = 1.0
+"""A disk that does not answer for so long is asked for nothing new, s."""
+
+TakeEffect = Callable[[Act, Entry, OpenRecording | None], None]
+"""Carries an act out whose line is on disk; for a start with what was made for the run."""
+
+
+class _Pending:
+    """An act that waits for the disk.
+
+    Attributes:
+        act: what shall be done.
+        promise: its line.
+        deadline: then it is withdrawn, s of the monotonic clock.
+        job: makes the run's folder, for a start; else None.
+        incomplete: its line is not made yet.
+        then: what is to be done when it is decided.
+    """
+
+    def __init__(self, act: Act, promise: Promise, answer: Told, deadline: float) -> None:
+        self.act = act
+        self.promise = promise
+        self.deadline = deadline
+        self.job: Future[OpenRecording | None] | None = None
+        self.incomplete = False
+        self.then: Callable[[], None] | None = None
+        self._answer = answer
+
+    def tell(self, refused: str | None) -> None:
+        """It is decided: why it was refused, in words, or None."""
+        self._answer(refused)
+        if self.then is not None:
+            self.then()
+
+    def withdrawal(self, now: float, why: str) -> Entry:
+        """The line that takes it back."""
+        details = {"id": self.promise.entry.id, "act": self.act.name}
+        return Entry(now, Origin.SYSTEM, Change.WITHDRAWN, reason=why, details=details)
+
+
+class DurableActs:
+    """Has the lines of acts written, and the acts carried out when that is done.
+
+    The clock is held from a start on, until it is withdrawn.
+
+    Args:
+        equipment: what the engine works with.
+        chronicle: has the lines.
+        recorder: makes the folder of a run that starts.
+        situation: what acts are judged against.
+        take_effect: see there.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        chronicle: Chronicle,
+        recorder: RunRecorder,
+        situation: Callable[[], Situation],
+        take_effect: TakeEffect,
+    ) -> None:
+        self._equipment = equipment
+        self._clock = equipment.clock
+        self._keepers = equipment.keepers
+        self._chronicle = chronicle
+        self._recorder = recorder
+        self._situation = situation
+        self._take_effect = take_effect
+        self._pending: _Pending | None = None
+
+    @property
+    def waiting(self) -> type[Act] | None:
+        """The act that waits for the disk; None = none does. From any thread."""
+        pending = self._pending
+        return None if pending is None else type(pending.act)
+
+    def refusal(self, act: Act | type[Act], *, active: bool) -> str | None:
+        """Why the disk lets no such act be done now, in words.
+
+        Args:
+            act: the act.
+            active: whether a run goes on, in which what is done at once is done.
+        """
+        ends = act.urgent or act.name == Finalise.name or Consequence.NEW_RUN in act.consequences
+        if self._chronicle.full and not ends:
+            return "the journal of this run is full: finalise it, then set up the next run"
+        silent = self._keepers.own.silent
+        if self.waiting is not None and not (act.at_once and active):
+            return f"the disk has not taken the {self.waiting.name} yet: wait for it"
+        if not act.at_once and silent > SILENT:
+            return f"the disk has not answered for {silent:.0f} s: nothing new until it does"
+        return None
+
+    def submit(
+        self,
+        act: Act,
+        line: Callable[[Act], Entry],
+        answer: Told,
+        prepare: Callable[[], Act] | None = None,
+    ) -> None:
+        """Have an act carried out when its line is on disk.
+
+        Args:
+            act: possible now; judged again then.
+            line: makes its line of the journal, with an id.
+            answer: told once: why it was refused, in words, or None when it took effect.
+            prepare: completes it first; a keeper's part. None = it is complete.
+        """
+        promise, end = Promise(line(act)), self._keepers.monotonic() + DURABLE_WITHIN
+        pending = self._pending = _Pending(act, promise, answer, end)
+        if Consequence.RECORDING in act.consequences:
+            self._clock.hold()
+            run, done = self._situation().run, partial(self._opened, pending)
+            pending.job = self._recorder.start(run, promise, done)
+        elif prepare is not None:
+            pending.incomplete = True
+            self._keepers.own.ask(prepare, partial(self._prepared, pending, line))
+        else:
+            self._chronicle.promise(promise, partial(self._kept, pending))
+
+    def _prepared(
+        self, pending: _Pending, line: Callable[[Act], Entry], complete: Future[Act]
+    ) -> None:
+        """An act is complete, and its line can be written; or it cannot be."""
+        if pending is not self._pending:
+            return  # it was withdrawn
+        if (refused := why_not(complete)) is not None:
+            self._pending = None
+            self._decided(pending, refused, None)
+            return
+        pending.incomplete = False
+        pending.act = complete.result()
+        pending.promise = Promise(line(pending.act))
+        self._chronicle.promise(pending.promise, partial(self._kept, pending))
+
+    def look(self) -> None:
+        """Withdraw what waits too long, or has become impossible."""
+        pending = self._pending
+        if pending is None:
+            return
+        if self._keepers.monotonic() >= pending.deadline:
+            self.withdraw(f"the disk did not take it within {DURABLE_WITHIN:g} s")
+        elif pending.job is None and (why := pending.act.refusal(self._situation())):
+            self.withdraw(why)
+
+    def withdraw(self, why: str) -> bool:
+        """Take back the act that waits; False if it is on disk already, and will take effect."""
+        pending = self._pending
+        assert pending is not None
+        withdrawal = pending.withdrawal(self._equipment.now(), why)
+        if not pending.promise.withdraw(withdrawal):
+            return False
+        self._pending = None
+        if pending.incomplete:
+            pass  # there is no line of it yet
+        elif pending.job is None:
+            self._chronicle.write(withdrawal, self._situation().run.start)
+        else:
+            pending.job.cancel()  # else its folder gets the line when the disk is back
+            self._clock.release()
+            self._chronicle.log.add(withdrawal, None)
+        pending.tell(f"{why}: it is withdrawn")
+        return True
+
+    def withdraw_or(self, why: str, then: Callable[[], None]) -> bool:
+        """Take back the act that waits; if that is too late, do something else when it is done."""
+        assert self._pending is not None
+        if self.withdraw(why):
+            return True
+        self._pending.then = then
+        return False
+
+    def _opened(self, pending: _Pending, opened: Future[OpenRecording | None]) -> None:
+        """Folder, bag and journal of a run are there, its start's line in it; or they are not."""
+        if pending is not self._pending:
+            return  # it was withdrawn
+        self._pending = None
+        made = None
+        if (refused := why_not(opened)) is None:
+            made = opened.result()
+            assert made is not None
+            if (refused := pending.act.refusal(self._situation())) is not None:
+                line = pending.withdrawal(self._equipment.now(), refused)
+                self._keepers.own.ask(partial(made.give_up, line))
+        if refused is not None:
+            self._clock.release()
+        self._decided(pending, refused, made)
+
+    def _kept(self, pending: _Pending, refused: str | None) -> None:
+        """The line of an act is on disk, or the disk refuses it."""
+        self._pending = None
+        if refused is None:
+            situation = self._situation()
+            if (refused := pending.act.refusal(situation)) is not None:
+                line = pending.withdrawal(self._equipment.now(), refused)
+                self._chronicle.write(line, situation.run.start)
+        self._decided(pending, refused, None)
+
+    def _decided(self, pending: _Pending, refused: str | None, made: OpenRecording | None) -> None:
+        if refused is None:
+            self._take_effect(pending.act, pending.promise.entry, made)
+        pending.tell(refused)
+
+
+# Runs of the results folder: which of them were cut off, and how one is taken up again.
+
+
+class EarlierRuns:
+    """Knows runs that were cut off, and opens the journals of earlier runs to go on with them.
+
+    Args:
+        results: the results folder.
+        keepers: touch the files.
+
+    Attributes:
+        unfinished: those that were cut off, as they were found last.
+    """
+
+    def __init__(self, results: Path, keepers: Keepers) -> None:
+        self.unfinished: tuple[Unfinished, ...] = ()
+        self._results = results
+        self._keepers = keepers
+
+    def look(self) -> None:
+        """Look for runs that were cut off."""
+        self._keepers.reading.ask(partial(find_unfinished, self._results), self._found)
+
+    def look_again(self) -> None:
+        """Look for them once the run at hand, which is left, has closed its journal."""
+        self._keepers.own.ask(lambda: None, lambda _: self.look())
+
+    def _found(self, unfinished: Future[tuple[Unfinished, ...]]) -> None:
+        if unfinished.exception() is None:  # else it blocks the start: a check says so
+            self.unfinished = unfinished.result()
+
+    def reopen(
+        self,
+        opened: EarlierRun,
+        refusal: Callable[[], str | None],
+        take_up: Callable[[OpenJournal], None],
+        done: Told,
+    ) -> None:
+        """Open the journal of an earlier run, in time or not at all.
+
+        Args:
+            opened: the run.
+            refusal: why it cannot be opened now, in words; None = it can.
+            take_up: goes on with it, now that its journal is open.
+            done: told once: why that is not possible, in words, or None when it is done.
+        """
+        job = partial(OpenJournal.reopen, opened.folder / JOURNAL_FILE, opened.entries)
+        latest = self._keepers.monotonic() + DURABLE_WITHIN
+
+        def reopened(journal: Future[OpenJournal]) -> None:
+            refused = why_not(journal)
+            if refused is None:
+                refused = refusal()
+                if self._keepers.monotonic() >= latest:
+                    refused = f"the disk took more than {DURABLE_WITHIN:g} s: try again"
+                if refused is not None:
+                    self._keepers.own.ask(journal.result().close)
+            if refused is None:
+                take_up(journal.result())
+                self.unfinished = tuple(
+                    run for run in self.unfinished if self._results / run.folder != opened.folder
+                )
+            done(refused)
+
+        self._keepers.own.ask(job, reopened)

@@ -1,0 +1,132 @@
+"""What an engine is configured with, and how much evidence its disk can take."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from random import Random
+
+from madrob_console.archive.evidence import evidence_held
+from madrob_console.common.version import software_version
+from madrob_console.engine.disk import Reader
+from madrob_console.engine.evidence_client import EvidencePlan
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.checks import SensorLimits
+from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes, Randomness
+from scoring.protocol import Thresholds
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """What an engine needs to know.
+
+    Attributes:
+        results: the results folder.
+        mappings: which topic carries which signal.
+        disk_needed: bytes that must be free before a start.
+        thresholds: the testbed's numbers.
+        limits: what counts as a healthy testbed.
+        competition: its name.
+        testbed: the testbed's name; empty = it has none.
+        protest_times: the competition's deadlines for protests.
+        version: of the software.
+        evidence: how much of it may be recorded; None = none is wanted.
+        lossless: wait for the disk instead of dropping messages (virtual time).
+        random: tells the identity of a run from all others; asks the system for nothing, for the
+            core does.
+    """
+
+    results: Path
+    mappings: tuple[TopicMapping, ...]
+    disk_needed: int
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    limits: SensorLimits = field(default_factory=SensorLimits)
+    competition: str = ""
+    testbed: str = ""
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
+    version: str = field(default_factory=software_version)
+    evidence: EvidencePlan | None = None
+    lossless: bool = False
+    random: Randomness = field(default_factory=lambda: Random().randbytes)
+
+    def limited(self, types: MessageTypes) -> EngineConfig:
+        """The same with a limit for the messages of each topic."""
+        return replace(self, mappings=tuple(m.limited(types) for m in self.mappings))
+
+
+# How much evidence fits into the results folder.
+
+
+_PERIOD = 20.0
+"""All runs are looked through this often, s."""
+
+STEADY_FOR = 10.0
+"""Room is told at the largest rate of so long, s: a rate that begins or ends says little."""
+
+
+class EvidenceRoom:
+    """Knows what there is, and what may still come.
+
+    Args:
+        config: the results folder and the budget.
+        reading: looks through the runs.
+    """
+
+    def __init__(self, config: EngineConfig, reading: Reader) -> None:
+        self._config = config
+        self._reading = reading
+        self._asked: float | None = None
+        self._answered = True
+        self._held: int | None = None
+        self._rates: list[tuple[float, float]] = []
+
+    def look(self, now: float) -> None:
+        """Look through the runs now and then; nothing where no evidence is wanted.
+
+        Args:
+            now: s since the epoch.
+        """
+        if self._config.evidence is None:
+            return
+        if self._asked is None or not 0 <= now - self._asked < _PERIOD:
+            self._asked = now
+            if self._answered:
+                self._answered = False
+                self._reading.ask(partial(evidence_held, self._config.results), self._heard)
+
+    def _heard(self, answer: Future[int]) -> None:
+        self._answered = True
+        self._held = None if answer.exception() else answer.result()
+
+    @property
+    def budget_left(self) -> int:
+        """Bytes that the budget leaves; all of it while nobody knows what there is."""
+        plan = self._config.evidence
+        return 0 if plan is None else max(0, plan.budget - (self._held or 0))
+
+    def left(self, free: int | None) -> int | None:
+        """Bytes of evidence that can be recorded; None = not known.
+
+        Args:
+            free: on the disk, bytes; None = unknown.
+        """
+        if self._held is None or free is None:
+            return None
+        return max(0, min(self.budget_left, free - self._config.disk_needed))
+
+    def lasts(self, free: int | None, byte_rate: float, now: float) -> float | None:
+        """How long evidence can be recorded, s; None = not known, or nothing has come of late.
+
+        Args:
+            free: on the disk, bytes; None = unknown.
+            byte_rate: of what comes now, bytes a second.
+            now: s since the epoch.
+        """
+        known = [(at, rate) for at, rate in self._rates if abs(now - at) < STEADY_FOR]
+        # what was less before says nothing any more
+        self._rates = [*(one for one in known if one[1] > byte_rate), (now, byte_rate)]
+        left, rate = self.left(free), self._rates[0][1]
+        return left / rate if left is not None and rate else None

@@ -1,0 +1,579 @@
+"""An engine in its own thread, its local client, and the watch over lists and protests."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+
+import msgspec
+
+from madrob_console.archive.folders import parse_folder_name
+from madrob_console.archive.history import History, RunSummary, time_words
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import Stamp, stamp_of
+from madrob_console.engine.core import Engine
+from madrob_console.engine.disk import Lanes
+from madrob_console.engine.reports import Reporting
+from madrob_console.engine.requests import (
+    NO_ANSWER,
+    NO_REPLAY,
+    Curves,
+    ExportDossier,
+    ExportTeam,
+    GiveCurves,
+    GiveFrames,
+    GivePlan,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    PlaybackCommand,
+    Request,
+    T,
+    TakeOver,
+)
+from madrob_console.engine.scorer import EarlierRun
+from madrob_console.engine.snapshot import Pulse, Snapshot
+from madrob_console.engine.wire import awaited
+from madrob_console.referee.acts import act_named
+from madrob_console.referee.competition_plan import PlanProgress, plan_progress
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.records import deadline_words, due_words
+
+# A competition's lists are read again whenever their files change, beside the engine.
+
+
+L = TypeVar("L")
+"""A list: of teams, or a plan."""
+
+PERIOD = 1.0
+"""Between two looks at the file, s."""
+
+FIRST_READING = 2.0
+"""An engine waits so long for the first reading: then it begins without a list, s."""
+
+
+class ListSource(Protocol[L]):
+    """Where a list comes from."""
+
+    @property
+    def file(self) -> Path | None:
+        """The file; None = there is none."""
+        ...
+
+    def read(self, before: L | None = None) -> L:
+        """The list as it is now; `before` as it was, None = it is read for the first time."""
+        ...
+
+
+class ListWatch(Generic[L]):
+    """Reads a list in a thread of its own: a file on a disk that hangs holds nobody up.
+
+    Args:
+        source: where the list comes from.
+        told: called with the list, and with each that differs from the one before.
+        period: between two looks, s.
+        changed: called after each that differs.
+    """
+
+    def __init__(
+        self,
+        source: ListSource[L],
+        told: Callable[[L], None],
+        period: float = PERIOD,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._source = source
+        self._told = told
+        self._changed = changed
+        self._period = period
+        self._list: L | None = None
+        self._taken: Stamp | None = None
+        self._seen: Stamp | None = None
+        self._read = threading.Event()
+        self._closed = threading.Event()
+        # a daemon: it may hang in the file's disk when the engine ends
+        self._thread = threading.Thread(target=self._work, name="lists", daemon=True)
+        self._thread.start()
+        self._read.wait(FIRST_READING)
+
+    def close(self) -> None:
+        """Look no more."""
+        self._closed.set()
+
+    def look(self) -> None:
+        """Read the file if it has changed; while it still changes, only the next time."""
+        stamp = self._stamp()
+        still, self._seen = stamp == self._seen, stamp
+        if not still or stamp == self._taken:
+            return
+        self._take(stamp)
+
+    def _stamp(self) -> Stamp | None:
+        try:
+            return stamp_of(os.path.realpath(self._source.file or ""))  # it may be a link
+        except ValueError:  # a path with a NUL in it
+            return None
+
+    def _take(self, stamp: Stamp | None) -> None:
+        listed, self._taken = self._source.read(self._list), stamp
+        if listed != self._list:
+            first, self._list = self._list is None, listed
+            self._told(listed)
+            if not first:
+                self._changed()
+
+    def _work(self) -> None:
+        self._seen = self._stamp()
+        self._take(self._seen)
+        self._read.set()
+        while self._source.file is not None and not self._closed.wait(self._period):
+            self.look()
+
+
+# Protests that wait for a decision, of all runs of the results folder: told until it is made.
+
+
+LOOKING_PERIOD = 60.0
+"""Another console, or another machine, may have filed or decided one, s."""
+
+Read: TypeAlias = Callable[[Callable[[], Sequence[RunSummary]]], Future[Sequence[RunSummary]]]
+"""Has the runs read, beside the engine."""
+
+
+class ProtestWatch:
+    """Knows the runs with an open protest, as they were read last.
+
+    Args:
+        history: reads all runs.
+        read: has that done; it must not wait.
+        monotonic: s.
+    """
+
+    def __init__(
+        self,
+        history: Callable[[], Sequence[RunSummary]],
+        read: Read,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._history = history
+        self._read = read
+        self._monotonic = monotonic
+        self._protested: Sequence[RunSummary] = ()
+        self._reading: Future[Sequence[RunSummary]] | None = None
+        self._seen: object = None
+        self._read_at = 0.0
+
+    def look(self, seen: object) -> None:
+        """Read again where something has changed, or a while has passed. Never waits.
+
+        Args:
+            seen: differs when a result has come or changed.
+        """
+        now = self._monotonic()
+        if self._reading is not None:
+            if not self._reading.done():
+                return
+            if self._reading.exception() is None:  # else it is read again after a while
+                runs = (run for run in self._reading.result() if run.protest_due is not None)
+                self._protested = tuple(sorted(runs, key=lambda run: run.protest_due or 0.0))
+            self._reading = None
+        if seen == self._seen and now - self._read_at < LOOKING_PERIOD:
+            return
+        self._seen, self._read_at = seen, now
+        self._reading = self._read(self._history)
+
+    def overdue(self, now: float, at_hand: str) -> Iterator[str]:
+        """Protests that should have been decided, in words that stay the same.
+
+        Args:
+            now: s since the epoch.
+            at_hand: folder of the run at hand, which tells its own.
+        """
+        for run in self._protested:
+            if run.protest_due is not None and run.protest_due < now and run.folder != at_hand:
+                late = deadline_words(run.protest_due, now, time_words)
+                yield f"{_which(run)}: {late}; h opens it, P decides it"
+
+    def open(self, now: float) -> Iterator[str]:
+        """All that are open, in words; `now` in s since the epoch."""
+        protested = ((run, run.protest_due or now) for run in self._protested)
+        return (f"{_which(run)}: {due_words(due, now)}" for run, due in protested)
+
+
+def _which(run: RunSummary) -> str:
+    which = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
+    return f"protest against {which}"
+
+
+# What is asked in the engine's thread.
+
+
+Done = Callable[[Any], None]
+"""Takes the answer to a question, once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turn:
+    """Something that waits to be asked or sent, and its answer to come.
+
+    Attributes:
+        question: asks, and hands the answer on, now or later.
+        deadline: what has not begun by then never happens, s of the monotonic clock.
+        answer: to come; what is cancelled before its turn never happens either.
+    """
+
+    question: Callable[[Done], None]
+    deadline: float
+    answer: Future[Any]
+
+    def begin(self) -> bool:
+        """From now on it cannot be cancelled; False where it must not happen any more."""
+        if time.monotonic() > self.deadline:
+            fail(self.answer, NO_ANSWER)
+        return begun(self.answer)
+
+
+def begun(answer: Future[Any]) -> bool:
+    """Whether what is asked may begin: nobody has given it up. It cannot be any more."""
+    if not answer.done():
+        with suppress(RuntimeError):  # it has failed just now
+            return answer.set_running_or_notify_cancel()
+    return False
+
+
+def fail(answer: Future[Any], why: MadrobError | str) -> None:
+    """Say why there is no answer, if there is none yet."""
+    with suppress(InvalidStateError):
+        answer.set_exception(MadrobError(why) if isinstance(why, str) else why)
+
+
+TAKE_TIMEOUT = 0.02
+"""How long the engine waits for messages before it looks at acts and the clock, s."""
+
+SNAPSHOT_PERIOD = 0.05
+"""Screens get a new snapshot this often, s."""
+
+USUAL_WRITING = 0.5
+"""An act that waits for the disk no longer than this is no news, s."""
+
+_ENDED = "the engine has ended: start the console again"
+
+
+class LocalEngine:
+    """Runs an engine in a thread; an `EngineClient`.
+
+    Nothing that a screen does holds the engine up: requests wait for their turn, the urgent ones
+    before all others; what only reads is read beside it; snapshots are taken from the latest one.
+
+    Args:
+        engine: not opened yet.
+        reporting: what makes reports and exports, closed by the caller; None = nobody does.
+        fallen: tells which part of this process has ended, in words; None = none.
+
+    Raises:
+        MadrobError: the testbed cannot be reached.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        reporting: Reporting | None = None,
+        fallen: Callable[[], str | None] = lambda: None,
+    ) -> None:
+        self._engine = engine
+        self._fallen = fallen
+        self._reporting = reporting
+        if reporting is not None:
+            engine.on_result = reporting.report
+            engine.on_left_unsettled = self.repair
+        self._turns: Lanes[Turn] = Lanes()
+        self._begun: set[Turn] = set()
+        self._history = History(engine.config.results)
+        self._protests = ProtestWatch(
+            self._history.refresh, lambda job: engine.read(job, first=False)
+        )
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        self._writing = "", 0.0
+        engine.open()
+        self._look()
+        self._stepped = time.monotonic()
+        self._thread = threading.Thread(target=self._work, name="engine")
+        self._thread.start()
+        engine.warm()
+
+    def _work(self) -> None:
+        shown = 0.0
+        try:
+            while not self._stop.is_set():
+                self._stepped = time.monotonic()
+                self._engine.step(TAKE_TIMEOUT, self._is_wanted)
+                for turn in self._turns.waiting():
+                    self._take(turn)
+                if time.monotonic() - shown >= SNAPSHOT_PERIOD:
+                    self._look()
+                    shown = time.monotonic()
+        except BaseException as error:
+            self._failure = error
+            raise
+        finally:
+            self._engine.close()
+            for turn in (*self._begun, *self._turns.close()):
+                fail(turn.answer, self._gone)
+
+    def _is_wanted(self) -> bool:
+        """Whether something urgent waits for the engine's thread."""
+        return self._turns.count(first=True) > 0 or self._stop.is_set()
+
+    @property
+    def _gone(self) -> str:
+        """Why nothing is asked any more."""
+        return _ENDED if self._failure is None else f"the engine has failed: {self._failure}"
+
+    def _take(self, turn: Turn) -> None:
+        """In the engine's thread: ask; the answer may come at a later step."""
+        if not turn.begin():
+            return
+        self._begun.add(turn)
+
+        def done(answer: object) -> None:
+            self._begun.discard(turn)
+            self._look()  # before the answer: it shows what was done
+            turn.answer.set_result(answer)
+
+        try:
+            turn.question(done)
+        except MadrobError as error:
+            self._begun.discard(turn)
+            fail(turn.answer, error)
+
+    def _put(self, turn: Turn, *, urgent: bool = False) -> Future[Any]:
+        if self._stop.is_set() or not self._turns.put(turn, first=urgent):
+            fail(turn.answer, self._gone)
+        return turn.answer
+
+    def snapshot(self) -> Snapshot:
+        """The latest snapshot, with the pulse of now: the engine's thread may stand still.
+
+        Raises:
+            MadrobError: the engine has failed.
+        """
+        if self._failure is not None:
+            raise MadrobError(f"the engine has failed: {self._failure}")
+        latest, pulse = self._snapshot, self._pulse()
+        return latest if pulse == latest.pulse else replace(latest, pulse=pulse)
+
+    def _pulse(self) -> Pulse:
+        engine, now = self._engine, time.monotonic()
+        (lines, age), disk = engine.unwritten, int(engine.disk_silence)
+        if engine.writing != self._writing[0]:
+            self._writing = engine.writing, now
+        writing, since = self._writing
+        return Pulse(
+            core=int(now - self._stepped),
+            disk=disk,
+            unwritten=lines if age >= 1 or disk else 0,
+            refused=engine.refused,
+            waiting=len(engine.waiting),
+            writing=writing if now - since >= USUAL_WRITING else "",
+        )
+
+    def _look(self) -> None:
+        """Make a new snapshot, in the engine's thread."""
+        reporting, engine = self._reporting, self._engine
+        others = [self._fallen()]
+        if reporting is not None:
+            others.insert(0, reporting.problem)
+        if engine.replay is None:
+            run, folder = engine.run, engine.folder
+            if not run.active:  # then a disk has other things to do
+                seen = (engine.generation, run.issue, run.phase, run.protests, engine.busy)
+                self._protests.look(seen)
+            at_hand = "" if folder is None else str(folder.relative_to(self.results))
+            others += self._protests.overdue(engine.now(), at_hand)
+        self._snapshot = engine.snapshot(None if reporting is None else reporting.exported, others)
+
+    def begin(
+        self,
+        request: Request[T],
+        deadline: float | None = None,
+        *,
+        first: bool = True,
+        origin: Origin = Origin.REFEREE,
+    ) -> Future[T]:
+        """Have a request carried out, and do not wait.
+
+        Args:
+            request: what is asked.
+            deadline: what has not begun by then never takes effect, s of the monotonic clock;
+                None = as the request has it.
+            first: what only reads comes before that of others.
+            origin: who asks, for the journal.
+        """
+        if deadline is None:
+            deadline = time.monotonic() + request.latest_begin
+        try:
+            return self._carry_out(request, deadline, first=first, origin=origin)
+        except MadrobError as error:
+            answer: Future[T] = Future()
+            answer.set_exception(error)
+            return answer
+
+    def ask(self, request: Request[T]) -> T:
+        """Have a request carried out.
+
+        Raises:
+            MadrobError: it failed, or the engine has ended or does not answer.
+        """
+        return awaited(self.begin(request), request.timeout)
+
+    def _carry_out(
+        self, request: Request[Any], deadline: float, *, first: bool, origin: Origin
+    ) -> Future[Any]:
+        """The one place that knows what each request means."""
+        engine = self._engine
+
+        def core(question: Callable[[Done], None]) -> Future[Any]:
+            return self._put(Turn(question, deadline, Future()), urgent=request.urgent)
+
+        match request:
+            case Perform(name, details, number):
+                act = act_named(name, details)
+                return core(lambda done: engine.submit(act, done, id=number, origin=origin))
+            case NextRunNumber(subject, condition, practice):
+                return engine.next_run_number(subject, condition, practice=practice, first=first)
+            case OpenRun(folder, invalid):
+                return self._open_run(folder, deadline, invalid=invalid)
+            case ExportTeam() | ExportDossier():
+                return core(lambda done: done(self._export(request)))
+            case GiveCurves() | GivePlan():
+                curves = isinstance(request, GiveCurves)
+                return engine.read(self._curves if curves else self._progress, first=first)
+            case GiveFrames():
+                return self._frames()
+            case PlaybackCommand():
+                return core(lambda done: done(engine.control(request)))
+            case TakeOver():
+                return _answered(None)  # this screen has it: others are the server's
+            case _:
+                raise NotImplementedError(f"nobody carries out {request}")
+
+    def _open_run(self, folder: str, deadline: float, *, invalid: bool) -> Future[str | None]:
+        """The bag is read beside the engine, which goes on meanwhile, maybe with another run."""
+        if parse_folder_name(folder) is None:
+            raise MadrobError(f"{folder!r} is no run folder")
+        engine = self._engine
+        asked = engine.generation
+        if (refused := engine.opening_refusal()) is not None:
+            return _answered(refused)
+        answer: Future[str | None] = Future()
+
+        def show(read: Future[EarlierRun]) -> None:
+            if isinstance(error := read.exception(), MadrobError):
+                fail(answer, error)
+                return
+
+            def question(done: Done) -> None:
+                engine.open_run(read.result(), done, invalid=invalid, instead_of=asked)
+
+            self._put(Turn(question, deadline, answer))
+
+        path = self.results / folder
+        engine.read(lambda: engine.read_run(path).result()).add_done_callback(show)
+        return answer
+
+    def _export(self, request: ExportTeam | ExportDossier) -> str | None:
+        if self._reporting is None:
+            return "nobody packs runs here: use `madrob export`"
+        match request:
+            case ExportTeam(subject, practice, competition):
+                self._reporting.export(subject, competition, practice=practice)
+            case ExportDossier(folder):
+                if parse_folder_name(folder) is None:
+                    return f"{folder!r} is no run folder"
+                self._reporting.export_dossier(self.results / folder, folder)
+        return None
+
+    def _frames(self) -> Future[str]:
+        """They are found and decoded in a process beside this one."""
+        replay, shown = self._engine.replay, self.snapshot().playback
+        if replay is None or shown is None:
+            raise MadrobError(f"{NO_REPLAY}: `madrob pictures` has the frames of a run")
+        if self._reporting is None:
+            raise MadrobError("nobody looks for frames here: use `madrob pictures`")
+        answer: Future[str] = Future()
+
+        def done(folder: str, why: str) -> None:
+            if why:
+                fail(answer, why)
+            else:
+                with suppress(InvalidStateError):  # it was given up
+                    answer.set_result(folder)
+
+        self._reporting.frames(replay.source.path, shown.position, done)
+        return answer
+
+    def _curves(self) -> Curves | None:
+        scored = self._engine.scored  # immutable: may be read from any thread
+        return None if scored is None else msgspec.msgpack.decode(scored.curves, type=Curves)
+
+    def _progress(self) -> PlanProgress:
+        plan = self.snapshot().plan
+        runs = self._history.refresh() if plan.lines else ()
+        return plan_progress(plan, runs, self._engine.config.competition)
+
+    @property
+    def open_protests(self) -> Sequence[str]:
+        """Against which runs of the results folder a protest is open, in words."""
+        return tuple(self._protests.open(self._engine.now()))
+
+    def repair(self) -> None:
+        """Have the results made again that are not what their journals say. Never waits."""
+        if self._reporting is not None and self._engine.replay is None:
+            self._reporting.repair(self.results)
+
+    @property
+    def results(self) -> Path:
+        """Where the runs are kept."""
+        return self._engine.config.results
+
+    @property
+    def busy(self) -> bool:
+        """Whether a run goes on or its result is being written."""
+        return self._failure is None and self._engine.busy
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether anything of a run is in memory alone: the disk refuses it, or is silent."""
+        engine = self._engine
+        kept = engine.unwritten[0] or engine.refused or engine.waiting
+        return self._failure is None and bool(kept)
+
+    @property
+    def not_on_disk(self) -> Sequence[str]:
+        """What the disk refuses of all runs, in words."""
+        return tuple(filter(None, (self._engine.refused, *self._engine.waiting)))
+
+    @property
+    def failed(self) -> bool:
+        """Whether its thread ended with an error."""
+        return self._failure is not None
+
+    def close(self) -> None:
+        """End the engine; a run that goes on is cut off and kept as interrupted."""
+        self._stop.set()
+        self._thread.join()
+
+
+def _answered(answer: T) -> Future[T]:
+    """What is known at once."""
+    known: Future[T] = Future()
+    known.set_result(answer)
+    return known

@@ -1,0 +1,398 @@
+"""Evidence as the core sees it, and which faults enter the journal."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from madrob_console.engine.sensors import Trouble
+from madrob_console.engine.snapshot import EvidenceTopicView
+from madrob_console.referee.evidence_account import (
+    NO_EVIDENCE,
+    EvidenceAccount,
+    EvidenceGap,
+    gaps_words,
+    unseen_words,
+)
+from madrob_console.referee.records import listed
+
+
+@dataclass(frozen=True, slots=True)
+class EvidencePlan:
+    """How much evidence may be recorded.
+
+    Attributes:
+        budget: bytes that the results folder may hold of it.
+        least_room: what must fit before a start, s at the rate of now.
+    """
+
+    budget: int
+    least_room: float
+
+
+@dataclass(frozen=True, slots=True)
+class EvidencePlace:
+    """Where the evidence of a run goes.
+
+    Attributes:
+        folder_fd: handle of the bag's folder; whoever gets it closes it.
+        name: of the folder, as it was made.
+        steady_ns: steady time now (protocol section 8).
+        monotonic_ns: the machine's monotonic time at the same moment.
+        most_bytes: what is left of the budget.
+        least_free: bytes that stay free on the disk, for the score.
+    """
+
+    folder_fd: int
+    name: str
+    steady_ns: int
+    monotonic_ns: int
+    most_bytes: int
+    least_free: int
+
+
+@dataclass(frozen=True, slots=True)
+class WitnessStatus:
+    """How the evidence stands.
+
+    Attributes:
+        ready: whether somebody listens, and has had the time to find what there is.
+        topics: what comes; nothing is said of it where nobody has told of late.
+        silent: those on which nothing comes now, and nothing is kept for late joiners.
+        unseen: patterns of the settings for which nobody publishes anything.
+        scored: patterns that match only what is recorded with the score.
+        gaps: when nothing was recorded in the recording that goes on, or was last, s since the
+            epoch: the start of a run may still move.
+        account: of the recording that goes on, or was last.
+        recording: whether one goes on.
+        finishing: whether one is over and not complete on disk.
+        size: its bytes on disk.
+        problem: what is wrong, in words; None = nothing.
+        stuck: that the disk takes nothing of it now, in words; empty = it does.
+        unrepaired: files of the last run that are not whole, and what their repair waits for, in
+            words.
+        pauses: by topic, when nothing came on it though it came steadily, in the recording that
+            goes on, or was last; s since the epoch, as those of `gaps`.
+        pauses_now: that which goes on, also without a recording.
+        appeared: by topic, when its first message came, of those that nobody had when that
+            recording began; s since the epoch.
+    """
+
+    ready: bool = False
+    topics: tuple[EvidenceTopicView, ...] = ()
+    account: EvidenceAccount = NO_EVIDENCE
+    recording: bool = False
+    finishing: bool = False
+    size: int = 0
+    problem: str | None = None
+    silent: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
+    gaps: tuple[EvidenceGap, ...] = ()
+    stuck: str = ""
+    unrepaired: tuple[str, ...] = ()
+    pauses: Mapping[str, tuple[EvidenceGap, ...]] = field(default_factory=dict)
+    pauses_now: Mapping[str, EvidenceGap] = field(default_factory=dict)
+    appeared: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def byte_rate(self) -> float:
+        """Bytes a second of all that is recorded."""
+        return sum(topic.byte_rate for topic in self.topics)
+
+    @property
+    def gap(self) -> EvidenceGap | None:
+        """That in which nothing is recorded now."""
+        last = self.gaps[-1] if self.recording and self.gaps else None
+        return None if last is None or last.end is not None else last
+
+    def trouble(self, start: float | None) -> str | None:
+        """What is wrong with all of it, in words; None = nothing.
+
+        Args:
+            start: of the run, s since the epoch; None = there is none.
+        """
+        if self.gap is None:
+            return self.problem or self.stuck or None
+        since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"
+        return f"nothing is recorded{since}, it is starting again: {self.gap.why}"
+
+    def faults(self, start: float | None) -> tuple[str, ...]:
+        """What is wrong with all of it, with what should come or with its files; a line each.
+
+        Args:
+            start: as for `trouble`.
+        """
+        if (trouble := self.trouble(start)) is not None:
+            return (trouble, *self.unrepaired)
+        unseen = (unseen_words(self.unseen),) if self.ready and self.unseen else ()
+        lines = (
+            f"{topic.topic}: {topic.problem}"
+            for topic in self.topics_since(start)
+            if topic.problem and topic.topic in self.silent
+        )
+        return (*unseen, *lines, *self.unrepaired)
+
+    def topics_since(self, start: float | None) -> tuple[EvidenceTopicView, ...]:
+        """What comes, with the silences of each topic among what is wrong with it.
+
+        Args:
+            start: as for `trouble`.
+        """
+        return tuple(
+            replace(one, problem=_together(one.problem, self._silence(one.topic, start)))
+            for one in self.topics
+        )
+
+    def _silence(self, topic: str, start: float | None) -> str:
+        if (now := self.pauses_now.get(topic)) is not None:
+            return silent_since(now, start)
+        pauses = self.pauses.get(topic) if self.recording else None
+        return _silent(pauses, start) if pauses and start is not None else ""
+
+    def account_since(self, start: float) -> EvidenceAccount:
+        """The account, with all times from the start of the run on.
+
+        Args:
+            start: s since the epoch.
+        """
+        topics = (
+            replace(
+                one,
+                problem=_together(
+                    first_words(self.appeared.get(one.topic), start),
+                    _silent(self.pauses.get(one.topic, ()), start),
+                    one.problem,
+                ),
+            )
+            for one in self.account.topics
+        )
+        gaps = tuple(gap.since(start) for gap in self.gaps)
+        return replace(self.account, topics=tuple(topics), gaps=gaps)
+
+    @property
+    def troubles(self) -> dict[tuple[str, Trouble], str]:
+        """What is wrong, in words, by topic; gaps are told apart from it."""
+        troubles = {
+            (topic.topic, Trouble.EVIDENCE): words
+            for topic in self.account.topics
+            if (words := topic.troubles)
+        }
+        if self.problem is not None and self.gap is None:
+            troubles["recording", Trouble.EVIDENCE] = self.problem
+        return troubles
+
+
+def silent_since(pause: EvidenceGap, start: float | None) -> str:
+    """That nothing comes any more, in words.
+
+    Args:
+        pause: since when, s since the epoch.
+        start: of the run, likewise; None = there is none: then the time of day is told.
+    """
+    if start is None:
+        return f"silent since {time.strftime('%H:%M:%S', time.localtime(pause.begin))}"
+    return f"silent since {pause.since(start).begin:+.1f} s"
+
+
+def first_words(first: float | None, start: float) -> str:
+    """When a topic came first, in words; empty = before the start.
+
+    Args:
+        first: s since the epoch; None = it was there before.
+        start: of the run, likewise.
+    """
+    return "" if first is None or first <= start else f"first message at {first - start:+.1f} s"
+
+
+def _silent(pauses: Sequence[EvidenceGap], start: float) -> str:
+    words = gaps_words([pause.since(start) for pause in pauses])
+    return f"silent {words}" if words else ""
+
+
+def _together(*words: str) -> str:
+    return ", ".join(filter(None, words))
+
+
+class Witness(Protocol):
+    """Records evidence beside the engine. Nothing here waits; calls are the core's."""
+
+    @property
+    def status(self) -> WitnessStatus | None:
+        """How things stand; None = no evidence is wanted, or there can be none."""
+        ...
+
+    def warm(self) -> None:
+        """Get ready: whoever sends shall be found before the first start."""
+        ...
+
+    def begin(self, place: EvidencePlace) -> None:
+        """Record from now on."""
+        ...
+
+    def end(self) -> None:
+        """Record no more, and complete what is there."""
+        ...
+
+    def await_account(self, limit: float) -> None:
+        """Wait until the account has all up to the `end`, `limit` s at most; not for the core.
+
+        What is not in the files soon after is `unwritten` in it.
+        """
+        ...
+
+    def hold(self, *, held: bool) -> None:
+        """Leave the disk to the score, or not any more."""
+        ...
+
+    def close(self) -> None:
+        """End it; what is recorded gets complete by itself."""
+        ...
+
+
+class NoWitness:
+    """Nothing is recorded beside the testbed's own topics; a `Witness`."""
+
+    status = None
+
+    def warm(self) -> None:
+        """Nothing is needed."""
+
+    def begin(self, place: EvidencePlace) -> None:
+        """Nobody asks for a place."""
+        raise AssertionError(f"no evidence is wanted for {place.name}")
+
+    def end(self) -> None:
+        """Nothing was begun."""
+
+    def await_account(self, limit: float) -> None:
+        """Nothing is counted."""
+
+    def hold(self, *, held: bool) -> None:
+        """Nothing is written."""
+
+    def close(self) -> None:
+        """Nothing was begun."""
+
+
+# Which faults of the testbed stand in a run's journal and in its data quality.
+
+
+LASTING = 0.5
+"""A trouble that lasts this long is noted, s: not the wobble of a rate that is just beginning."""
+
+
+class FaultNotes:
+    """Each trouble of each topic is noted once a run."""
+
+    def __init__(self) -> None:
+        self._since: dict[tuple[str, Trouble], float] = {}
+        self._noted: set[tuple[str, Trouble]] = set()
+
+    def clear(self) -> None:
+        """A new run."""
+        self._since.clear()
+        self._noted.clear()
+
+    def due(self, troubles: Mapping[tuple[str, Trouble], str], now: float) -> list[tuple[str, str]]:
+        """What is to be noted now: topics, and what is wrong with each in words.
+
+        Args:
+            troubles: what is wrong now, by topic and kind.
+            now: s since the epoch.
+        """
+        self._since = {key: self._since.get(key, now) for key in troubles}
+        due = [
+            key
+            for key, since in self._since.items()
+            if key not in self._noted and abs(now - since) >= LASTING
+        ]
+        self._noted.update(due)
+        return [(key[0], troubles[key]) for key in due]
+
+
+# What of the evidence's troubles stands in a run's journal.
+
+
+PERIOD = 5.0
+"""What topics lack is told so often at most, s: many lack the same one after the other, and the
+sensors' events shall be seen among it."""
+
+
+class EvidenceNotes:
+    """What is told of one run.
+
+    Gaps, and silences of topics, when they begin and when they end; the first message of a topic
+    that appears late; each trouble of a topic once.
+    """
+
+    def __init__(self) -> None:
+        self._faults = FaultNotes()
+        self._told = -math.inf
+        self._begun = self._over = 0
+        self._silences: Counter[str] = Counter()
+        self._back: Counter[str] = Counter()
+        self._appeared: set[str] = set()
+
+    def due(self, status: WitnessStatus, start: float, now: float) -> list[str]:
+        """What is to be noted now, in words.
+
+        Args:
+            status: of the evidence.
+            start: of the run, s since the epoch.
+            now: s since the epoch.
+        """
+        return [
+            *self._of_gaps(status, start),
+            *self._of_silences(status, start),
+            *self._of_topics(status, now),
+        ]
+
+    def _of_gaps(self, status: WitnessStatus, start: float) -> Iterator[str]:
+        for gap in status.gaps[self._begun :]:
+            self._begun += 1
+            yield f"nothing is recorded since {gap.since(start).begin:+.1f} s: {gap.why}"
+        for gap in status.gaps[self._over :]:
+            if gap.end is None:
+                return
+            self._over += 1
+            yield f"recorded again, missing {gap.since(start).words}"
+
+    def _of_silences(self, status: WitnessStatus, start: float) -> Iterator[str]:
+        """Which topics come late, fall silent or come again; of several at once when the first."""
+        late = [topic for topic in status.appeared if topic not in self._appeared]
+        self._appeared.update(late)
+        told = {topic: first_words(status.appeared[topic], start) for topic in late}
+        yield from _in_a_line({topic: words for topic, words in told.items() if words})
+        silent: dict[str, str] = {}
+        back: dict[str, str] = {}
+        for topic, pauses in status.pauses.items():
+            over = sum(pause.end is not None for pause in pauses)
+            if over > self._back[topic]:
+                back[topic] = f"comes again, silent {pauses[over - 1].since(start).words}"
+            elif len(pauses) > max(over, self._silences[topic]):
+                silent[topic] = silent_since(pauses[-1], start)
+            self._silences[topic], self._back[topic] = len(pauses), max(over, self._back[topic])
+        yield from _in_a_line(silent)
+        yield from _in_a_line(back)
+
+    def _of_topics(self, status: WitnessStatus, now: float) -> Iterator[str]:
+        if 0 <= now - self._told < PERIOD:
+            return
+        topics: dict[str, list[str]] = {}
+        for topic, words in self._faults.due(status.troubles, now):
+            topics.setdefault(words, []).append(topic)
+        if topics:
+            self._told = now
+        for words, names in topics.items():
+            yield f"{listed(names)}: {words}"
+
+
+def _in_a_line(words: Mapping[str, str]) -> Iterator[str]:
+    """What is said of each of some topics, as it is said of the first; none where there is none."""
+    if words:
+        yield f"{listed(list(words))}: {next(iter(words.values()))}"

@@ -1,0 +1,435 @@
+"""From messages to what is shown and judged: inbox, decoding, and the run's tracker."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.common.clock import seconds
+from madrob_console.engine.scorer import PastRun
+from madrob_console.engine.sensors import Sensors
+from madrob_console.messages.codec import Decoder, TopicMapping
+from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.referee.checks import SensorLimits
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.records import FalseStart
+from madrob_console.referee.run import Phase, Run, begin_run, stop, time_out
+from recorder.bag import RawMessage
+from scoring.evaluate import LiveAssessment
+from scoring.events import EventDetector
+from scoring.procedure import Procedure, Ruling, StepRecord
+from scoring.protocol import Event, EventName, Outcome, Step, Thresholds
+from scoring.signals import Sample
+
+# Messages on their way from the testbed to what is shown and judged.
+#
+# A message is recorded as soon as it is taken. Looking at it takes time, by what it holds and by
+# how many there are; between two of them acts are looked at, too.
+
+
+LATEST = 0.5
+"""What has waited longer than this is not shown any more, s."""
+
+CAPACITY = 32 * 1024 * 1024
+"""Bytes that wait; more are left to the source, which counts what it cannot keep."""
+
+_LONGEST_WORK = 0.02
+"""Then its owner has a turn, s."""
+
+_TOLD = 2.0
+"""What was left out is told for so long, s: also what happened only once."""
+
+Interrupt = Callable[[], bool]
+"""Whether somebody else wants a turn now."""
+
+
+class Observe(Protocol):
+    """What looks at a message: `Observation.receive`."""
+
+    def __call__(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
+        """See `Observation`."""
+        ...
+
+
+class Backlog:
+    """Messages that are taken and not looked at yet, oldest first.
+
+    What is recorded is always looked at: the result is made from all that the bag holds. What is
+    late is left out of what is shown, and said.
+
+    Args:
+        observe: looks at one.
+        monotonic: a clock of the machine's, s.
+    """
+
+    def __init__(self, observe: Observe, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._observe = observe
+        self._monotonic = monotonic
+        self._waiting: deque[tuple[float, bool, RawMessage]] = deque()
+        self._bytes = 0
+        self._recorded = 0
+        self._left_out = 0
+        self._left_out_at: float | None = None
+
+    def __len__(self) -> int:
+        """How many wait."""
+        return len(self._waiting)
+
+    @property
+    def full(self) -> bool:
+        """Whether it should take no more."""
+        return self._bytes >= CAPACITY
+
+    @property
+    def recorded(self) -> int:
+        """How many of them are in the bag."""
+        return self._recorded
+
+    @property
+    def behind(self) -> float:
+        """How long the oldest has waited, s."""
+        return self._monotonic() - self._waiting[0][0] if self._waiting else 0.0
+
+    def seen(self, now: float) -> float:
+        """Up to when all that came was looked at, s since the epoch; `now` where nothing waits."""
+        return min(now, seconds(self._waiting[0][2].receive_ns)) if self._waiting else now
+
+    @property
+    def problem(self) -> str | None:
+        """That what is shown lacks something, in words; None when all of it is there."""
+        behind, at = self.behind, self._left_out_at
+        if behind <= LATEST and (at is None or self._monotonic() - at > _TOLD):
+            self._left_out = 0
+            return None
+        return (
+            f"more comes than can be looked at: {behind:.1f} s behind, {self._left_out} messages "
+            "are not shown; what is recorded and the result have them"
+        )
+
+    def add(self, messages: Sequence[RawMessage], *, recorded: bool) -> None:
+        """Messages were taken.
+
+        Args:
+            messages: oldest first.
+            recorded: whether they are in the bag.
+        """
+        now = self._monotonic()
+        for message in messages:
+            self._waiting.append((now, recorded, message))
+            self._bytes += len(message.data)
+        self._recorded += len(messages) if recorded else 0
+
+    def work_off(self, interrupt: Interrupt | None = None) -> None:
+        """Look at what waits.
+
+        Args:
+            interrupt: asked after each message; None = go through to the end, and nothing is late.
+        """
+        now = begin = self._monotonic()
+        while self._waiting:
+            taken, recorded, message = self._waiting.popleft()
+            self._bytes -= len(message.data)
+            self._recorded -= recorded
+            late = interrupt is not None and now - taken > LATEST
+            if late:
+                self._left_out += 1
+                self._left_out_at = now
+            self._observe(message, recorded=recorded, shown=not late)
+            if interrupt is not None:
+                now = self._monotonic()
+                if now - begin > _LONGEST_WORK or interrupt():
+                    return
+
+
+# The course of one run, from its countdown to its stop: what the sensors and the clock decide.
+
+
+IN_FLIGHT = 0.1
+"""A timeout is judged this much later, s: by then what was measured before it has arrived."""
+
+MOST_NOTED = 500
+"""Events of a run that are noted one by one. More come of a signal that flickers (two publishers,
+a loose contact); each costs a synced line of the journal, and all of them would delay the stop."""
+
+MOST_FALSE_STARTS = 20
+"""False starts of a countdown that are noted; for the same reason."""
+
+FLICKERS = f"more than {MOST_NOTED} events: a signal flickers; the others stand in the result only"
+
+FALSE_STARTS = frozenset(
+    {
+        EventName.HANDLE_IS_TOUCHED,
+        EventName.DOOR_OPENS,
+        EventName.APPROACHES_CW,
+        EventName.APPROACHES_CCW,
+    }
+)
+"""What counts as a false start during the countdown (section 7)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that no act brought about, for the journal."""
+
+    origin: Origin
+    change: Change
+    reason: str = ""
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+class Course:
+    """Follows a run sample by sample and decides when it starts and stops. Writes nothing.
+
+    Args:
+        record: what is set for the run.
+        run: its state as the countdown begins.
+        assess: a new assessment of a run that is planned to start then, s since the epoch.
+        silence: how long a settle time may wait for a door that went silent, s.
+        before: the newest sample of each signal; what is up before the countdown is no false
+            start. None: what was a false start is known already, nothing is taken for one.
+    """
+
+    def __init__(
+        self,
+        record: RunRecord,
+        run: Run,
+        assess: Callable[[RunRecord, float], LiveAssessment],
+        silence: float,
+        before: Sequence[Sample] | None = (),
+    ) -> None:
+        self._record = record
+        self._assess = assess
+        self._patience = record.thresholds.settle_time + silence
+        self._before = before
+        self._preroll: list[Sample] = []
+        self.restart(run)
+
+    def restart(self, run: Run) -> None:
+        """The countdown begins (again): the run has another planned start."""
+        assert run.start is not None
+        assert run.countdown_began is not None
+        self.assessment: LiveAssessment = self._assess(self._record, run.start)
+        for sample in self._preroll:
+            self.assessment.feed(sample)
+        self.procedure: Procedure = self.assessment.procedure()
+        self._known: set[Event] = set()
+        self._judged: tuple[int, tuple[Ruling, ...]] = (-1, ())
+        self._counting_down = True
+        self._watch: EventDetector | None = None
+        if self._before is None:
+            return
+        self._watch = EventDetector(
+            self._record.setup.condition,
+            run.countdown_began,
+            self._record.thresholds,
+            handle_zero=self._record.handle_zero,
+        )
+        for sample in (*self._before, *self._preroll):
+            self._watch.feed(sample)
+
+    def feed(self, sample: Sample) -> None:
+        """Take the next sample of the recording."""
+        self.assessment.feed(sample)
+        if self._counting_down:
+            self._preroll.append(sample)
+        if self._watch is not None:
+            self._watch.feed(sample)
+
+    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+        """What has become of the run, and what happened.
+
+        Args:
+            run: its state.
+            now: s since the epoch.
+            seen: up to when all that was measured has been fed, s since the epoch: what depends on
+                that is not judged before.
+        """
+        happened: list[Happening] = []
+        if run.phase is Phase.COUNTDOWN:
+            run = self._count_down(run, now, happened)
+        if run.phase is Phase.RUNNING:
+            run = self._follow(run, now, seen, happened)
+        return run, happened
+
+    def _count_down(self, run: Run, now: float, happened: list[Happening]) -> Run:
+        start, began = run.start, run.countdown_began
+        assert start is not None
+        assert began is not None
+        seen: Sequence[Event] = ()
+        if self._watch is not None and len(self._known) < MOST_FALSE_STARTS:
+            seen = self._watch.events()
+        for event in seen:
+            if len(self._known) >= MOST_FALSE_STARTS:
+                break
+            inside = began < event.time < start
+            if event.name in FALSE_STARTS and inside and event not in self._known:
+                self._known.add(event)
+                mark = FalseStart(event.time, event.name)
+                run = replace(run, false_starts=(*run.false_starts, mark))
+                happened.append(_seen(Change.FALSE_START, event))
+        if now < start:
+            return run
+        self._watch, self._preroll, self._known, self._counting_down = None, [], set(), False
+        details = {"time": start}
+        happened.append(Happening(Origin.CLOCK, Change.RUN_STARTS, details=details))
+        return begin_run(run)
+
+    def _follow(self, run: Run, now: float, seen: float, happened: list[Happening]) -> Run:
+        assert run.setup is not None
+        assert run.start is not None
+        judged = (self.assessment.changes, run.rulings)
+        if judged != self._judged or self.procedure.settling:
+            self._judged = judged
+            self._note_events(happened, now)
+            self.procedure = self.assessment.procedure(run.rulings)
+        limit = run.start + run.setup.timeout
+        if run.timeout_at is None and now >= limit:
+            run = time_out(run, limit, f"{run.setup.timeout:g} s elapsed")
+            details = {"time": limit}
+            change = Change.TIMEOUT_ELAPSED
+            happened.append(Happening(Origin.CLOCK, change, run.outcome_reason, details))
+        completed = self.procedure.completed
+        if run.timeout_at is not None and seen >= run.timeout_at + IN_FLIGHT:
+            return self._time_out(run, run.timeout_at, seen, happened)
+        if run.timeout_at is None and completed is not None:
+            return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
+        return run
+
+    def _note_events(self, happened: list[Happening], now: float) -> None:
+        if len(self._known) >= MOST_NOTED:
+            return
+        for event in self.assessment.events():
+            if event not in self._known and event.name is not EventName.BENCHMARK_START:
+                self._known.add(event)
+                happened.append(_seen(Change.EVENT, event))
+            if len(self._known) >= MOST_NOTED:
+                details = {"time": now}
+                happened.append(Happening(Origin.SYSTEM, Change.FAULT, FLICKERS, details))
+                return
+
+    def _time_out(self, run: Run, limit: float, seen: float, happened: list[Happening]) -> Run:
+        """Section 2: a timeout that falls into the settle time waits for its end."""
+        completed = self.procedure.completed
+        closed = self.procedure.steps[Step.CLOSE - 1].final
+        if completed is not None and completed <= limit:
+            return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
+        settling = self.procedure.settling and closed is not None and closed <= limit
+        if settling and seen < limit + self._patience:
+            return run
+        return _stop(run, Outcome.TIMEOUT, limit, run.outcome_reason, happened)
+
+
+def _seen(change: Change, event: Event) -> Happening:
+    return Happening(Origin.SENSOR, change, details={"event": event.name, "time": event.time})
+
+
+def _stop(run: Run, outcome: Outcome, at: float, reason: str, happened: list[Happening]) -> Run:
+    details = {"outcome": outcome, "time": at}
+    happened.append(Happening(Origin.CLOCK, Change.RUN_STOPS, reason, details))
+    return stop(run, outcome, at, reason)
+
+
+class Observation:
+    """Decodes messages, watches the topics, follows a run and judges it. Writes nothing.
+
+    Args:
+        mappings: which topic carries which signal.
+        thresholds: the testbed's numbers.
+        limits: what counts as healthy.
+        types: the message types, shared with the source.
+
+    Attributes:
+        sensors: the topics and what they said last.
+        course: of the run that is followed; None = none is.
+        procedure: the six steps as they were judged last; None = not yet.
+    """
+
+    def __init__(
+        self,
+        mappings: Sequence[TopicMapping],
+        thresholds: Thresholds,
+        limits: SensorLimits,
+        types: MessageTypes,
+    ) -> None:
+        self.sensors = Sensors(mappings, thresholds, limits)
+        self.course: Course | None = None
+        self.procedure: Procedure | None = None
+        self._past: PastRun | None = None
+        self._decoder = Decoder(mappings, types)
+
+    @property
+    def steps(self) -> tuple[StepRecord, ...]:
+        """The six steps as they were judged last; empty before that."""
+        return () if self.procedure is None else self.procedure.steps
+
+    @property
+    def provisional(self) -> Mapping[str, float]:
+        """The time indicators known so far, by file name, s."""
+        if self.course is not None and self.procedure is not None:
+            return self.course.assessment.provisional(self.procedure)
+        return {} if self._past is None else self._past.provisional
+
+    @property
+    def provisional_doubts(self) -> Mapping[str, tuple[str, ...]]:
+        """What is doubted of the indicators so far, by file name."""
+        if self.course is not None:
+            return self.course.assessment.provisional_doubts()
+        return {} if self._past is None else self._past.doubts
+
+    @property
+    def largest_force(self) -> float | None:
+        """Largest abs(force) since the start of the run, N; None before any."""
+        if self.course is not None:
+            return self.course.assessment.largest_force
+        return None if self._past is None else self._past.largest_force
+
+    def look_back(self, past: PastRun | None = None) -> None:
+        """Follow no run; an earlier one may be shown instead."""
+        self.course, self._past = None, past
+        self.procedure = None if past is None else past.procedure
+
+    def receive(self, message: RawMessage, *, recorded: bool, shown: bool) -> None:
+        """A message came.
+
+        Args:
+            message: it.
+            recorded: whether it is in the bag; what is not says nothing of a run.
+            shown: whether it says how the testbed is now; else it is too late for that.
+        """
+        judged = recorded and self.course is not None
+        if not shown:
+            self.sensors.note_arrival(message)
+            if not judged:
+                return
+        sample, error = None, None
+        try:
+            sample = self._decoder.decode(message)
+        except MessageError as problem:
+            error = str(problem)
+        if shown:
+            self.sensors.receive(message, sample, error)
+        if not judged:
+            return
+        assert self.course is not None
+        if sample is not None:
+            self.course.feed(sample)
+        elif error is not None:
+            self.course.assessment.report_problem(error)
+
+    def advance(self, run: Run, now: float, seen: float) -> tuple[Run, list[Happening]]:
+        """What has become of a run, and what happened; see `Course.advance`."""
+        if self.course is None or not run.active:
+            return run, []
+        found = self.course.advance(run, now, seen)
+        self.procedure = self.course.procedure
+        return found
+
+    def judge(self, run: Run) -> None:
+        """What was live is judged as of the stop of the run."""
+        if self.course is not None:
+            self.procedure = self.course.assessment.procedure(run.rulings, run.stop)

@@ -1,0 +1,274 @@
+"""A recorded run that an engine goes through again, and what an engine works with."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from pathlib import Path
+
+from madrob_console.archive.check import Comparison, compared, stored_result
+from madrob_console.archive.run_record import demand_record, moments_called
+from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
+from madrob_console.common.clock import LONGEST, NS, TICK, Clock, nanoseconds, seconds
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.disk import Keepers
+from madrob_console.engine.engine_config import EngineConfig, EvidenceRoom
+from madrob_console.engine.evidence_client import Witness
+from madrob_console.engine.requests import (
+    Faster,
+    JumpTo,
+    PlaybackCommand,
+    PlaybackView,
+    PlayOrPause,
+    SetSpeed,
+    Skip,
+    Slower,
+    faster,
+    slower,
+)
+from madrob_console.engine.scorer import Scorer
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
+from madrob_console.referee.run import Run, stop
+from madrob_console.testbeds.recorded_bag import RecordedBag
+from madrob_console.testbeds.source import Source
+from recorder.errors import RecorderError
+from scoring.evaluate import LiveAssessment
+from scoring.protocol import Outcome
+from scoring.result import Result
+
+NO_ACTS = "a replay shows what was decided then: nothing can be done to the run"
+"""Why every act is refused."""
+
+_NO_TIME = 1e12  # s: from here on
+
+OWN_RUN = "a replay shows its own run: leave it to open another one"
+
+DECIDED_ANEW = (Change.RUN_STARTS, Change.EVENT, Change.TIMEOUT_ELAPSED, Change.RUN_STOPS)
+"""What sensors and clock decide is decided anew; what they could not is taken from the journal: the
+referee's acts, a failure of the machine, and what the bag cannot tell because it happened before or
+beside it (false starts, faults of the testbed)."""
+
+
+class Replay:
+    """Stands for referee and recorder of a run that was recorded. Writes nothing to any disk.
+
+    Args:
+        path: a bag or a run folder.
+        types: the message types; those of the bag are registered.
+        speed: how many times as fast as it was; 0 = as fast as possible.
+        monotonic: real time, s.
+        wait: lets real time pass, s.
+
+    Attributes:
+        source: the bag.
+        recorded: what bag and journal say of the run.
+
+    Raises:
+        MadrobError: there is no run to be replayed, or the speed is impossible.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        types: MessageTypes,
+        speed: float = 1.0,
+        monotonic: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.source = RecordedBag(path, types, speed, monotonic, wait)
+        demand_record(self.source.records, path)
+        try:
+            self.recorded = read_recorded_run(path)
+        except RecorderError as error:
+            raise MadrobError(str(error)) from None
+        entries, start = self.recorded.entries, self.recorded.run.start
+        assert start is not None
+        self.source.expect(self.recorded.record.mappings)
+        # In the journal's order, even where a line says that it is older than the one before. All
+        # up to the countdown was done when the bag begins: until then the clock may have been set
+        # back, and the first messages may have waited for the countdown.
+        times, begin = [_instant(entry.time) for entry in entries], self.source.begin_ns
+        said = [entry.what for entry in entries]
+        opened = said.index(Change.COUNTDOWN_BEGINS) + 1 if Change.COUNTDOWN_BEGINS in said else 0
+        times[:opened] = [min(each, begin) for each in times[:opened]]
+        self._times = tuple(accumulate(times, max))
+        self.source.clock.stop_at(self._times)
+        self._begin = seconds(self.source.begin_ns) - start
+        self._stored = stored_result(path)
+        self._lost = tuple(_lost_lines(entries, self.source.journal_lines))
+        self.begin()
+
+    def begin(self) -> None:
+        """Nothing was decided yet."""
+        self._waiting = deque(zip(self._times, self.recorded.entries, strict=True))
+
+    def instant(self, named: str) -> float:
+        """A time of the run that somebody names, s from its start; of several the first.
+
+        Args:
+            named: as for `moments_called`.
+
+        Raises:
+            MadrobError: there is no such instant in this run.
+        """
+        run = self.recorded.run
+        assert run.start is not None
+        told = (one.details for one in self.recorded.entries if one.what == Change.EVENT)
+        events = [
+            (str(details.get("event")), float(time))
+            for details in told
+            if isinstance(time := details.get("time"), int | float)
+            and abs(time) < _NO_TIME  # a journal may be hostile
+        ]
+        return moments_called(named, events, run, run.start)[0].since_start
+
+    def config(self, config: EngineConfig) -> EngineConfig:
+        """With the numbers of the recording."""
+        record = self.recorded.record
+        return replace(config, mappings=record.mappings, thresholds=record.thresholds)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is wrong with the recording, in words."""
+        return (*self.recorded.remarks, *self.source.problems, *self._lost)
+
+    # ------------------------------------------------------------------ what was decided
+
+    def due(self) -> Iterator[Entry]:
+        """What was decided up to now, each line once; at the end also what was said later."""
+        clock = self.source.clock
+        while self._waiting and (clock.ended or self._waiting[0][0] <= clock.now_ns()):
+            _, entry = self._waiting.popleft()
+            if entry.what not in DECIDED_ANEW or entry.origin is Origin.SYSTEM:
+                yield entry
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of the recording is reached."""
+        return self.source.clock.ended
+
+    def ending(self, run: Run) -> Run:
+        """A run at the end; where the recording ends before it, the journal says how it ended."""
+        official = self.recorded.run
+        if official.outcome is None:
+            now, reason = seconds(self.source.clock.now_ns()), official.ending.reason
+            return stop(run, Outcome.INTERRUPTED, now, reason)
+        if run.outcome is not None:
+            return run
+        return replace(
+            run,
+            phase=official.phase,
+            outcome=official.outcome,
+            outcome_reason=official.outcome_reason,
+            stop=official.stop,
+            timeout_at=None,
+        )
+
+    def report(self, assessment: LiveAssessment, run: Run) -> None:
+        """What is wrong with the recording, and what the stored result says of its data."""
+        report_bag(assessment, self.recorded)
+        keep_stored_remarks(assessment, run, self.source.path)
+
+    # ------------------------------------------------------------------ how it goes
+
+    def control(self, command: PlaybackCommand) -> str | None:
+        """Pause, step, jump, change the speed.
+
+        Returns:
+            Why that is not possible, in words; None when it is done or on its way.
+        """
+        clock = self.source.clock
+        match command:
+            case PlayOrPause():
+                return clock.play_or_pause()
+            case Faster():
+                return clock.set_speed(faster(clock.speed))
+            case Slower():
+                return clock.set_speed(slower(clock.speed))
+            case SetSpeed(speed):
+                return clock.set_speed(speed)
+            case Skip(duration):
+                return clock.skip(duration)
+            case JumpTo(at):
+                return self._jump(at)
+        raise NotImplementedError(f"nobody carries out {command}")
+
+    def _jump(self, at: float) -> str | None:
+        clock = self.source.clock
+        begin, end = self._time(0), self._time(clock.last_tick)
+        if not begin - TICK <= at <= end + TICK:
+            return f"the recording goes from {begin:.1f} to {end:.1f} s"
+        clock.go_to(round((at - begin) / TICK))
+        return None
+
+    def _time(self, ticks: int) -> float:
+        """A tick in s from the start of the run."""
+        return self._begin + ticks * TICK
+
+    def view(self, result: Result | None) -> PlaybackView:
+        """Where it stands; at the end, what `result` is beside the stored one."""
+        clock = self.source.clock
+        comparison = Comparison("") if result is None else compared(self._stored, result)
+        return PlaybackView(
+            position=self._time(clock.ticks),
+            begin=self._time(0),
+            end=self._time(clock.last_tick),
+            speed=clock.speed,
+            paused=clock.paused,
+            ended=clock.ended,
+            jumping_to=None if clock.target is None else self._time(clock.target),
+            comparison=comparison.words,
+            agrees=comparison.agrees,
+        )
+
+
+def _instant(time: float) -> int:
+    """The time of a line as an instant, ns since the epoch; what is no time never comes."""
+    return nanoseconds(time) if math.isfinite(time) else LONGEST * NS**2
+
+
+def _lost_lines(entries: Sequence[Entry], recorded: Sequence[str]) -> Iterator[str]:
+    """Says it where a run's journal lacks lines that were recorded in its bag, too."""
+    known = {entry.to_json() for entry in entries}
+    if lost := sum(line not in known for line in recorded):
+        yield f"the journal lacks {lost} of the {len(recorded)} lines that the bag has of it"
+
+
+# What an engine works with.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equipment:
+    """What an engine was given, and all of its parts share.
+
+    Attributes:
+        source: the testbed.
+        clock: steady time.
+        config: what is to be known of testbed and results.
+        types: the message types, shared with the source.
+        replay: the recorded run that source and clock belong to; None = a live testbed.
+        keepers: do what touches a file.
+        scorer: makes the results.
+        witness: records evidence.
+        room: for evidence.
+    """
+
+    source: Source
+    clock: Clock
+    config: EngineConfig
+    types: MessageTypes
+    replay: Replay | None
+    keepers: Keepers
+    scorer: Scorer
+    witness: Witness
+    room: EvidenceRoom
+
+    def now(self) -> float:
+        """Steady time, s since the epoch."""
+        return seconds(self.clock.now_ns())

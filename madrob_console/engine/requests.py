@@ -1,0 +1,357 @@
+"""What a screen may ask of the engine: one class a request; playback and curves in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, ClassVar, Generic, Self, TypeVar
+
+import msgspec
+
+from madrob_console.common.clock import TICK
+from madrob_console.referee.acts import act_details, is_urgent
+from madrob_console.referee.competition_plan import PlanProgress
+from scoring.indicator_table import Quantity
+from scoring.protocol import Outcome
+
+if TYPE_CHECKING:
+    from madrob_console.referee.acts import Act
+
+# The curves behind a result, as plain data that can cross a socket.
+#
+# Nothing here loads the numbers' machinery: screens import the shapes, and only `curves_of` works
+# on arrays.
+
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from scoring.kinematics import Rows
+    from scoring.result import Result
+
+    Array = NDArray[np.float64]
+
+MOST_CURVE_POINTS = 20_000
+"""Points that all stretches of one quantity may have together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One stretch of a quantity without gaps; as many times as values, all finite.
+
+    Attributes:
+        time: s since the run's start, increasing.
+        value: in the quantity's unit.
+    """
+
+    time: tuple[float, ...]
+    value: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """What the figures of a run show (protocol section 6).
+
+    A quantity is a series of stretches; between two of them there is a gap in the data. The
+    times may reach beyond the run: the settle time, or all of the recording, as the ruleset has
+    it. All quantities are empty for an aborted run and for one without data.
+
+    Attributes:
+        duration: from the start to the stop, or to the last datum of a run without a stop, s.
+        stretches: of each quantity, in its unit.
+        events: s since the start, and the event's name as in the event file.
+    """
+
+    duration: float
+    stretches: Mapping[Quantity, tuple[Curve, ...]] = field(default_factory=dict)
+    events: tuple[tuple[float, str], ...] = ()
+
+    def of(self, quantity: Quantity) -> tuple[Curve, ...]:
+        """The stretches of a quantity; none where there is nothing to draw."""
+        return self.stretches.get(quantity, ())
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to draw."""
+        return not any(self.stretches.values())
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """The first and the last instant that a figure must show, s since the start."""
+        drawn = [stretch for stretches in self.stretches.values() for stretch in stretches]
+        first = min((stretch.time[0] for stretch in drawn), default=0.0)
+        last = max((stretch.time[-1] for stretch in drawn), default=0.0)
+        return min(0.0, first), max(self.duration, last)
+
+
+def curves_of(result: Result, rows: Rows) -> Curves:
+    """The curves of a scored run, thinned to `MOST_CURVE_POINTS` each so that no extreme is lost.
+
+    Args:
+        result: of the run.
+        rows: its pre-processed data.
+    """
+    start, stop = result.start, result.stop
+    events = tuple((event.since_start, str(event.event)) for event in result.events)
+    ran = 0.0 if stop is None else max(0.0, stop - start)
+    if result.outcome is Outcome.ABORTED:
+        return Curves(ran, events=events)
+    found = {quantity: _curve(*rows.series(quantity), start, rows) for quantity in Quantity}
+    curves = Curves(ran, {quantity: curve for quantity, curve in found.items() if curve}, events)
+    return curves if stop is not None else replace(curves, duration=curves.extent[1])
+
+
+def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
+    """A quantity's stretches, with times since the start."""
+    from scoring.figures.run_drawings import stretches
+
+    found = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
+    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in found)
+
+
+# It says what it carries, the type of its answer, how long it may take and whether it needs the
+# right to act. Socket and thread pass it on unread; it is carried out in
+# `engine/process/local.py`. What moves a replay stands in `playback.py`.
+
+
+T = TypeVar("T")
+"""Of an answer."""
+
+NO_ANSWER = "the engine does not answer: nothing was done; look at the disk"
+"""Of a request that was given up before it began: it never takes effect."""
+
+UNSURE = "the engine does not answer: what is shown when it is back tells whether it was done"
+"""Of one that may have begun."""
+
+
+class Role(StrEnum):
+    """What a screen is there for."""
+
+    REFEREE = "referee"
+    WATCH = "watch"
+
+
+class Request(msgspec.Struct, Generic[T], frozen=True, tag=True):
+    """Something that a screen asks; `T` is the type of the answer.
+
+    Attributes:
+        timeout: a screen waits this long for the answer, s.
+        effect_time: of the timeout, what there must still be when it begins, s; what begins
+            later is not carried out any more.
+    """
+
+    timeout: ClassVar[float] = 5.0
+    effect_time: ClassVar[float] = 0.0
+
+    @property
+    def latest_begin(self) -> float:
+        """After so long it is not begun any more, s."""
+        return self.timeout - self.effect_time
+
+    @property
+    def urgent(self) -> bool:
+        """Whether it goes past all requests that are not."""
+        return False
+
+
+class Command(Request[str | None], frozen=True):
+    """Something is to be done; for that a screen needs the right to act.
+
+    The answer says in words why it is refused; None: it is done, or on its way.
+    """
+
+    effect_time: ClassVar[float] = 2.5
+
+
+class Perform(Command, frozen=True):
+    """Do an act of the referee.
+
+    Attributes:
+        name: of the act.
+        details: its fields, as a journal line has them.
+        id: made by the screen; what is asked again under the same one is done only once.
+    """
+
+    name: str
+    details: dict[str, object]
+    id: Annotated[str, msgspec.Meta(max_length=64)] = ""
+
+    @classmethod
+    def of(cls, act: Act) -> Self:
+        """The request for an act, under an id of its own."""
+        return cls(act.name, act_details(act), os.urandom(16).hex())
+
+    @property
+    def urgent(self) -> bool:
+        """What ends a run is."""
+        return is_urgent(self.name)
+
+
+class NextRunNumber(Request[int], frozen=True):
+    """Which run number was never used for this subject and condition, official or practice?"""
+
+    subject: int
+    condition: int
+    practice: bool = False
+
+
+class OpenRun(Command, frozen=True):
+    """Show an earlier run; takes as long as reading its bag.
+
+    Attributes:
+        folder: as seen from the results folder.
+        invalid: a run that was cut off does not count; else it is interrupted.
+    """
+
+    name: ClassVar[str] = "open the run"
+    timeout: ClassVar[float] = 120.0
+    folder: str
+    invalid: bool = False
+
+
+class ExportTeam(Command, frozen=True):
+    """Pack the official, or the practice runs of a team into a zip, in the background.
+
+    A team is competition and subject; without one it is of the only competition that there is.
+    `Snapshot.export` tells the rest.
+    """
+
+    name: ClassVar[str] = "export the team's runs"
+    subject: int
+    practice: bool = False
+    competition: str | None = None
+
+
+class ExportDossier(Command, frozen=True):
+    """Pack all about one run into a zip, in the background.
+
+    `Snapshot.export` tells the rest.
+
+    Attributes:
+        folder: of the run, as seen from the results folder.
+    """
+
+    name: ClassVar[str] = "export the dossier of the run"
+    folder: str
+
+
+class GiveCurves(Request[Curves | None], frozen=True):
+    """What do the figures show of the run with a result? None without one."""
+
+
+class GiveFrames(Request[str], frozen=True):
+    """What did the cameras see at the instant that a replay shows? The folder of the files."""
+
+    name: ClassVar[str] = "the cameras' frames"
+    timeout: ClassVar[float] = 60.0
+
+
+class GivePlan(Request[PlanProgress], frozen=True):
+    """How much of the competition's plan is done? As the results folder says now."""
+
+    timeout: ClassVar[float] = 30.0
+
+
+class TakeOver(Command, frozen=True):
+    """Give this screen the right to act."""
+
+    name: ClassVar[str] = "take over"
+
+    @property
+    def urgent(self) -> bool:
+        """Who takes over may want to abort."""
+        return True
+
+
+# How a replay is controlled and what it says of itself: plain data that crosses the socket.
+
+
+NO_REPLAY = "this is no replay"
+
+SPEEDS = (0.5, 1.0, 2.0, 5.0, 10.0)
+"""The speeds that the keys choose from; any other can be given at the start."""
+
+SAMPLE_STEP = TICK
+"""The short step: one door sample at 50 Hz, s."""
+
+LONG_STEP = 1.0
+"""The long step, s."""
+
+
+class PlaybackCommand(Command, frozen=True):
+    """Pause, step or move a replay."""
+
+    name: ClassVar[str] = "control the replay"
+
+
+class PlayOrPause(PlaybackCommand, frozen=True):
+    """Pause, or go on."""
+
+
+class Faster(PlaybackCommand, frozen=True):
+    """The next higher speed."""
+
+
+class Slower(PlaybackCommand, frozen=True):
+    """The next lower speed."""
+
+
+class SetSpeed(PlaybackCommand, frozen=True):
+    """So many times as fast as it was; 0 = as fast as possible."""
+
+    speed: float
+
+
+class Skip(PlaybackCommand, frozen=True):
+    """Pause so many seconds later; earlier if negative."""
+
+    duration: float
+
+
+class JumpTo(PlaybackCommand, frozen=True):
+    """Go on at this time, s from the start of the run; negative in the countdown."""
+
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackView:
+    """Where a replay stands. Times are s from the start of the run, negative before it.
+
+    Attributes:
+        position: now.
+        begin, end: of the recording.
+        speed: times as fast as it was; 0 = as fast as possible.
+        paused: whether it stands still.
+        ended: whether it has come to the end of the recording.
+        jumping_to: where a jump goes to; None when none goes on.
+        comparison: what the result is beside the stored one, in words; empty before the end.
+        agrees: whether it equals the stored one, but for the last digits.
+    """
+
+    position: float
+    begin: float
+    end: float
+    speed: float
+    paused: bool
+    ended: bool
+    jumping_to: float | None = None
+    comparison: str = ""
+    agrees: bool = False
+
+
+def faster(speed: float) -> float:
+    """The next higher of the speeds; the highest stays, and as fast as possible too."""
+    if speed == 0:
+        return speed
+    return next((one for one in SPEEDS if one > speed), speed)
+
+
+def slower(speed: float) -> float:
+    """The next lower of the speeds; the lowest stays."""
+    if speed == 0:
+        return SPEEDS[-1]
+    return next((one for one in reversed(SPEEDS) if one < speed), speed)

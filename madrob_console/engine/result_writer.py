@@ -1,0 +1,377 @@
+"""Requests, writes and shows the current run's result; what the disk refuses is retried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.result_files import write_result
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.disk import Keeper, Keepers, why_not
+from madrob_console.engine.run_recorder import Chronicle
+from madrob_console.engine.scorer import RenderedResult, Scorer, ToScore
+from madrob_console.referee.flags import NO_INDICATORS
+from madrob_console.referee.journal import Entry, Origin, up_to_date
+from madrob_console.referee.rebuild import Change
+from scoring.indicator_table import IndicatorName
+from scoring.result import Indicator
+
+# Writes results; what the disk refuses stays in memory and is tried again until it is written.
+
+
+RETRY_PERIOD = 2.0
+"""Between two tries, s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unwritten:
+    """A run whose result or journal is not on disk.
+
+    Attributes:
+        folder: where they belong.
+        scored: the result.
+        entries: every line of the journal.
+        problem: why it is not, in words.
+    """
+
+    folder: Path
+    scored: RenderedResult
+    entries: Sequence[Entry]
+    problem: str
+
+    def write(self, now: float) -> None:
+        """Write the lines that the journal has not, then the result.
+
+        Args:
+            now: s since the epoch.
+
+        Raises:
+            MadrobError: the disk refuses; what is written already may be written again.
+        """
+        details = self.scored.written_details
+        written = Entry(now, Origin.SYSTEM, Change.RESULT_WRITTEN, details=details)
+        path = self.folder / JOURNAL_FILE
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)  # it may have been deleted
+            journal = up_to_date(path, self.entries)
+        except OSError as error:
+            raise MadrobError(f"{path}: cannot be written ({error.strerror})") from None
+        try:
+            write_result(self.folder, self.scored.files, self.scored.run.issue)
+            journal.append([written])
+        finally:
+            journal.close()
+
+
+class ResultKeeper:
+    """Writes the result of the run at hand, and those of runs before it that wait for the disk.
+
+    Without room no run starts: few wait.
+
+    Args:
+        keeper: touches the files.
+        written: told of each result of the run at hand that is on disk.
+        tell: told of each result that is on disk.
+        anew: has the result of the run at hand made again, whose files may be readable now;
+            returns whether it is on its way.
+
+    Attributes:
+        problem: why the result of the run at hand is not on disk, in words; None when it is.
+    """
+
+    def __init__(
+        self,
+        keeper: Keeper,
+        written: Callable[[Path, RenderedResult], None],
+        tell: Callable[[Path, RenderedResult], None],
+        anew: Callable[[], bool],
+    ) -> None:
+        self.problem: str | None = None
+        self._keeper = keeper
+        self._written = written
+        self._tell = tell
+        self._anew = anew
+        self._at_hand: Path | None = None
+        self._refused: tuple[Path, RenderedResult] | None = None
+        self._waiting: dict[Path, Unwritten] = {}
+        self._tried = -math.inf
+        self._trying = 0
+
+    def __contains__(self, folder: Path) -> bool:
+        return folder in self._waiting
+
+    @property
+    def writing(self) -> bool:
+        """Whether a result is being written."""
+        return self._trying > 0
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Which runs before the one at hand wait and why, in words. From any thread."""
+        return tuple(
+            f"run {run.scored.record.setup.run_number} of subject "
+            f"{run.scored.record.setup.subject}: {run.problem}"
+            for run in tuple(self._waiting.values())
+        )
+
+    def write(self, folder: Path, scored: RenderedResult, done: Callable[[], None]) -> None:
+        """Have the result of the run at hand written.
+
+        Args:
+            folder: of the run, which stays at hand until then.
+            scored: the result.
+            done: told when it is on disk, or when the disk refuses it: then `problem` says so.
+        """
+
+        def heard(answer: Future[None]) -> None:
+            self._trying -= 1
+            why = why_not(answer)
+            if folder != self._at_hand:  # it was left meanwhile, and waits as such
+                return
+            if why is not None:
+                self.problem, self._refused = _not_on_disk(why), (folder, scored)
+            else:
+                self.problem = self._refused = None
+                self._written(folder, scored)
+                self._tell(folder, scored)
+            done()
+
+        self._at_hand = folder
+        self._trying += 1
+        self._keeper.ask(partial(write_result, folder, scored.files, scored.run.issue), heard)
+
+    def leave(self, unwritten: Unwritten | None) -> None:
+        """Another run takes the place of the one at hand, which waits if it is not on disk."""
+        self.problem = self._refused = self._at_hand = None
+        if unwritten is not None:
+            self._waiting[unwritten.folder] = unwritten
+            self._tried = -math.inf  # soon, before the next run begins
+
+    def due(self, now: float) -> bool:
+        """Whether it is time to try again, at `now` (s since the epoch)."""
+        return not 0 <= now - self._tried < RETRY_PERIOD
+
+    def try_again(self, now: float, *, busy: bool) -> None:
+        """Write what can be written now.
+
+        Args:
+            now: s since the epoch.
+            busy: a run goes on; results wait for its end.
+        """
+        self._tried = now
+        if busy or self._trying:
+            return
+        if self._refused is not None and not self._anew():
+            self.write(*self._refused, lambda: None)
+        for run in tuple(self._waiting.values()):
+            self._trying += 1
+            self._keeper.ask(partial(run.write, now), partial(self._heard, run))
+
+    def _heard(self, run: Unwritten, answer: Future[None]) -> None:
+        """A run before the one at hand is on disk, or the disk refuses it again."""
+        self._trying -= 1
+        if (why := why_not(answer)) is not None:
+            self._waiting[run.folder] = replace(run, problem=_not_on_disk(why))
+        else:
+            del self._waiting[run.folder]
+            self._tell(run.folder, run.scored)
+
+
+def _not_on_disk(why: str) -> str:
+    return f"the result is NOT on disk: {why}"
+
+
+NOTICEABLE = 0.3
+"""A result that is out of date is shown for so long while the next one is made, s."""
+
+HURRY = 1.0
+"""For so long after it is wanted it is looked for often, s."""
+
+
+class CurrentResult:
+    """Has the results of one run after the other made and written; each is shown once on disk.
+
+    Those of earlier runs that the disk has refused wait here, too.
+
+    Args:
+        scorer: makes them.
+        keepers: write them.
+        chronicle: has the lines that they are made from.
+        again: asks for the result of the run at hand once more.
+        written: told of each one of the run at hand that is on disk.
+        shown: told of each one of the run at hand that can be shown.
+        tell: told of each one that is on disk.
+
+    Attributes:
+        scored: of the run at hand, as it can be shown; None = not yet.
+    """
+
+    def __init__(
+        self,
+        scorer: Scorer,
+        keepers: Keepers,
+        chronicle: Chronicle,
+        *,
+        again: Callable[[], None],
+        written: Callable[[Path, RenderedResult], None],
+        shown: Callable[[RenderedResult], None],
+        tell: Callable[[Path, RenderedResult], None],
+    ) -> None:
+        self.scored: RenderedResult | None = None
+        self._scorer = scorer
+        self._monotonic = keepers.monotonic
+        self._chronicle = chronicle
+        self._again = again
+        self._shown = shown
+        self._files = ResultKeeper(keepers.own, written, tell, self._anew)
+        self._asked = 0
+        self._awaited: int | None = None
+        self._awaited_since = 0.0
+        self._hurries_until = -math.inf
+        self._ending = False
+
+    def __contains__(self, folder: Path) -> bool:
+        """Whether that of an earlier run waits for the disk."""
+        return folder in self._files
+
+    @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the one that can be shown; empty without one."""
+        return NO_INDICATORS if self.scored is None else self.scored.result.indicators
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is one, or one is being made."""
+        return self.scored is not None or self._awaited is not None
+
+    @property
+    def missing(self) -> bool:
+        """Whether one is being made, and none was before."""
+        return self.scored is None and self._awaited is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is one, and none is being made."""
+        return self.scored is not None and self._awaited is None
+
+    @property
+    def outdated(self) -> bool:
+        """Whether another one is wanted than the one that there is, and takes a while."""
+        waits = self._awaited is not None
+        return waits and self._monotonic() - self._awaited_since > NOTICEABLE
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether several tries to make it were in vain."""
+        return self._scorer.hopeless
+
+    @property
+    def writing(self) -> bool:
+        """Whether one is being written."""
+        return self._files.writing
+
+    @property
+    def problem(self) -> str | None:
+        """Why that of the run at hand is not on disk, in words; None when it is."""
+        return self._files.problem
+
+    @property
+    def problems(self) -> tuple[str | None, ...]:
+        """What is wrong with it, with the scorer, and with those that wait, in words."""
+        return (self._files.problem, self._scorer.problem, *self._files.problems)
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Which runs before the one at hand are not on disk and why, in words. From any thread."""
+        return self._files.problems
+
+    @property
+    def hurries(self) -> bool:
+        """Whether people wait for it: it is looked for often."""
+        return self._monotonic() < self._hurries_until
+
+    def hurry(self) -> None:
+        """Something is made elsewhere that people wait for."""
+        self._hurries_until = self._monotonic() + HURRY
+
+    def ask(self, wanted: ToScore) -> None:
+        """Want the result of the run at hand; what was asked for before is out of date.
+
+        Args:
+            wanted: the run. With files the result goes to disk, and is shown once it is there or
+                the disk has refused.
+        """
+        if self._awaited is None:
+            self._awaited_since = self._monotonic()
+        self.hurry()
+        self._asked += 1
+        number = self._awaited = self._asked
+
+        def done(scored: RenderedResult) -> None:
+            if number != self._awaited:
+                return
+            if wanted.files:
+                self._files.write(wanted.folder, scored, lambda: self._have(number, scored))
+            else:
+                self._have(number, scored)
+
+        run = replace(wanted.run, journal=self._chronicle.mark)
+        self._scorer.score(replace(wanted, run=run), done)
+
+    def _have(self, number: int, scored: RenderedResult) -> None:
+        """There is one that can be shown."""
+        if number != self._awaited:
+            return
+        self.scored, self._awaited = scored, None
+        self._hurries_until = -math.inf
+        self._shown(scored)
+
+    def _anew(self) -> bool:
+        """Have one made again that the disk refused; False where none can come soon."""
+        if self._awaited is not None or self._ending:
+            return False
+        self._again()
+        return True
+
+    def clear(self) -> None:
+        """There is none, and none is wanted."""
+        self.scored = self._awaited = None
+
+    def leave(self, folder: Path | None) -> None:
+        """The run at hand makes room for another one; it waits here if it is not on disk.
+
+        Args:
+            folder: of the run at hand; None = it has none.
+        """
+        chronicle = self._chronicle
+        problem = self.problem or chronicle.problem
+        if problem is None and chronicle.unwritten[0]:
+            problem = "its journal waits for the disk"
+        unwritten = None
+        if problem is not None and self.scored is not None and folder is not None:
+            unwritten = Unwritten(folder, self.scored, chronicle.entries, problem)
+        self._files.leave(unwritten)
+
+    def look(self, now: float, *, busy: bool) -> None:
+        """Now and then, write what the disk refused before.
+
+        Args:
+            now: s since the epoch.
+            busy: a run goes on; results wait for its end.
+        """
+        if self._files.due(now):
+            self._try_again(now, busy=busy)
+
+    def end(self, now: float, *, busy: bool) -> None:
+        """Write what the disk refused for the last time; arguments as for `look`."""
+        self._ending = True
+        self._try_again(now, busy=busy)
+
+    def _try_again(self, now: float, *, busy: bool) -> None:
+        self._chronicle.catch_up()
+        self._files.try_again(now, busy=busy)

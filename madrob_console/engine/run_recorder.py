@@ -1,0 +1,470 @@
+"""Records the current run and publishes its events: bag, topic, journal, log."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+
+from msgspec.structs import replace
+from msgspec.structs import replace as changed
+
+from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.run_record import RunRecord
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.engine.evidence_client import EvidencePlace, Witness
+from madrob_console.engine.journal_writer import JournalKeeper, OpenJournal, Promise, Recording
+from madrob_console.engine.replay import Equipment
+from madrob_console.engine.snapshot import LogLine, RecorderView, Weight
+from madrob_console.messages.codec import (
+    REFEREE_EVENT_TOPIC,
+    REFEREE_START_POSE_TOPIC,
+    REFEREE_STATE_TOPIC,
+    encode_start_pose,
+    encode_text,
+    referee_topics,
+)
+from madrob_console.referee.acts import Act
+from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.journal import Entry
+from madrob_console.referee.rebuild import Change, act_of
+from madrob_console.referee.records import JournalMark
+from madrob_console.referee.run import Run, begin_countdown
+from recorder.bag import RawMessage
+from recorder.writer import BagSummary
+from scoring.protocol import StartPose, event_words
+
+# The event log that people read: the last lines, numbered.
+
+
+KEPT_LINES = 200
+
+
+class EventLog:
+    """Numbers lines from 0 over the life of the engine and keeps the last 200."""
+
+    def __init__(self) -> None:
+        self._lines: deque[LogLine] = deque(maxlen=KEPT_LINES)
+        self._number = 0
+
+    @property
+    def lines(self) -> tuple[LogLine, ...]:
+        """What is kept, oldest first."""
+        return tuple(self._lines)
+
+    def clear(self) -> None:
+        """Forget the lines of the run before; the numbers go on."""
+        self._lines.clear()
+
+    def add(self, entry: Entry, start: float | None) -> None:
+        """Add a line for a journal entry; `start` of the run, s since the epoch."""
+        time = float(entry.details.get("time", entry.time))
+        relative = None if start is None else time - start
+        act = act_of(entry)
+        words, weight = _said(entry) if act is None else _done(act)
+        text = terminal_safe(f"{words}: {entry.reason}" if entry.reason else words)
+        self._lines.append(LogLine(self._number, time, relative, entry.origin, text, weight))
+        self._number += 1
+
+
+def _said(entry: Entry) -> tuple[str, Weight]:
+    """What a line says without its reason, and how much it wants to be seen."""
+    match entry.what:
+        case Change.EVENT:
+            return event_words(str(entry.details["event"])), Weight.PLAIN
+        case Change.FALSE_START:
+            return f"FALSE START: {event_words(str(entry.details['event']))}", Weight.ALARM
+        case Change.WITHDRAWN:
+            return f"{entry.details.get('act', 'a line')} withdrawn", Weight.NOTICE
+        case Change.RUN_STOPS:
+            return f"run stops: {entry.details['outcome']}", Weight.PLAIN
+    return entry.what, Weight.PLAIN
+
+
+def _done(act: Act) -> tuple[str, Weight]:
+    return act.logged, Weight.NOTICE if act.stands_out else Weight.PLAIN
+
+
+# What is said and done: the journal on disk, the log for people, the topics for robot and bag.
+
+
+class Chronicle:
+    """Keeps the records of one run after the other.
+
+    Args:
+        equipment: what the engine works with.
+
+    Attributes:
+        log: the last lines, for people.
+    """
+
+    def __init__(self, equipment: Equipment) -> None:
+        self.log = EventLog()
+        self._source = equipment.source
+        self._clock = equipment.clock
+        self._types = types = equipment.types
+        self._type_names = {topic.name: topic.type for topic in referee_topics(types)}
+        self._lines = JournalKeeper(equipment.keepers.own, equipment.keepers.monotonic)
+        self._recording: Recording | None = None
+        self._early: list[RawMessage] = []
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Every line of the run at hand, on disk or not."""
+        return self._lines.entries
+
+    @property
+    def mark(self) -> JournalMark:
+        """The mark of all these lines."""
+        return self._lines.mark
+
+    @property
+    def full(self) -> bool:
+        """Whether the journal takes only what ends the run and its result."""
+        return self._lines.full
+
+    @property
+    def problem(self) -> str | None:
+        """Why the disk refuses lines of the journal, in words; None when it does not."""
+        return self._lines.problem
+
+    @property
+    def unwritten(self) -> tuple[int, float]:
+        """How many lines are not on disk, and for how long, s. From any thread."""
+        return self._lines.unwritten
+
+    def begin(self) -> None:
+        """A new run is set up; its journal waits for its folder."""
+        self._lines.begin()
+        self.log.clear()
+        self._recording = None
+        self._early = []
+
+    def attach(self, recording: Recording, journal: OpenJournal, entries: Sequence[Entry]) -> None:
+        """Go on in the run's folder and its bag.
+
+        Args:
+            recording: gets what was said so far.
+            journal: of the run.
+            entries: the lines that it has.
+        """
+        self._lines.adopt(journal, entries)
+        self._recording = recording
+        now_ns = self._clock.now_ns()
+        self._record([replace(message, receive_ns=now_ns) for message in self._early])
+        self._early = []
+
+    def go_on(self, journal: OpenJournal, entries: Sequence[Entry]) -> None:
+        """Put the run at hand away and go on with the journal of an earlier one."""
+        self.begin()
+        self._lines.adopt(journal, entries)
+
+    def detach(self) -> None:
+        """The bag is about to be closed; the journal goes on."""
+        self._recording = None
+
+    def close(self) -> None:
+        """Close the journal."""
+        self._lines.close()
+
+    def write(self, entry: Entry, start: float | None) -> None:
+        """Write a line to journal, log, topic and bag; where the disk does not take it, it waits.
+
+        Args:
+            entry: the line.
+            start: of the run, s since the epoch, for the log; None outside a run.
+        """
+        self._lines.add(entry)
+        self.say(entry, start)
+
+    def promise(self, promise: Promise, done: Callable[[str | None], None]) -> None:
+        """Write a line to the journal alone; `say` the rest when it takes effect.
+
+        Args:
+            promise: the line.
+            done: as for `JournalKeeper.promise`.
+        """
+        self._lines.promise(promise, done)
+
+    def say(self, entry: Entry, start: float | None) -> None:
+        """Write a line to log, topic and bag; arguments as for `write`."""
+        self.log.add(entry, start)
+        self._say(REFEREE_EVENT_TOPIC, encode_text(self._types, entry.to_json()))
+
+    def catch_up(self) -> None:
+        """Try again to write what waits; a journal that was deleted is written anew."""
+        self._lines.catch_up()
+
+    def announce_state(self, run: Run) -> None:
+        """Tell robot and testbed where the run stands (`/madrob/referee/state`)."""
+        setup = run.setup
+        condition = setup.condition if setup else None
+        content = {
+            "phase": run.phase,
+            "subject": setup.subject if setup else None,
+            "team": setup.team if setup else None,
+            "run_number": setup.run_number if setup else None,
+            "run_id": setup.run_id if setup else None,
+            "testbed": setup.testbed if setup else None,
+            "condition_number": condition.number if condition else None,
+            "benchmark_type": condition.benchmark_type if condition else None,
+            "opening_side": condition.opening_side if condition else None,
+            "starting_side": condition.starting_side if condition else None,
+            "start_time": run.start,
+            "timeout": setup.timeout if setup else None,
+            "outcome": run.outcome,
+            "void": run.voided is not None,
+        }
+        self._say(REFEREE_STATE_TOPIC, encode_text(self._types, json.dumps(content)))
+
+    def announce_start_pose(self, pose: StartPose) -> None:
+        """Tell the robot where it starts (`/madrob/referee/start_pose`)."""
+        data = encode_start_pose(self._types, pose, self._clock.now_ns())
+        self._say(REFEREE_START_POSE_TOPIC, data)
+
+    def _say(self, topic: str, data: bytes) -> None:
+        """Publish a message of the console's own, and record it."""
+        now_ns = self._clock.now_ns()
+        message = RawMessage(topic, self._type_names[topic], data, now_ns, now_ns)
+        self._source.publish(message)
+        self._record([message])
+
+    def _record(self, messages: Sequence[RawMessage]) -> None:
+        if self._recording is None:
+            self._early.extend(messages)  # said before the bag is open: recorded when it is
+            return
+        self._recording.put(messages)
+
+
+COUNTING = 0.5
+"""The result waits no longer than this until all of the evidence is counted, s."""
+
+_NO_FOLDER = EvidenceAccount(
+    problems=("nothing was recorded: the run's folder could not be opened a second time",)
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """What was made for a run that starts.
+
+    Attributes:
+        record: what is set for it.
+        recording: its folder and its bag.
+        journal: with its first lines.
+        entries: these lines, the start being the last.
+    """
+
+    record: RunRecord
+    recording: Recording
+    journal: OpenJournal
+    entries: Sequence[Entry]
+
+    def give_up(self, withdrawal: Entry) -> None:
+        """Close it: the run does not start. Its folder stays, its number is used."""
+        self.journal.append([withdrawal], again=False)
+        self.journal.close()
+        self.recording.close()
+
+
+class RunRecorder:
+    """Opens and closes the recording of one run after the other, and knows what it lacks.
+
+    Args:
+        equipment: what the engine works with.
+        chronicle: writes into the run's folder and its bag, too.
+    """
+
+    def __init__(self, equipment: Equipment, chronicle: Chronicle) -> None:
+        self._source = equipment.source
+        self._config = equipment.config
+        self._chronicle = chronicle
+        self._keepers = equipment.keepers
+        self._clock = equipment.clock
+        self._witness = equipment.witness
+        self._room = equipment.room
+        self._recording: Recording | None = None
+        self._closing: Recording | None = None
+        self._closed_view = RecorderView("closed")
+        self._lost_before: dict[str, int] = {}
+        self._has_evidence = False
+
+    @property
+    def recording(self) -> bool:
+        """Whether messages are recorded."""
+        return self._recording is not None
+
+    @property
+    def open(self) -> bool:
+        """Whether a bag is open: one that is being closed, too."""
+        return self._recording is not None or self._closing is not None
+
+    def clear(self) -> None:
+        """Nothing is to be said any more of the recording before."""
+        self._closed_view = RecorderView("closed")
+
+    def start(
+        self, run: Run, promise: Promise, done: Callable[[Future[OpenRecording | None]], None]
+    ) -> Future[OpenRecording | None]:
+        """Have a run's folder, bag and journal made; nothing is recorded yet.
+
+        Args:
+            run: as it is set up.
+            promise: the line of its start.
+            done: told what came of it: what is open now, None if it was withdrawn, or a
+                `MadrobError` that names the remedy.
+
+        Returns:
+            The same.
+        """
+        assert run.setup is not None
+        config, entry, told = self._config, promise.entry, self._source.announcement
+        record = RunRecord(
+            setup=run.setup,
+            handle_zero=run.handle_zero,
+            thresholds=config.thresholds,
+            mappings=config.mappings,
+            source=self._source.kind if told.simulated is None else SourceKind.SIMULATED,
+            competition=config.competition,
+            version=config.version,
+            zero_samples=run.zero_samples,
+        )
+        start = begin_countdown(run, entry.time).start
+        assert start is not None
+        make = partial(
+            Recording,
+            config.results,
+            record,
+            start,
+            self._source.topics(),
+            lossless=config.lossless,
+            reading=self._keepers.reading,
+            evidence=self._witness.status is not None,
+        )
+        entries = (*self._chronicle.entries, entry)
+        return self._keepers.own.ask(partial(_open, record, make, entries, promise), done)
+
+    def adopt(self, opened: OpenRecording, now_ns: int) -> None:
+        """Record from now on; what the testbed said of itself is recorded, too."""
+        self._chronicle.attach(opened.recording, opened.journal, opened.entries)
+        self._recording = opened.recording
+        for told in self._source.announcement.messages:
+            self._recording.add_topics(self._source.topics())
+            self.put([changed(told, receive_ns=now_ns)])  # said before the bag was open
+        self._lost_before = self._lost()
+        folder = opened.recording.take_evidence_folder()
+        self._has_evidence = folder is not None
+        if folder is not None:
+            place = EvidencePlace(
+                folder,
+                opened.recording.folder.name,
+                self._clock.now_ns(),
+                time.monotonic_ns(),
+                most_bytes=self._room.budget_left,
+                least_free=self._config.disk_needed,
+            )
+            self._witness.begin(place)
+
+    def put(self, messages: Iterable[RawMessage]) -> None:
+        """Record messages if a bag is open."""
+        if self._recording is not None:
+            self._recording.put(messages)
+
+    def look(self) -> None:
+        """Record topics that appeared late, too."""
+        if self._recording is not None:
+            self._recording.add_topics(self._source.topics())
+
+    def finish(self, done: Callable[[tuple[str, ...], int], None]) -> None:
+        """Have the bag closed; nothing more is recorded.
+
+        Args:
+            done: told when it is: what is not in it, in words, and how many messages of that were
+                scored.
+        """
+        recording = self._closing = self._recording
+        assert recording is not None
+        self._recording = None
+        self._witness.end()
+        self._chronicle.detach()
+        losses = tuple(self._losses())
+
+        def closed(_answer: Future[BagSummary]) -> None:
+            self._closing, self._closed_view = None, recording.view()
+            done((*recording.remarks(), *losses), recording.unrecorded)
+
+        self._keepers.own.ask(partial(_close, recording, self._witness), closed)
+
+    def _losses(self) -> Iterator[str]:
+        for topic, count in self._lost().items():
+            if lost := count - self._lost_before.get(topic, 0):
+                yield f"{topic}: {lost} messages were lost on the way"
+
+    def _lost(self) -> dict[str, int]:
+        """Messages lost on the way since the source was opened, where that is known."""
+        return {status.topic: status.lost or 0 for status in self._source.status()}
+
+    @property
+    def silent(self) -> float:
+        """How long the disk has taken nothing of what is recorded, s. From any thread."""
+        recording = self._recording or self._closing
+        return 0.0 if recording is None else recording.silent
+
+    def evidence(self, start: float) -> EvidenceAccount | None:
+        """What was recorded beside the testbed's topics; None = nothing is wanted.
+
+        Args:
+            start: of the run, s since the epoch.
+        """
+        status = self._witness.status
+        if status is None:
+            return None
+        if not self._has_evidence:
+            return _NO_FOLDER
+        return status.account_since(start)
+
+    def view(self) -> RecorderView:
+        """As screens show it."""
+        recording = self._recording or self._closing
+        return recording.view() if recording else self._closed_view
+
+    def dropped(self) -> dict[str, int]:
+        """Messages dropped from the recording that goes on, by topic."""
+        return self._recording.dropped() if self._recording else {}
+
+
+def _close(recording: Recording, witness: Witness) -> BagSummary:
+    """Close the bag; the evidence is counted to its end meanwhile, or nearly so."""
+    summary = recording.close()
+    witness.await_account(COUNTING)
+    return summary
+
+
+def _open(
+    record: RunRecord,
+    make: Callable[[], Recording],
+    entries: Sequence[Entry],
+    promise: Promise,
+) -> OpenRecording | None:
+    """Make folder, bag and journal; None if the start was withdrawn meanwhile.
+
+    Raises:
+        MadrobError: the disk refuses; the message names the remedy.
+    """
+    recording = make()
+    try:
+        journal = OpenJournal.create(recording.folder / JOURNAL_FILE, entries)
+    except MadrobError:
+        recording.close()
+        raise
+    opened = OpenRecording(record, recording, journal, entries)
+    if promise.keep():
+        return opened
+    assert promise.withdrawal is not None
+    opened.give_up(promise.withdrawal)
+    return None

@@ -1,0 +1,439 @@
+"""The testbed as it is now: newest values, freshness, rates, clock skew, faults."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from textwrap import shorten
+
+from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, SensorView, TopicView
+from madrob_console.messages.codec import TopicMapping
+from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
+from madrob_console.testbeds.source import TopicStatus
+from recorder.bag import RawMessage
+from scoring.events import EventDetector
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    BenchmarkType,
+    Condition,
+    PassageSensor,
+    Side,
+    Signal,
+    Thresholds,
+)
+from scoring.quality import all_in_range, is_reading
+from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
+from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+
+# One topic of the testbed, live: what can be wrong with it, found within 2 s and put in words.
+
+
+WINDOW = 2.0
+"""What happened within this long is told, s: also what happened only once."""
+
+_LONGEST_WORDS = 120
+"""Of a decoder's complaint."""
+
+
+class Trouble(StrEnum):
+    """What can be wrong with a topic."""
+
+    SOURCE = "its source says so"
+    SEVERAL_PUBLISHERS = "several publishers"
+    NEVER_SEEN = "nothing received"
+    SILENT = "silent"
+    SLOW = "too slow"
+    FLOOD = "too fast"
+    UNREADABLE = "messages that cannot be read"
+    NO_READING = "messages without a reading"
+    STAMPS = "stamps that are missing, repeat or go back"
+    SKEW = "stamps off the time of reception"
+    BEHIND = "the engine is behind"
+    EVIDENCE = "evidence that is lost"
+
+
+class TopicWatch:
+    """Follows the messages of one topic.
+
+    Args:
+        signal: what the topic carries.
+        limits: what counts as healthy.
+        thresholds: the testbed's numbers.
+    """
+
+    def __init__(self, signal: Signal, limits: SensorLimits, thresholds: Thresholds) -> None:
+        self.signal = signal
+        self.messages = Health(limits.fresh, limits.lost, WINDOW)
+        self.readings = Presence(limits.fresh, limits.lost)
+        self.sensors = {
+            sensor: Presence(limits.fresh, limits.lost)
+            for sensor in PASSAGE_SENSORS
+            if Signal.of_strip(sensor.strip) is signal
+        }
+        self.received = 0
+        self._limits = limits
+        self._thresholds = thresholds
+        self._unreadable = Health(window=WINDOW)
+        self._complaint = ""
+        self._empty = Health(window=WINDOW)
+        self._missing = ""
+        self._disordered = Health(window=WINDOW)
+        self._stamp: float | None = None
+        self._skews: deque[tuple[float, float]] = deque()
+
+    # ------------------------------------------------------------------ what arrives
+
+    def note_arrival(self, now: float) -> None:
+        """A message arrived at `now`, s since the epoch."""
+        self.received += 1
+        self.messages.seen(now)
+
+    def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
+        """A message arrived.
+
+        Args:
+            now: when, s since the epoch.
+            sample: what it says; None when it cannot be read.
+            error: why it cannot be read; None when it can.
+            angle: of the panel, rad: sensors under which it passes need no reading.
+        """
+        self.note_arrival(now)
+        if error is not None:
+            self._unreadable.seen(now)
+            self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")
+        if sample is None:
+            return
+        self._follow_stamp(now, sample)
+        missing = self._missing_in(now, sample, angle)
+        if missing is None:
+            self.readings.newest = now
+        else:
+            self._empty.seen(now)
+            self._missing = missing
+
+    def _follow_stamp(self, now: float, sample: Sample) -> None:
+        if self._skews and now < self._skews[-1][0]:  # the clock was stepped back, stamps follow
+            self._skews.clear()
+            self._stamp = None
+        previous, self._stamp = self._stamp, sample.time
+        if sample.time == 0 or (previous is not None and sample.time <= previous):
+            self._disordered.seen(now)
+        if sample.time != 0:  # else it was never set
+            self._skews.append((now, sample.time - sample.log_time))
+        while self._skews and self._skews[0][0] < now - self._limits.averaging:
+            self._skews.popleft()
+
+    def _missing_in(self, now: float, sample: Sample, angle: float) -> str | None:
+        """What of a sample is no reading, in words; None when all of it is one."""
+        match sample:
+            case PassageSample():
+                return self._missing_range(now, sample, angle)
+            case DoorSample():
+                return _no_reading("angle", sample.angle, self._thresholds.largest_angle, "rad")
+            case HandleSample():
+                return _no_reading("force", sample.force, self._thresholds.impossible_force, "N")
+            case _:
+                return None
+
+    def _missing_range(self, now: float, sample: PassageSample, angle: float) -> str | None:
+        missing = None
+        if all_in_range(sample):
+            for presence in self.sensors.values():
+                presence.newest = now
+            return None
+        for sensor, presence in self.sensors.items():
+            if is_reading(sample, sensor.element):
+                presence.newest = now
+            elif not self._thresholds.masked(sensor.side, sensor.index, angle):
+                missing = missing or _range_in_words(sample, sensor)
+        return missing
+
+    # ------------------------------------------------------------------ what is wrong
+
+    def skew(self, now: float, extreme: Callable[..., float] = max) -> float | None:
+        """The largest stamp - log time of the last second, s, with its sign; None without one.
+
+        With `min` it is the smallest: what no stray stamp decides.
+        """
+        recent = [skew for time, skew in self._skews if time >= now - self._limits.averaging]
+        return extreme(recent, key=abs) if recent else None
+
+    def troubles(self, status: TopicStatus | None, now: float) -> dict[Trouble, str]:
+        """What is wrong at `now`, in words; empty for a healthy topic."""
+        found: dict[Trouble, str] = {}
+        if status is not None and status.problem:
+            found[Trouble.SOURCE] = status.problem
+        if status is not None and status.publishers > 1:
+            found[Trouble.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
+        freshness = self.messages.freshness(now)
+        if freshness is Freshness.NEVER:
+            if not self.signal.optional and not found:  # else it is known why
+                published = status is not None and status.publishers > 0
+                why = "nothing received" if published else "nothing received: no publisher"
+                found[Trouble.NEVER_SEEN] = why
+            return found
+        if not self.signal.optional:
+            self._find_slowness(found, freshness, now)
+        self._find_flood(found, now)
+        self._find_content_trouble(found, now)
+        return found
+
+    def _find_slowness(self, found: dict[Trouble, str], freshness: Freshness, now: float) -> None:
+        limits, rate = self._limits, self.messages.rate(now)
+        if freshness is not Freshness.FRESH:
+            found[Trouble.SILENT] = f"{freshness}, silent for {self.messages.age(now):.1f} s"
+        elif rate is None and self.received > 1:
+            found[Trouble.SLOW] = f"one message in {WINDOW:g} s instead of {limits.rate:.0f} Hz"
+        elif rate is not None and rate < limits.least_rate * limits.rate:
+            found[Trouble.SLOW] = f"only {rate:.0f} Hz of {limits.rate:.0f} Hz"
+
+    def _find_flood(self, found: dict[Trouble, str], now: float) -> None:
+        rate, usual = self.messages.rate(now), self._limits.rate
+        if rate is not None and rate > self._limits.most_rate * usual:
+            found[Trouble.FLOOD] = f"{rate:.0f} Hz, far above {usual:.0f} Hz"
+
+    def _find_content_trouble(self, found: dict[Trouble, str], now: float) -> None:
+        total = self.messages.count(now)
+        if unreadable := self._unreadable.count(now):
+            of = f"{unreadable} of {total} messages"
+            found[Trouble.UNREADABLE] = f"{of}: {self._complaint}"
+        empty = self._empty.count(now)
+        if empty > (1 - self._limits.least_rate) * total:
+            found[Trouble.NO_READING] = (
+                f"no reading in {empty} of {total} messages: {self._missing}"
+            )
+        if disordered := self._disordered.count(now):
+            what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
+            found[Trouble.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
+        skew = self.skew(now)
+        if skew is not None and abs(skew) >= self._thresholds.largest_skew:
+            where = "ahead of" if skew > 0 else "behind"
+            found[Trouble.SKEW] = f"stamps {abs(skew):.3f} s {where} their reception"
+
+
+def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
+    if abs(value) <= largest:
+        return None
+    if math.isfinite(value):
+        return f"{name} {value:+.6g} {unit} is impossible, beyond +-{largest:g} {unit}"
+    return f"{name} is {'NaN or empty' if math.isnan(value) else f'{value:+}'}"
+
+
+def _range_in_words(sample: PassageSample, sensor: PassageSensor) -> str:
+    if sensor.element >= len(sample.ranges):
+        return f"only {len(sample.ranges)} ranges of 4"
+    distance = sample.ranges[sensor.element]
+    low, high = sample.range_min, sample.range_max
+    what = "NaN" if math.isnan(distance) else f"{distance:g} m, outside {low:g} to {high:g} m"
+    return f"range {sensor.element} is {what}"
+
+
+_ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
+
+
+class Sensors:
+    """Follows every sample of the testbed, in a run or not.
+
+    Args:
+        mappings: the configured topics.
+        thresholds: the testbed's numbers.
+        limits: what counts as healthy.
+    """
+
+    def __init__(
+        self, mappings: Sequence[TopicMapping], thresholds: Thresholds, limits: SensorLimits
+    ) -> None:
+        self.limits = limits
+        self._mappings = tuple(mappings)
+        self._thresholds = thresholds
+        self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
+        self._of_signal = {watch.signal: watch for watch in self._watches.values()}
+        self._force: float | None = None
+        self._forces: deque[tuple[float, float]] = deque()
+        self._newest: dict[Signal, Sample] = {}
+        # A start that never comes: this detector only keeps states.
+        self._states = EventDetector(_ANY_CONDITION, math.inf, thresholds)
+
+    def note_arrival(self, message: RawMessage) -> None:
+        """A message arrived; what it says comes too late to be shown."""
+        if (watch := self._watches.get(message.topic)) is not None:
+            watch.note_arrival(message.receive_ns / 1e9)
+
+    def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
+        """A message arrived; `sample` is what it says, `error` why it cannot be decoded."""
+        watch = self._watches.get(message.topic)
+        if watch is None:
+            return
+        now = message.receive_ns / 1e9
+        if error is not None:
+            error = error.removeprefix(f"{message.topic}: ")
+        watch.receive(now, sample, error, self._states.angle or 0.0)
+        if sample is None:
+            return
+        self._states.feed(sample)
+        self._newest[watch.signal] = sample
+        largest = self._thresholds.impossible_force
+        if isinstance(sample, HandleSample) and abs(sample.force) <= largest:
+            self._keep_force(now, sample.force)
+
+    def _keep_force(self, now: float, force: float) -> None:
+        self._force = force
+        if self._forces and now < self._forces[-1][0]:
+            self._forces.clear()  # the clock was stepped back
+        self._forces.append((now, force))
+        while self._forces[0][0] < now - self.limits.averaging:
+            self._forces.popleft()
+
+    def newest(self) -> tuple[Sample, ...]:
+        """The newest sample of each signal."""
+        return tuple(self._newest.values())
+
+    def freshness(self, signal: Signal, now: float) -> Freshness:
+        """State of a signal, by its newest reading: a message that says nothing is none."""
+        watch = self._of_signal.get(signal)
+        return watch.readings.freshness(now) if watch else Freshness.NEVER
+
+    def _fresh(self, signal: Signal, now: float) -> bool:
+        return self.freshness(signal, now) is Freshness.FRESH
+
+    def _sensor_freshness(self, sensor: PassageSensor, masked: bool, now: float) -> Freshness:
+        """State of a used passage sensor; one under the panel needs no reading of its own."""
+        watch = self._of_signal.get(Signal.of_strip(sensor.strip))
+        if watch is None:
+            return Freshness.NEVER
+        return (watch.messages if masked else watch.sensors[sensor]).freshness(now)
+
+    def _masked(self, sensor: PassageSensor) -> bool:
+        return self._thresholds.masked(sensor.side, sensor.index, self._states.angle or 0.0)
+
+    def angle(self, now: float) -> float | None:
+        """Door angle, rad; None unless fresh."""
+        return self._states.angle if self._fresh(Signal.DOOR, now) else None
+
+    def force(self, now: float) -> float | None:
+        """Raw handle force, N; None unless fresh."""
+        return self._force if self._fresh(Signal.HANDLE, now) else None
+
+    def handle_rest(self, now: float) -> HandleRest | None:
+        """Raw handle force of the last second, by the time of reception.
+
+        None unless fresh, and while there is next to nothing of it yet.
+        """
+        recent = [each for each in self._forces if each[0] >= now - self.limits.averaging]
+        if not recent or not self._fresh(Signal.HANDLE, now):
+            return None
+        began = recent[-1][0] - recent[0][0] < self.limits.averaging / 2
+        if began and len(recent) < FEWEST_SAMPLES:
+            return None
+        return rest_of(*zip(*recent, strict=True))
+
+    def skew(self, now: float, of_topic: Callable[..., float] = max) -> float | None:
+        """The largest of the topics' `TopicWatch.skew`, s, with its sign; None without samples."""
+        skews = (watch.skew(now, of_topic) for watch in self._watches.values())
+        return max((skew for skew in skews if skew is not None), key=abs, default=None)
+
+    def occupied(self, now: float) -> tuple[str, ...] | None:
+        """Names of the used sensors that see something; None if one of them says nothing."""
+        states = self._states.occupied
+        for sensor, state in states.items():
+            freshness = self._sensor_freshness(sensor, self._masked(sensor), now)
+            if freshness is not Freshness.FRESH or state is None:
+                return None
+        return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
+
+    def topic_problems(self, statuses: Sequence[TopicStatus], now: float) -> tuple[str, ...]:
+        """One line per topic with which anything is wrong."""
+        views = self.topics(statuses, {}, now)
+        return tuple(f"{v.topic}: {v.problem}" for v in views if v.problem)
+
+    def topics(
+        self, statuses: Sequence[TopicStatus], dropped: Mapping[str, int], now: float
+    ) -> tuple[TopicView, ...]:
+        """Every configured topic; `dropped` counts what the recorder had to drop."""
+        by_topic = {status.topic: status for status in statuses}
+        return tuple(
+            self._topic(m, by_topic.get(m.topic), dropped.get(m.topic, 0), now)
+            for m in self._mappings
+        )
+
+    def _topic(
+        self, mapping: TopicMapping, status: TopicStatus | None, dropped: int, now: float
+    ) -> TopicView:
+        watch = self._watches[mapping.topic]
+        return TopicView(
+            topic=mapping.topic,
+            type=status.type if status else mapping.type,
+            publishers=status.publishers if status else 0,
+            freshness=watch.messages.freshness(now),
+            age=watch.messages.age(now),
+            rate=watch.messages.rate(now),
+            received=watch.received,
+            lost=status.lost if status else None,
+            dropped=dropped,
+            optional=mapping.signal.optional,
+            problem="; ".join(watch.troubles(status, now).values()) or None,
+        )
+
+    def troubles(
+        self, statuses: Sequence[TopicStatus], now: float
+    ) -> dict[tuple[str, Trouble], str]:
+        """What is wrong at `now` with which topic, in words."""
+        by_topic = {status.topic: status for status in statuses}
+        return {
+            (topic, trouble): words
+            for topic, watch in self._watches.items()
+            for trouble, words in watch.troubles(by_topic.get(topic), now).items()
+        }
+
+    def door_view(self, now: float) -> DoorView:
+        """The panel."""
+        fresh = self._fresh(Signal.DOOR, now)
+        return DoorView(
+            angle=self.angle(now),
+            is_open=self._states.door_is_open if fresh else None,
+            freshness=self.freshness(Signal.DOOR, now),
+            closed_angle=self._thresholds.closed_angle,
+        )
+
+    def handle_view(self, now: float, zero: float, maximum: float | None) -> HandleView:
+        """The handle; `maximum` is the largest abs(force) of the run so far, N."""
+        freshness = self.freshness(Signal.HANDLE, now)
+        force = self.force(now)
+        return HandleView(force, zero, self._thresholds.touch_force, maximum, freshness)
+
+    def latch_view(self, now: float) -> LatchView:
+        """The latch."""
+        freshness = self.freshness(Signal.LATCH, now)
+        known = freshness in (Freshness.FRESH, Freshness.STALE)
+        return LatchView(self._states.latch_engaged if known else None, freshness)
+
+    def passage_view(self, now: float) -> tuple[SensorView, ...]:
+        """The ten used passage sensors."""
+        states = self._states.occupied
+        views = []
+        for sensor in PASSAGE_SENSORS:
+            masked = self._masked(sensor)
+            freshness = self._sensor_freshness(sensor, masked, now)
+            known = freshness is Freshness.FRESH
+            views.append(
+                SensorView(
+                    side=sensor.side,
+                    index=sensor.index,
+                    occupied=states[sensor] if known else None,
+                    masked=masked,
+                    height=self._height(sensor) if known else None,
+                    freshness=freshness,
+                )
+            )
+        return tuple(views)
+
+    def _height(self, sensor: PassageSensor) -> float | None:
+        """What is under a sensor, m above the ground; None where it measured no distance."""
+        sample = self._newest.get(Signal.of_strip(sensor.strip))
+        if not isinstance(sample, PassageSample) or sensor.element >= len(sample.ranges):
+            return None
+        distance = sample.ranges[sensor.element]
+        usable = sample.range_min <= distance <= sample.range_max
+        return self._thresholds.lintel_height - distance if usable else None

@@ -1,0 +1,304 @@
+"""The socket at which screens attach: made again when lost, accepting while handles last."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.engine.engine_lock import make_private
+
+# Whoever ends a login may remove its runtime folder. Consoles ask the engine where its socket
+# lies (`control.py`), so that it may lie in any folder that is the user's own.
+
+
+class Listening:
+    """A Unix socket with a path, mode 0600.
+
+    Args:
+        path: where it is wanted; one of an engine that was killed is replaced.
+
+    Attributes:
+        path: where it is.
+        problem: why it is nowhere, in words; None while it is there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.problem: str | None = None
+        self._wanted = path
+        self._made: tuple[int, int] | None = None
+
+    def open(self) -> socket.socket:
+        """Make it; it listens as soon as it can be seen.
+
+        Raises:
+            MadrobError: it cannot be made; the message says what to do.
+        """
+        try:
+            return self._at(self._wanted)
+        except OSError as error:
+            raise MadrobError(
+                f"{self._wanted}: no socket can be made there ({error}); set XDG_RUNTIME_DIR to "
+                "another folder of your own, with a short path"
+            ) from None
+
+    def open_again(self) -> socket.socket | None:
+        """Make it again if it is lost or another's; None while it is there, or cannot be made.
+
+        The folder is made again, too. Where that is not allowed the socket goes to a folder of its
+        own among the temporary ones.
+        """
+        if self._is_there():
+            return None
+        for find in (self._wanted_place, self._temporary_place):
+            try:
+                listening = self._at(find())
+            except OSError as error:
+                self.problem = f"screens cannot attach: {self._wanted} is lost ({error.strerror})"
+            else:
+                self.problem = None
+                return listening
+        return None
+
+    def close(self) -> None:
+        """Take it away, if it is still this one."""
+        if self._is_there():
+            with suppress(OSError):
+                self.path.unlink()
+        if self.path.parent != self._wanted.parent:
+            with suppress(OSError):
+                self.path.parent.rmdir()
+
+    def _is_there(self) -> bool:
+        try:
+            found = self.path.lstat()
+        except OSError:
+            return False
+        return (found.st_dev, found.st_ino) == self._made
+
+    def _wanted_place(self) -> Path:
+        make_private(self._wanted.parent)
+        folder = self._wanted.parent.lstat()
+        if folder.st_uid != os.getuid() or folder.st_mode & 0o077:
+            raise PermissionError(0, "others may enter its folder")
+        if _answers(self._wanted):  # another engine's
+            return self._wanted.with_stem(f"{self._wanted.stem}_{os.getpid()}")
+        return self._wanted
+
+    def _temporary_place(self) -> Path:
+        return Path(tempfile.mkdtemp(prefix="madrob-")) / self._wanted.name
+
+    def _at(self, path: Path) -> socket.socket:
+        part = path.with_suffix(".new")
+        part.unlink(missing_ok=True)
+        listening = socket.socket(socket.AF_UNIX)
+        try:
+            os.fchmod(listening.fileno(), 0o600)  # before it has a path: nobody sees it otherwise
+            listening.bind(str(part))
+            listening.listen()
+            found = part.lstat()
+            part.replace(path)
+        except OSError:
+            listening.close()
+            raise
+        self.path, self._made = path, (found.st_dev, found.st_ino)
+        return listening
+
+
+def _answers(path: Path) -> bool:
+    """Whether somebody listens there."""
+    with socket.socket(socket.AF_UNIX) as knock:
+        knock.settimeout(1.0)
+        try:
+            knock.connect(str(path))
+        except (BlockingIOError, TimeoutError):
+            return True
+        except OSError:
+            return False
+        return True
+
+
+# What went wrong around the engine and ends nothing: a line in its log, once for each kind.
+
+
+AGAIN = 600.0
+"""The same is said again after so long, s: a log in memory must not grow with every screen."""
+
+_MOST_KINDS = 50
+_RETRY_PAUSE = 1.0
+
+
+class FallenThreads:
+    """Threads that an error ended which nobody foresaw: what they did is wanting from then on.
+
+    Attributes:
+        problem: what screens show of the last one, in words; None while there is none.
+    """
+
+    def __init__(self) -> None:
+        self.problem: str | None = None
+
+    def note(self, fallen: threading.ExceptHookArgs) -> None:
+        """A hook for `threading.excepthook`; the log has the traceback."""
+        name = "?" if fallen.thread is None else fallen.thread.name
+        why = str(fallen.exc_value or "") or fallen.exc_type.__name__
+        self.problem = terminal_safe(
+            f"a part of the engine has ended ({name}: {why}): start it again after the run"
+        )
+        threading.__excepthook__(fallen)
+
+
+class Troubles:
+    """Says each kind of trouble once in a while, in one line.
+
+    Args:
+        monotonic: a clock, s.
+    """
+
+    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._monotonic = monotonic
+        self._said: dict[tuple[str, str], float] = {}
+
+    def tell(self, what: str, error: BaseException | None = None) -> None:
+        """Say what happened, and why."""
+        why = "" if error is None else f" ({str(error) or type(error).__name__})"
+        kind = (what, type(error).__name__)
+        now = self._monotonic()
+        if now - self._said.get(kind, -AGAIN) < AGAIN or len(self._said) >= _MOST_KINDS:
+            return
+        self._said[kind] = now
+        with suppress(OSError):  # a log that is full
+            sys.stderr.write(f"madrob: {terminal_safe(what + why)}\n")
+            sys.stderr.flush()
+
+    def of_loop(self, _loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
+        """An exception handler for an event loop: no traceback for each connection."""
+        self.tell(str(context.get("message", "the engine's socket")), context.get("exception"))
+
+    async def lasting(self, work: Callable[[], Awaitable[None]]) -> None:
+        """Do what must go on as long as the engine does, again after whatever ends it early."""
+        while True:
+            try:
+                return await work()
+            except Exception as error:  # noqa: BLE001 - whatever it is, screens wait for it
+                self.tell("screens had to wait", error)
+                await asyncio.sleep(_RETRY_PAUSE)
+
+
+# Who connects is attended, as far as there are file handles for it.
+#
+# asyncio's own server answers a want of file handles by hundreds of thousands of lines in the log
+# and a processor that is never idle, and it leaves none for a recording.
+
+
+WANTED_HANDLES = 4096
+"""File handles that an engine asks for, if it may; 1024 are usual, most of a testbed needs 200."""
+
+MOST_SCREENS = 500
+"""So many screens are attached at most, and half as many as there are file handles."""
+
+SPARE = 32
+"""So many more may be on their way in, or belong to a referee."""
+
+_PAUSE = 0.2
+"""Whoever connects waits so long for another try, s."""
+
+_PARTING = 0.5
+"""A screen that is let go has so long to read the last word, s."""
+
+Attend = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+def raise_handles() -> None:
+    """Have as many file handles as an engine may want, as far as the user may."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    allowed = WANTED_HANDLES if hard == resource.RLIM_INFINITY else min(hard, WANTED_HANDLES)
+    if soft != resource.RLIM_INFINITY and soft < allowed:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+
+
+def most_screens() -> int:
+    """How many screens may be attached, so that the engine has handles left for its own files."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return MOST_SCREENS if soft == resource.RLIM_INFINITY else min(soft // 2, MOST_SCREENS)
+
+
+class Acceptor:
+    """Accepts connections until it is closed. What comes when there is no room waits.
+
+    Args:
+        listening: the socket; closed at the end.
+        attend: what attends to a connection, in a task of its own.
+        most: connections at a time.
+        troubles: is told what goes wrong with one.
+    """
+
+    def __init__(
+        self, listening: socket.socket, attend: Attend, most: int, troubles: Troubles
+    ) -> None:
+        listening.setblocking(False)
+        self._listening = listening
+        self._attend = attend
+        self._most = most
+        self._troubles = troubles
+        self._attending: set[asyncio.Task[None]] = set()
+        self._task = asyncio.create_task(self._accept())
+
+    async def _accept(self) -> None:
+        try:
+            while True:
+                if len(self._attending) >= self._most:
+                    await asyncio.wait(self._attending, return_when=asyncio.FIRST_COMPLETED)
+                try:
+                    await self._accept_one()
+                except OSError as error:
+                    self._troubles.tell("new screens must wait", error)
+                    await asyncio.sleep(_PAUSE)
+        finally:
+            self._listening.close()
+
+    async def _accept_one(self) -> None:
+        loop = asyncio.get_running_loop()
+        connection, _ = await loop.sock_accept(self._listening)
+        reader = asyncio.StreamReader(loop=loop)
+        protocol = asyncio.StreamReaderProtocol(reader, loop=loop)
+        try:
+            transport, _ = await loop.connect_accepted_socket(lambda: protocol, connection)
+        except BaseException:
+            connection.close()
+            raise
+        writer = asyncio.StreamWriter(transport, protocol, reader, loop)
+        task = asyncio.create_task(self._attended(reader, writer))
+        self._attending.add(task)
+        task.add_done_callback(self._attending.discard)
+
+    async def _attended(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            await self._attend(reader, writer)
+        except Exception as error:  # noqa: BLE001 - one screen's trouble is no other's
+            self._troubles.tell("a screen was let go", error)
+        finally:
+            writer.close()
+            with suppress(OSError, TimeoutError):
+                await asyncio.wait_for(writer.wait_closed(), _PARTING)
+            writer.transport.abort()
+
+    def close(self) -> None:
+        """Accept no more; who is attended to stays."""
+        self._task.cancel()
+
+    async def wait(self, patience: float) -> None:
+        """After `close`: wait at most so long until nobody is attended to any more, s."""
+        await asyncio.wait({self._task, *self._attending}, timeout=patience)

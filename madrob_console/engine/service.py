@@ -1,0 +1,375 @@
+"""What other programs hear of the engine: systemd, ROS services, `/diagnostics`."""
+
+from __future__ import annotations
+
+import asyncio
+import faulthandler
+import io
+import os
+import re
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from dataclasses import replace
+from enum import IntEnum
+from typing import TYPE_CHECKING, TextIO
+
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import RemoteService, terminal_safe
+from madrob_console.engine.requests import NO_ANSWER, Perform
+from madrob_console.engine.snapshot import Snapshot, TopicView
+from madrob_console.engine.wire import EngineClient, given_up
+from madrob_console.referee.acts import Abort, Act, DeclareTimeout, Start
+from madrob_console.referee.checks import CheckState, Freshness
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.records import CheckName
+from madrob_console.testbeds.source import CallAnswer, Diagnosis, Level, LookForAnswer
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from madrob_console.engine.engine_thread import LocalEngine
+    from madrob_console.referee.records import size_words
+
+# The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
+# that hangs is ended and started again; a disk that hangs is no reason.
+
+
+HANGING = 2
+"""A core that has not moved for longer has hung, s: the watchdog hears no more of it."""
+
+_PERIOD = 1.0
+_LAST_WORDS = 0.5
+"""Screens are told by then that the engine has failed, s."""
+
+_NUMBERED = re.compile(r"<[0-7]>")
+
+
+class Priority(IntEnum):
+    """Of a line in the journal (syslog)."""
+
+    ERROR = 3
+    WARNING = 4
+    INFORMATION = 6
+
+
+class ServiceManager:
+    """Who started this process as a service, if anybody did.
+
+    Args:
+        environment: `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`, as systemd sets them.
+
+    Attributes:
+        present: whether there is one that listens.
+        watchdog: it wants to hear of the core within this time, s; None = it does not.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._address = environment.get("NOTIFY_SOCKET", "").replace("@", "\0", 1)
+        self.present = self._address.startswith(("/", "\0"))
+        self.watchdog = _watchdog(environment) if self.present else None
+
+    def tell(self, *assignments: str) -> None:
+        """Send `NAME=value` assignments; never waits, and nobody need be there."""
+        if not self.present:
+            return
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
+            sender.sendto("\n".join(assignments).encode(), self._address)
+
+
+def _watchdog(environment: Mapping[str, str]) -> float | None:
+    period = environment.get("WATCHDOG_USEC", "")
+    whose = environment.get("WATCHDOG_PID", "")
+    if not period.isdecimal() or int(period) == 0 or whose not in ("", str(os.getpid())):
+        return None
+    return int(period) / 1e6
+
+
+async def keep_told(
+    manager: ServiceManager,
+    engine: EngineClient,
+    words: Callable[[Snapshot], str],
+    fail: Callable[[], None],
+) -> None:
+    """Tell that the engine is ready, and from then on how it is; until it is cancelled or fails.
+
+    Args:
+        manager: is told.
+        engine: in this process.
+        words: how far the run is, in a line, which stands in the log, too.
+        fail: called when the engine has failed.
+    """
+    manager.tell("READY=1")
+    period = _PERIOD if manager.watchdog is None else min(_PERIOD, manager.watchdog / 4)
+    told = shown = ""
+    while True:
+        try:
+            snapshot = engine.snapshot()
+        except MadrobError as error:
+            manager.tell(f"STATUS={error}")
+            await asyncio.sleep(_LAST_WORDS)
+            fail()
+            return
+        news = []
+        if snapshot.pulse.core <= HANGING:
+            news.append("WATCHDOG=1")
+        if (status := words(snapshot)) != told:
+            told = status
+            log(status, Priority.INFORMATION)
+        status = terminal_safe("; ".join((status, *_faults(snapshot)[:1])))
+        if status != shown:
+            shown = status
+            news.append(f"STATUS={status}")
+        manager.tell(*news)
+        await asyncio.sleep(period)
+
+
+def _faults(snapshot: Snapshot) -> list[str]:
+    return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults]
+
+
+# ---------------------------------------------------------------------- lines in the journal
+
+
+class PriorityLines(io.TextIOBase):
+    """A text stream that puts a priority before each line, as the journal reads it.
+
+    Args:
+        stream: the journal.
+        usual: of lines that have none of their own.
+    """
+
+    def __init__(self, stream: TextIO, usual: Priority) -> None:
+        self._stream = stream
+        self._usual = usual
+        self._begun = ""
+
+    def write(self, text: str) -> int:
+        """Write whole lines; the rest waits for its end."""
+        *lines, self._begun = (self._begun + text).split("\n")
+        for line in lines:
+            own = _NUMBERED.match(line) is not None
+            self._stream.write(f"{line}\n" if own else f"<{self._usual}>{line}\n")
+        if lines:
+            self._stream.flush()
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what was begun."""
+        if self._begun:
+            self.write("\n")
+
+    def fileno(self) -> int:
+        """Of the journal."""
+        return self._stream.fileno()
+
+
+def log_to_journal(environment: Mapping[str, str]) -> None:
+    """Where the error output goes to the journal, each line has a priority from now on.
+
+    The watchdog ends a process by SIGABRT: then it says where each thread was.
+    """
+    if not _is_journal(environment):
+        return
+    faulthandler.enable(sys.stderr)
+    sys.stderr = PriorityLines(sys.stderr, Priority.ERROR)
+
+
+def log(line: str, priority: Priority) -> None:
+    """Write a line to the journal; nowhere else."""
+    if isinstance(sys.stderr, PriorityLines):
+        sys.stderr.write(f"<{priority}>{terminal_safe(line)}\n")
+
+
+def _is_journal(environment: Mapping[str, str]) -> bool:
+    """Whether the error output is the stream that systemd connected to the journal."""
+    try:
+        found = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError):
+        return False
+    return environment.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
+
+
+# The state in the form in which ROS programs hear how a machine is: `/diagnostics`.
+#
+# Nothing is judged here: words and faults are those that the screens show.
+
+
+_ENGINE = "engine"
+_LEVELS = {
+    Freshness.FRESH: Level.WARN,
+    Freshness.STALE: Level.WARN,
+    Freshness.LOST: Level.STALE,
+    Freshness.NEVER: Level.ERROR,
+}
+"""Of a topic with which something is wrong."""
+
+
+def diagnoses(snapshot: Snapshot, rate: float) -> tuple[Diagnosis, ...]:
+    """How engine, recorder, disk and each topic are.
+
+    Args:
+        snapshot: the state.
+        rate: what the topics should have, Hz.
+    """
+    topics = tuple(_topic(view, rate) for view in snapshot.topics)
+    told = (_recorder(snapshot), _disk(snapshot), *topics)
+    if snapshot.pulse.stale:  # what is known of them is old
+        words = str(snapshot.pulse.words)
+        told = tuple(replace(one, level=Level.STALE, message=words) for one in told)
+    return (_engine(snapshot), *told)
+
+
+def failure(words: str) -> Diagnosis:
+    """Of an engine that has failed, which says why."""
+    return Diagnosis(_ENGINE, Level.ERROR, words)
+
+
+def _engine(snapshot: Snapshot) -> Diagnosis:
+    pulse, setup = snapshot.pulse, snapshot.run.setup
+    values = {
+        "phase": str(snapshot.run.phase),
+        "core silent, s": str(pulse.core),
+        "testbed": snapshot.label,
+        "subject": "" if setup is None else str(setup.subject),
+        "run": "" if setup is None else str(setup.run_number),
+    }
+    if pulse.stale:
+        return Diagnosis(_ENGINE, Level.ERROR, str(pulse.words), values)
+    faults = tuple(_of_engine(snapshot))
+    level = Level.WARN if faults else Level.OK
+    return Diagnosis(_ENGINE, level, "; ".join(faults) or str(snapshot.run.phase), values)
+
+
+def _of_engine(snapshot: Snapshot) -> Iterator[str]:
+    """Faults that neither the recorder nor a topic tells of itself."""
+    others = ("recorder: ", *(f"{view.topic}: " for view in snapshot.topics))
+    return (fault for fault in snapshot.faults if not fault.startswith(others))
+
+
+def _recorder(snapshot: Snapshot) -> Diagnosis:
+    recorder = snapshot.recorder
+    lost = sum(view.lost or 0 for view in snapshot.topics)
+    values = {
+        "messages": str(recorder.messages),
+        "bytes": str(recorder.size),
+        "queue, bytes": str(recorder.queued),
+        "dropped": str(recorder.dropped),
+        "lost on the way": str(lost),
+    }
+    faults = [f for f in snapshot.faults if f.startswith("recorder: ")]
+    words = "; ".join(fault.removeprefix("recorder: ") for fault in faults)
+    level = Level.ERROR if faults else Level.OK
+    return Diagnosis("recorder", level, words or recorder.state, values)
+
+
+def _disk(snapshot: Snapshot) -> Diagnosis:
+    silent, free = snapshot.pulse.disk, snapshot.disk_free
+    values = {
+        "free, bytes": "" if free is None else str(free),
+        "silent, s": str(silent),
+        "lines waiting": str(snapshot.pulse.unwritten),
+    }
+    if silent:
+        return Diagnosis("disk", Level.ERROR, f"silent for {silent} s", values)
+    check = next((check for check in snapshot.checks if check.name is CheckName.DISK), None)
+    if check is not None:
+        return Diagnosis("disk", _CHECKED[check.state], check.reason, values)
+    if free is None:
+        return Diagnosis("disk", Level.STALE, "free space unknown", values)
+    return Diagnosis("disk", Level.OK, f"{size_words(free)} free", values)
+
+
+_CHECKED = {
+    CheckState.OK: Level.OK,
+    CheckState.WARNING: Level.WARN,
+    CheckState.FAILED: Level.ERROR,
+    CheckState.NO_DATA: Level.STALE,
+    CheckState.WAIVED: Level.WARN,
+}
+
+
+def _topic(view: TopicView, rate: float) -> Diagnosis:
+    values = {
+        "rate, Hz": "" if view.rate is None else f"{view.rate:.1f}",
+        "age, s": "" if view.age is None else f"{view.age:.3f}",
+        "expected, Hz": "" if view.optional else f"{rate:g}",
+        "received": str(view.received),
+        "lost": "" if view.lost is None else str(view.lost),
+        "publishers": str(view.publishers),
+    }
+    if view.problem is None:
+        absent = view.freshness is Freshness.NEVER
+        words = f"{view.freshness} (optional)" if absent else str(view.freshness)
+        return Diagnosis(view.topic, Level.OK, words, values)
+    return Diagnosis(view.topic, _LEVELS[view.freshness], view.problem, values)
+
+
+# Answers other programs of a testbed, which are no screens: what they call, what they hear.
+
+
+_WHY = "called over ROS"
+
+_ACTS: dict[RemoteService, Act] = {
+    RemoteService.START: Start(),
+    RemoteService.ABORT: Abort(_WHY),
+    RemoteService.DECLARE_TIMEOUT: DeclareTimeout(_WHY),
+}
+"""What is called is an act like any other: same checks, same refusals, same lane."""
+
+
+class Attendant:
+    """Has calls carried out as acts of the origin `remote`. From any thread; nothing waits.
+
+    Args:
+        engine: of the testbed.
+        services: what may be called.
+        rate: what its topics should have, Hz.
+    """
+
+    def __init__(
+        self, engine: LocalEngine, services: Collection[RemoteService], rate: float
+    ) -> None:
+        self.services = services
+        self._engine = engine
+        self._rate = rate
+
+    def call(self, service: RemoteService) -> LookForAnswer:
+        """Have an act done; it is answered in time, whatever core and disk do."""
+        act = _ACTS[service]
+        request = Perform.of(act)
+        answer = self._engine.begin(request, origin=Origin.REMOTE)
+        ends = time.monotonic() + request.timeout
+
+        def look() -> CallAnswer | None:
+            if answer.done():
+                return _answered(act, answer)
+            if time.monotonic() < ends:
+                return None
+            return CallAnswer(success=False, message=f"{act.name}: {given_up(answer)}")
+
+        return look
+
+    def diagnose(self) -> Sequence[Diagnosis]:
+        """How everything is now, as the screens say it."""
+        try:
+            return diagnoses(self._engine.snapshot(), self._rate)
+        except MadrobError as error:
+            return (failure(str(error)),)
+
+
+def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:
+    """What became of an act, as a referee reads it."""
+    try:
+        refused = answer.result(0)
+    except CancelledError:
+        refused = NO_ANSWER
+    except MadrobError as error:
+        refused = str(error)
+    if refused is None:
+        return CallAnswer(success=True, message=f"Done: {act.done}")
+    return CallAnswer(success=False, message=f"Refused: {act.name}: {refused}")

@@ -1,0 +1,434 @@
+"""What the engine shows: immutable, typed, plain data that can cross a socket."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from madrob_console.archive.run_journal import Unfinished
+from madrob_console.common.names import SourceKind
+from madrob_console.engine.requests import PlaybackView, Role, TakeOver
+from madrob_console.referee.acts import Abort
+from madrob_console.referee.checks import Check, Freshness
+from madrob_console.referee.competition_plan import NO_PLAN, Plan
+from madrob_console.referee.evidence_account import EvidenceGap
+from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
+from madrob_console.referee.journal import Origin
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.records import USUAL_PROTEST_TIMES, ProtestTimes
+from madrob_console.referee.run import Run
+from scoring.indicator_table import IndicatorName
+from scoring.procedure import StepRecord
+from scoring.protocol import Side
+from scoring.result import Indicator, Result
+
+
+@dataclass(frozen=True, slots=True)
+class TopicView:
+    """One testbed topic, live.
+
+    Attributes:
+        topic, type: its names.
+        publishers: matched now.
+        freshness, age: state and age (s) of the newest message; age None = never seen.
+        rate: messages a second over the last 2 s; None = unknown.
+        received, lost, dropped: counts since the source was opened; lost None = unknown.
+        optional: whether the testbed works without it.
+        problem: what is wrong with it, in words; None = nothing.
+    """
+
+    topic: str
+    type: str
+    publishers: int
+    freshness: Freshness
+    age: float | None
+    rate: float | None
+    received: int
+    lost: int | None
+    dropped: int
+    optional: bool
+    problem: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorView:
+    """One of the ten used passage sensors.
+
+    Attributes:
+        side, index: its place; index 0 is the farthest from the hinge.
+        occupied: something is under it; None = not known yet. A masked one keeps its state.
+        masked: the panel passes under it now, its reading is ignored.
+        height: of what is under it, m; None = nothing, no reading or stale.
+        freshness: of its strip.
+    """
+
+    side: Side
+    index: int
+    occupied: bool | None
+    masked: bool
+    height: float | None
+    freshness: Freshness
+
+
+@dataclass(frozen=True, slots=True)
+class DoorView:
+    """The panel. `angle` in rad; None when there is no fresh value."""
+
+    angle: float | None
+    is_open: bool | None
+    freshness: Freshness
+    closed_angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class HandleView:
+    """The handle. Forces in N; `force` is raw and None when there is no fresh value."""
+
+    force: float | None
+    zero: float
+    touch_force: float
+    maximum: float | None
+    freshness: Freshness
+
+
+@dataclass(frozen=True, slots=True)
+class LatchView:
+    """The optional latch. `engaged` None when there is no value; freshness NEVER without one."""
+
+    engaged: bool | None
+    freshness: Freshness
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderView:
+    """The recorder.
+
+    Attributes:
+        state: `closed`, `recording`, `failed` or `finished`.
+        messages, size, dropped: written, bytes on disk, not written.
+        queued: bytes on their way to the file.
+        problem: in words; None = nothing.
+    """
+
+    state: str
+    messages: int = 0
+    size: int = 0
+    dropped: int = 0
+    problem: str | None = None
+    queued: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceTopicView:
+    """One topic of the evidence, live.
+
+    Attributes:
+        topic, type: its names.
+        rate, byte_rate: messages and bytes a second of what is recorded.
+        lost: messages lost of the recording that goes on, or was last.
+        problem: what is wrong with it, in words; empty = nothing.
+    """
+
+    topic: str
+    type: str
+    rate: float
+    byte_rate: float
+    lost: int = 0
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceView:
+    """The evidence, live.
+
+    Attributes:
+        topics: what comes.
+        recording: whether it is recorded now.
+        size: of the recording that goes on, or was last, bytes.
+        room: how long it can go on at the rate of now, s; None = unknown, or nothing comes.
+        problem: what is wrong with all of it, in words; None = nothing.
+        gaps: when nothing was recorded in the recording that goes on, s since the start.
+    """
+
+    topics: tuple[EvidenceTopicView, ...] = ()
+    recording: bool = False
+    size: int = 0
+    room: float | None = None
+    problem: str | None = None
+    gaps: tuple[EvidenceGap, ...] = ()
+
+
+class Weight(StrEnum):
+    """How much a line of the log wants to be seen."""
+
+    PLAIN = "plain"
+    NOTICE = "notice"
+    ALARM = "alarm"
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One line of the event log.
+
+    Attributes:
+        number: counts up from 0 over the life of the engine; a screen asks for what is new.
+        time: s since the epoch.
+        relative: s since the start (negative in the countdown); None outside a run.
+        origin: who made it happen.
+        text: in words, safe for a terminal.
+        weight: how much it wants to be seen.
+    """
+
+    number: int
+    time: float
+    relative: float | None
+    origin: Origin
+    text: str
+    weight: Weight = Weight.PLAIN
+
+
+@dataclass(frozen=True, slots=True)
+class ExportView:
+    """The last export of a team's runs or a dossier; with neither path nor problem it is made now.
+
+    Attributes:
+        subject: the team's number; 0 for a dossier.
+        path: of the zip.
+        problem: why there is none, or what is missing in it, in words.
+        dossier: the run's folder, of a dossier; empty = it is of a team.
+    """
+
+    subject: int
+    path: str = ""
+    problem: str = ""
+    dossier: str = ""
+
+    @property
+    def what(self) -> str:
+        """What is packed, in words."""
+        return f"the dossier of {self.dossier}" if self.dossier else f"subject {self.subject}"
+
+
+@dataclass(frozen=True, slots=True)
+class RightToAct:
+    """Whether one screen may act.
+
+    Attributes:
+        role: what the screen is there for.
+        holder: the screen that has the right to act instead; empty = this one has it, or would
+            get it with its next command.
+        free: no screen has it: the one that had it has gone.
+    """
+
+    role: Role = Role.REFEREE
+    holder: str = ""
+    free: bool = False
+
+    @property
+    def only_watches(self) -> bool:
+        """Whether nobody can act here: what to press is of no interest."""
+        return self.role is Role.WATCH
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this screen may not act, in words; None when it may."""
+        if self.only_watches:
+            return "`madrob console` can act, this screen only watches"
+        return f"{self.holder} has the right to act: Esc, t takes it over" if self.holder else None
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """How fresh the rest is and what waits for the disk, measured when it is sent.
+
+    It says nothing, and costs nothing, while all is well: times are whole seconds.
+
+    Attributes:
+        gone: why nothing more comes of the engine, in words; empty = it may.
+        server: nothing has been heard of the engine's process for so long, s.
+        core: its core has not moved for so long, s.
+        disk: the disk has not answered for so long, s.
+        unwritten: lines of the journal that are not on disk after a second.
+        refused: what the disk refuses of the run at hand, in words; empty = nothing.
+        waiting: how many runs before it are not on disk.
+        writing: the act that takes effect when it is on disk, and is not yet; empty = none.
+    """
+
+    gone: str = ""
+    server: int = 0
+    core: int = 0
+    disk: int = 0
+    unwritten: int = 0
+    refused: str = ""
+    waiting: int = 0
+    writing: str = ""
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether anything of the run at hand is in the engine's memory alone."""
+        return bool(self.unwritten or self.refused)
+
+    @property
+    def stale(self) -> bool:
+        """Whether the rest is old."""
+        return bool(self.gone or self.server or self.core)
+
+    @property
+    def words(self) -> str | None:
+        """What is wrong; None while nothing is."""
+        if self.gone:
+            return f"{self.gone}: what you see is old"
+        if self.server:
+            return f"the engine is silent for {self.server} s: what you see is old"
+        if self.core:
+            return f"the engine has not moved for {self.core} s: what you see is old"
+        if self.disk:
+            return f"disk silent for {self.disk} s: nothing new starts"
+        return None
+
+
+def label_of(source: str, *, practice: bool) -> str:
+    """A source's label with what the run is: `LIVE ros domain 0`, or `PRACTICE ros domain 0`."""
+    rest = source.removeprefix("LIVE ")
+    return f"PRACTICE {rest}" if practice and rest != source else source
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything a screen shows, at one instant.
+
+    Attributes:
+        time: steady time, s since the epoch.
+        source_kind, source_label: `LIVE ros domain 0`, `SIMULATED nominal`, `REPLAY <name>`.
+        simulated: what the simulated testbed plays: every run on it is practice; None = a real
+            one, or a replay.
+        sides_problem: why the sides must be set by hand; None = the testbed confirmed them.
+        run: the referee's state of the run.
+        elapsed: s since the start; negative in the countdown; the execution time once stopped;
+            None outside a run.
+        remaining: s to the timeout while running; s to the start in the countdown; else None.
+        settling: whether step 6 waits for the settle time.
+        checks: the pre-start checks.
+        refusals: act name -> why it is not possible now; a missing name is possible. Only acts
+            that can be judged without their arguments.
+        steps: the six steps as they stand, live or final.
+        ask_referee: a question that only the referee can answer, in words.
+        door, handle, latch, passage, topics, recorder: the sensors and the recorder; passage is
+            ten sensors, cw 0..4 then ccw 0..4.
+        disk_free: bytes; None = unknown.
+        evidence: what is recorded beside the testbed's topics; None = nothing is.
+        faults: what is wrong now, one line each; they stay until they are gone.
+        provisional: indicator file name -> value (s) of the time indicators known so far.
+        provisional_doubts: indicator file name -> why its value may be wrong, as far as known.
+        log: the last 200 lines.
+        result: once it is written to disk; none while another one takes its place.
+        rescoring: whether the result that there was is out of date, and the next one takes a while.
+        result_source: what the result was measured on; None without one.
+        unfinished: runs that were cut off and wait for a decision, oldest first.
+        opened: whether it is an earlier run that was opened.
+        folder: the run folder as text, once it exists.
+        playback: where a replay stands; None for anything else.
+        export: the last export of a team's runs; None before the first.
+        teams: the list of teams.
+        protest_times: the competition's deadlines for protests.
+        plan: of the competition; how much of it is done is asked for (`GivePlan`).
+        right: of the screen that is shown this; all else is the same for all screens.
+        pulse: how fresh this is.
+    """
+
+    time: float
+    source_kind: SourceKind
+    source_label: str
+    sides_problem: str | None
+    run: Run
+    elapsed: float | None
+    remaining: float | None
+    settling: bool
+    checks: tuple[Check, ...]
+    refusals: dict[str, str]
+    steps: tuple[StepRecord, ...]
+    ask_referee: str | None
+    door: DoorView
+    handle: HandleView
+    latch: LatchView
+    passage: tuple[SensorView, ...]
+    topics: tuple[TopicView, ...]
+    recorder: RecorderView
+    disk_free: int | None
+    faults: tuple[str, ...]
+    provisional: dict[str, float] = field(default_factory=dict)
+    provisional_doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    log: tuple[LogLine, ...] = ()
+    result: Result | None = None
+    result_source: SourceKind | None = None
+    simulated: str | None = None
+    evidence: EvidenceView | None = None
+    rescoring: bool = False
+    unfinished: tuple[Unfinished, ...] = ()
+    opened: bool = False
+    folder: str | None = None
+    playback: PlaybackView | None = None
+    export: ExportView | None = None
+    teams: TeamList = NO_TEAMS
+    protest_times: ProtestTimes = USUAL_PROTEST_TIMES
+    plan: Plan = NO_PLAN
+    right: RightToAct = RightToAct()
+    pulse: Pulse = Pulse()
+
+    @property
+    def practice(self) -> bool:
+        """Whether the run at hand is practice, or the next one will be (protocol section 2)."""
+        setup = self.run.setup
+        if setup is None:
+            return self.simulated is not None
+        return setup.practice or self.result_source is SourceKind.SIMULATED
+
+    @property
+    def label(self) -> str:
+        """Where the messages come from, for people; practice on a real testbed is named so."""
+        return label_of(self.source_label, practice=self.practice)
+
+    def refusal(self, name: str) -> str | None:
+        """Why an act or command of that name is not possible now on this screen, in words."""
+        refused = self.pulse.gone or self.right.refusal
+        if name == Abort.name and not self.right.only_watches:  # what it asks takes the right over
+            refused = self.pulse.gone
+        if name != TakeOver.name or self.pulse.gone:
+            return refused or self.refusals.get(name)
+        if self.right.role is Role.WATCH:
+            return refused
+        return None if self.right.holder else "this console has the right to act"
+
+    @property
+    def indicators(self) -> Mapping[IndicatorName, Indicator]:
+        """Of the result; empty without one."""
+        return NO_INDICATORS if self.result is None else self.result.indicators
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What a decision on the run hangs on, the heaviest first."""
+        if (result := self.result) is None:
+            return flags(self.run, self.steps, self.result_source)
+        return flags(
+            self.run, result.steps, self.result_source, result.quality.remarks, result.indicators
+        )
+
+    @property
+    def pulse_words(self) -> str | None:
+        """What is wrong with its freshness, and what works all the same; None while nothing is."""
+        words = self.pulse.words
+        if words and self.run.active and not self.pulse.stale:
+            return f"{words}; the clock runs, abort works"
+        return words
+
+    @property
+    def notice(self) -> str | None:
+        """That another screen may act, which is no fault; None where that is so on purpose."""
+        silent = self.right.only_watches or self.pulse.gone  # then there is no right to take
+        return None if silent else self.right.refusal
+
+    @property
+    def all_faults(self) -> tuple[str, ...]:
+        """What is wrong: first that this is old."""
+        return (*filter(None, (self.pulse_words,)), *self.faults)

@@ -1,0 +1,155 @@
+"""The pre-start checks."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from madrob_console.archive.folders import recording_problem
+from madrob_console.common.files import free_space
+from madrob_console.engine.replay import Equipment
+from madrob_console.engine.sensors import Sensors
+from madrob_console.referee.checks import NO_ROS, Check, EvidenceReading, Readings, preflight
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.run import Phase, Run
+from madrob_console.testbeds.source import Source
+
+_DISK_PERIOD = 2.0
+
+
+class PreStart:
+    """Reads what the checks need.
+
+    Args:
+        equipment: what the engine works with.
+        sensors: the testbed as it is now.
+    """
+
+    def __init__(self, equipment: Equipment, sensors: Sensors) -> None:
+        self._config = equipment.config
+        self._sensors = sensors
+        self._reading = equipment.keepers.reading
+        self._witness = equipment.witness
+        self._room = equipment.room
+        self._disk = _UNKNOWN
+        self._disk_asked: float | None = None
+        self._disk_answered = True
+        self._starts_next = self._practice = False
+
+    def checks(
+        self,
+        run: Run,
+        source: Source,
+        now: float,
+        drift: float | None = None,
+        teams: TeamList = NO_TEAMS,
+    ) -> tuple[Check, ...]:
+        """The pre-start checks.
+
+        Args:
+            run: as it stands.
+            source: the testbed.
+            now: s since the epoch.
+            drift: see `Readings`, N.
+            teams: the list of teams.
+        """
+        sensors, config = self._sensors, self._config
+        self._starts_next = run.phase is Phase.READY
+        self._practice = run.setup is not None and run.setup.practice
+        force, disk = sensors.force(now), self._look_at_disk(now)
+        readings = Readings(
+            topic_problems=sensors.topic_problems(source.status(), now),
+            angle=sensors.angle(now),
+            closed_angle=config.thresholds.closed_angle,
+            force=None if force is None else force - run.handle_zero,
+            rest_force=config.thresholds.touch_force / 2,
+            zero=run.zero_samples,
+            drift=drift,
+            occupied=sensors.occupied(now),
+            skew=sensors.skew(now),
+            least_skew=sensors.skew(now, min),
+            simulated_time=source.announcement.simulated_time,
+            largest_skew=config.thresholds.largest_skew,
+            disk_free=disk.free,
+            disk_needed=config.disk_needed,
+            recorder_problems=disk.problems,
+            other_referee=source.other_referee,
+            evidence=self._evidence(disk.free, now),
+            teams=teams,
+        )
+        return preflight(readings, run)
+
+    def _evidence(self, free: int | None, now: float) -> EvidenceReading | None:
+        """What there is to say of the evidence; None where none is wanted."""
+        plan, status = self._config.evidence, self._witness.status
+        if plan is None:
+            return None
+        self._room.look(now)
+        if status is None:
+            return NO_ROS
+        return EvidenceReading(
+            ready=status.ready,
+            problem=status.problem,
+            topics=len(status.topics),
+            left=self._room.left(free),
+            lasts=self.evidence_lasts(now),
+            least=plan.least_room,
+            silent=status.silent,
+            unseen=status.unseen,
+            scored=status.scored,
+        )
+
+    def evidence_lasts(self, now: float) -> float | None:
+        """How long evidence can be recorded at the rate of late, s; None = nobody knows."""
+        status = self._witness.status
+        if status is None:
+            return None
+        return self._room.lasts(self.free_disk(now), status.byte_rate, now)
+
+    def free_disk(self, now: float) -> int | None:
+        """Bytes free for results; None = unknown, or no answer comes."""
+        return self._look_at_disk(now).free
+
+    def _look_at_disk(self, now: float) -> _Disk:
+        """What the disk said last, asked every other second; nothing while no answer comes."""
+        if self._disk_asked is None or not 0 <= now - self._disk_asked < _DISK_PERIOD:
+            self._disk_asked = now
+            if not self._disk_answered:
+                self._disk = _UNKNOWN  # what it said before says nothing
+                return self._disk
+            self._disk_answered = False
+            look = partial(
+                _look_at,
+                self._config.results,
+                attempt=self._starts_next,
+                practice=self._practice,
+            )
+            self._reading.ask(look, self._heard_of_disk)
+        return self._disk
+
+    def _heard_of_disk(self, answer: Future[_Disk]) -> None:
+        self._disk_answered = True
+        self._disk = _UNKNOWN if answer.exception() else answer.result()
+
+
+@dataclass(frozen=True, slots=True)
+class _Disk:
+    """What the disk says of the results folder; None = it has not said.
+
+    Attributes:
+        free: bytes.
+        problems: why no run can be recorded there, in words.
+    """
+
+    free: int | None
+    problems: tuple[str, ...] | None
+
+
+_UNKNOWN = _Disk(None, None)
+
+
+def _look_at(results: Path, *, attempt: bool, practice: bool) -> _Disk:
+    problem = recording_problem(results, attempt=attempt, practice=practice)
+    return _Disk(free_space(results), () if problem is None else (problem,))

@@ -1,0 +1,243 @@
+"""The state as screens get it, made whole of what the parts of the engine know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from madrob_console.archive.history import time_words
+from madrob_console.archive.run_journal import Unfinished
+from madrob_console.engine.current_run import Acting, RunAtHand
+from madrob_console.engine.evidence_client import WitnessStatus
+from madrob_console.engine.observation import Backlog, Observation
+from madrob_console.engine.replay import NO_ACTS, Equipment
+from madrob_console.engine.snapshot import (
+    DoorView,
+    EvidenceView,
+    ExportView,
+    LatchView,
+    RecorderView,
+    Snapshot,
+    TopicView,
+)
+from madrob_console.engine.start_checks import PreStart
+from madrob_console.referee.acts import ACTS, Situation
+from madrob_console.referee.checks import Check, CheckState, Freshness
+from madrob_console.referee.competition_plan import Plan
+from madrob_console.referee.records import CheckName, deadline_words, open_protests
+from madrob_console.referee.run import Phase, Run
+from madrob_console.testbeds.source import INFO_TOPIC, Announcement
+from scoring.procedure import Procedure, StepRecord
+from scoring.protocol import LockDetection, Step
+
+NO_STEPS = tuple(StepRecord(step, step.text) for step in Step)
+"""The six steps before a run."""
+
+_NAMES = tuple(act.name for act in ACTS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateView:
+    """Makes the state that screens get, of the parts of an engine.
+
+    Attributes:
+        equipment: what the engine works with.
+        observation: what the testbed's messages say.
+        backlog: messages that wait.
+        pre_start: knows the disk.
+        at_hand: the run, and its result.
+        acting: which acts are possible.
+    """
+
+    equipment: Equipment
+    observation: Observation
+    backlog: Backlog
+    pre_start: PreStart
+    at_hand: RunAtHand
+    acting: Acting
+
+    def snapshot(
+        self,
+        now: float,
+        seen: float,
+        situation: Situation,
+        unfinished: tuple[Unfinished, ...],
+        plan: Plan,
+        export: ExportView | None,
+        others: Iterable[str | None],
+    ) -> Snapshot:
+        """Everything that a screen shows.
+
+        Args:
+            now: s since the epoch.
+            seen: up to when messages were surely taken, s since the epoch.
+            situation: what acts are judged against.
+            unfinished: runs that were cut off.
+            plan: of the competition.
+            export: the last export of a team's runs.
+            others: what is wrong around the engine, in words.
+        """
+        at_hand, replay, source = self.at_hand, self.equipment.replay, self.equipment.source
+        run, observation = at_hand.run, self.observation
+        sensors, procedure = observation.sensors, observation.procedure
+        recorder = at_hand.recorder.view()
+        topics = sensors.topics(source.status(), at_hand.recorder.dropped(), seen)
+        door, latch = sensors.door_view(seen), sensors.latch_view(seen)
+        scored = at_hand.result.scored
+        rescoring = scored is not None and at_hand.result.outdated
+        result = scored.result if scored and not rescoring else None
+        kind = scored.record.source if scored and not replay else source.kind
+        other = source.other_referee
+        told = testbed_problem(source.announcement, run)
+        problems = (
+            f"another referee: {other}" if other else None,
+            f"{INFO_TOPIC}: {told}" if told else None,
+            self.backlog.problem,
+            *overdue_protests(run, now),
+            at_hand.chronicle.problem,
+            *at_hand.result.problems,
+            None if replay else disk_problem(situation.checks),
+            *evidence_faults(self.equipment.witness.status, run.start),
+            *(replay.problems if replay else ()),
+        )
+        return Snapshot(
+            time=now,
+            source_kind=source.kind,
+            source_label=source.label,
+            simulated=source.announcement.simulated,
+            sides_problem=source.sides_problem,
+            run=run,
+            elapsed=elapsed(run, now),
+            remaining=remaining(run, now),
+            settling=procedure is not None and procedure.settling and run.active,
+            checks=() if replay else situation.checks,
+            refusals=(
+                dict.fromkeys(_NAMES, NO_ACTS) if replay else self.acting.refusals(situation)
+            ),
+            steps=observation.steps or NO_STEPS,
+            ask_referee=question(run, procedure, latch),
+            door=door,
+            handle=sensors.handle_view(seen, run.handle_zero, observation.largest_force),
+            latch=latch,
+            passage=sensors.passage_view(seen),
+            topics=topics,
+            recorder=recorder,
+            disk_free=None if replay else self.pre_start.free_disk(seen),
+            evidence=self._evidence(seen),
+            faults=(*faults(topics, recorder, door, run, problems), *filter(None, others)),
+            provisional=dict(observation.provisional),
+            provisional_doubts=dict(observation.provisional_doubts),
+            log=at_hand.chronicle.log.lines,
+            result=result,
+            result_source=kind if result else None,
+            rescoring=rescoring,
+            unfinished=unfinished,
+            opened=at_hand.opened is not None,
+            folder=str(at_hand.folder) if at_hand.folder else None,
+            playback=replay.view(result) if replay else None,
+            export=export,
+            teams=situation.teams,
+            protest_times=situation.protest_times,
+            plan=plan,
+        )
+
+    def _evidence(self, now: float) -> EvidenceView | None:
+        status = self.equipment.witness.status
+        if status is None:
+            return None
+        start = self.at_hand.run.start
+        gaps = () if start is None else (gap.since(start) for gap in status.gaps)
+        return EvidenceView(
+            status.topics_since(start),
+            status.recording,
+            status.size,
+            self.pre_start.evidence_lasts(now),
+            status.trouble(start),
+            tuple(gap for gap in gaps if status.recording),
+        )
+
+
+def overdue_protests(run: Run, now: float) -> Iterator[str]:
+    """Which protests against the run should have been decided, in words that stay the same."""
+    for one in open_protests(run.protests):
+        if one.due < now:
+            yield f"{one.title}: {deadline_words(one.due, now, time_words)}, decide it (P)"
+
+
+def disk_problem(checks: Iterable[Check]) -> str | None:
+    """Whether the disk has too little room, in words; None = it has enough, or that was waived."""
+    check = next((check for check in checks if check.name is CheckName.DISK), None)
+    if check is None or check.state is not CheckState.FAILED:
+        return None
+    return f"{check.name}: {check.reason}"
+
+
+def evidence_faults(status: WitnessStatus | None, start: float | None) -> Iterator[str]:
+    """What is wrong with the evidence, in words.
+
+    Args:
+        status: how it stands; None = none is wanted.
+        start: of the run, s since the epoch; None = there is none.
+    """
+    if status is not None:
+        yield from (f"evidence: {words}" for words in status.faults(start))
+
+
+def testbed_problem(told: Announcement, run: Run) -> str | None:
+    """What is wrong with what the testbed says of itself, in words; None = nothing."""
+    official = run.active and run.setup is not None and not run.setup.practice
+    if official and told.simulated is not None:
+        return f"the testbed is simulated ({told.simulated}): void this run after its stop"
+    return told.problem
+
+
+def elapsed(run: Run, now: float) -> float | None:
+    """Seconds since the start; negative in the countdown, frozen at the stop."""
+    if run.start is None:
+        return None
+    return (now if run.stop is None else run.stop) - run.start
+
+
+def remaining(run: Run, now: float) -> float | None:
+    """Seconds to the timeout while running, to the start in the countdown."""
+    if run.start is None or run.setup is None:
+        return None
+    if run.phase is Phase.COUNTDOWN:
+        return max(0.0, run.start - now)
+    if run.phase is Phase.RUNNING:
+        return max(0.0, run.start + run.setup.timeout - now)
+    return None
+
+
+def question(run: Run, procedure: Procedure | None, latch: LatchView) -> str | None:
+    """What only the referee can answer now, in words."""
+    if run.phase is not Phase.RUNNING or procedure is None:
+        return None
+    if procedure.lock_detection is LockDetection.SENSOR:
+        if latch.freshness in (Freshness.LOST, Freshness.NEVER):
+            return "the latch sensor is silent: confirm or deny steps 2 and 6"
+        return None
+    if procedure.lock_detection is LockDetection.REFEREE and Step.CLOSE in procedure.done:
+        return "the door is closed: confirm step 6 once it is locked"
+    return None
+
+
+def faults(
+    topics: Sequence[TopicView],
+    recorder: RecorderView,
+    door: DoorView,
+    run: Run,
+    others: Iterable[str | None],
+) -> tuple[str, ...]:
+    """What is wrong now, one line each."""
+    found = [problem for problem in others if problem]
+    if recorder.problem:
+        found.append(f"recorder: {recorder.problem}")
+    if recorder.dropped:
+        found.append(f"recorder: {recorder.dropped} messages dropped")
+    if run.setup is not None and door.angle is not None:
+        against = -door.angle * run.setup.condition.opening_side.sign
+        if against > door.closed_angle:
+            found.append(f"panel at {door.angle:+.3f} rad, against the opening side")
+    found += [f"{view.topic}: {view.problem}" for view in topics if view.problem]
+    return tuple(found)

@@ -1,0 +1,519 @@
+"""Teams and conditions compared, each testbed apart; the plan as a table."""
+
+from __future__ import annotations
+
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+from msgspec.structs import replace
+from rich.cells import set_cell_size
+
+from madrob_console.archive.collection import the_competition
+from madrob_console.archive.history import RunSummary, condition_words, of_competition, time_words
+from madrob_console.common.names import terminal_safe
+from madrob_console.pages.tally import ALIKE, Aggregate, Overall, Standing, overall, standings
+from madrob_console.referee.competition_plan import Attempts, PlannedAttempt, PlanProgress, Task
+from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.records import deadline_words
+from madrob_console.referee.records import listed as first_of
+from scoring.indicator_table import WITH_EXTREMES, IndicatorName
+from scoring.protocol import Condition, Outcome, Thresholds
+from scoring.result import DOUBTED, decimals_left
+
+# In what testbeds differ whose runs stand beside each other.
+
+
+def how_testbeds_differ(runs: Iterable[RunSummary]) -> str:
+    """In what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
+
+    Compared are the rulesets, the numbers of the settings (`thresholds`) and the rates at which the
+    door was sampled, as far as results tell them.
+    """
+    of: dict[str, list[RunSummary]] = defaultdict(list)
+    for run in runs:
+        if run.valid:
+            of[run.testbed].append(run)
+    if len(of) < 2:
+        return ""
+    told = {name or "(no name)": dict(_testbed_facts(of[name])) for name in sorted(of)}
+    keys = dict.fromkeys(key for known in told.values() for key in known)
+    differing = [words for key in keys if (words := _differing(key, told))]
+    return f"The testbeds differ: {'; '.join(differing)}." if differing else ""
+
+
+def _differing(key: str, told: Mapping[str, Mapping[str, str]]) -> str:
+    """What each testbed has, where not all that are known have the same."""
+    known = {name: having[key] for name, having in told.items() if key in having}
+    if len(set(known.values())) < 2:
+        return ""
+    return f"{key} {', '.join(f'{value} ({name})' for name, value in known.items())}"
+
+
+def _testbed_facts(runs: Sequence[RunSummary]) -> Iterator[tuple[str, str]]:
+    """What is known of one testbed, in words."""
+    yield "ruleset", " and ".join(sorted({run.ruleset for run in runs}))
+    rates = [run.rate for run in runs if run.rate is not None]
+    if rates:
+        yield "sampling rate", f"{statistics.median(rates):.0f} Hz"
+    unlike = [run.thresholds for run in runs if run.thresholds is not None]
+    if unlike:
+        for name, usual in msgspec.to_builtins(Thresholds()).items():
+            values = {_text(one.get(name, usual), usual) for one in unlike}
+            yield name, " and ".join(sorted(values))
+
+
+def _text(value: object, usual: object) -> str:
+    """A number of the settings; of those that are several ones, what is another."""
+    match value, usual:
+        case dict(), dict():
+            other = (f"{name} {value[name]:g}" for name in value if value[name] != usual.get(name))
+            return " ".join(other) or "as the protocol"
+        case list() | tuple(), _:
+            return "/".join(f"{one:g}" for one in value)
+        case float() | int(), _:
+            return f"{value:g}"
+    return str(value)
+
+
+CONDITION_NUMBERS = range(1, 21)
+"""All that there are (section 1)."""
+
+
+class LeftOut(NamedTuple):
+    """A run that enters no aggregate, and why."""
+
+    run: RunSummary
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class RulesetStandings:
+    """All teams under one ruleset.
+
+    Attributes:
+        ruleset: its name.
+        overall: each team in all its conditions together, by subject.
+        conditions: by condition, in the order of their numbers, each team in it by subject.
+    """
+
+    ruleset: str
+    overall: tuple[Overall, ...]
+    conditions: Mapping[Condition, tuple[Standing, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class CompetitionStandings:
+    """The standings of one competition.
+
+    Attributes:
+        made: when, s since the epoch.
+        title: the competition's name; empty = none was set.
+        official: official runs; else practice runs, which count for nothing.
+        best: how many runs of each team in each condition enter; 0 = all.
+        groups: one a ruleset, by its name; their numbers do not compare.
+        left_out: invalid, interrupted, unfinished and damaged runs, oldest first.
+        flagged: valid runs with a flag that weighs, oldest first.
+        provisional: valid runs whose result is not final yet.
+        protested: valid runs against whose final result the team protested.
+        open_protests: runs, also such as do not count, with a protest that is not decided, what is
+            due first first.
+        apart: in what the testbeds of the valid runs differ, in a sentence; empty = in nothing.
+        renamed: teams whose runs carry several names, a sentence each.
+    """
+
+    made: float
+    title: str
+    official: bool
+    best: int
+    groups: tuple[RulesetStandings, ...]
+    left_out: tuple[LeftOut, ...]
+    flagged: tuple[RunSummary, ...]
+    provisional: int
+    protested: int
+    open_protests: tuple[RunSummary, ...] = ()
+    apart: str = ""
+    renamed: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What has to be known of the whole: rulesets apart, teams under several names."""
+        remarks = []
+        if len(self.groups) > 1:
+            names = ", ".join(group.ruleset for group in self.groups)
+            remarks.append(
+                f"Runs under several rulesets stand apart, do not compare them: {names}."
+            )
+        if self.apart:
+            remarks.append(self.apart)
+        remarks += self.renamed
+        if self.provisional:
+            remarks.append(f"Not final: {self.provisional} of the valid runs.")
+        if count := sum(bool(undecided(run.flags)) for run in self.flagged):
+            remarks.append(f"UNDECIDED: {count} of the valid runs wait for the referee.")
+        for run in self.open_protests:
+            due = deadline_words(run.protest_due or self.made, self.made, time_words)
+            remarks.append(
+                f"PROTEST open against run {run.run_number} of subject {run.subject} in condition "
+                f"{run.condition}: NOT FINAL until it is decided, {due}."
+            )
+        if self.protested:
+            remarks.append(f"PROTESTED by the team: {self.protested} of the valid runs.")
+        return tuple(remarks)
+
+    @property
+    def basis(self) -> str:
+        """Which runs the numbers are of."""
+        kind = "official" if self.official else "practice"
+        if not self.best:
+            return f"Over all valid {kind} runs."
+        return (
+            f"Over the best {self.best} valid {kind} runs of each team in each condition: highest "
+            "capability level, completed before timed out, least execution time of completed ones."
+        )
+
+
+SIGNS = f"{DOUBTED} doubted   {ALIKE} not distinguishable from another team: unrounded +- overlap"
+"""What stands behind numbers, where there is no room for more."""
+
+BY_NUMBER = "Teams stand in the order of their numbers: the protocol makes no ranking."
+"""What the order of the standings means."""
+
+NUMBER_NOTES = (
+    "Execution time: completed runs only. std: sample standard deviation (n - 1).",
+    f"min and max are told of {WITH_EXTREMES}, as EUROBENCH does.",
+    "All conditions together: every run weighs the same.",
+    "+-: of the mean, rounded up: by measurement, or 2 std / sqrt(runs) where that is larger.",
+    f"{SIGNS}.",
+)
+"""How to read the numbers."""
+
+NOTES = (BY_NUMBER, *NUMBER_NOTES)
+"""The same, and the order."""
+
+
+def competition_standings(
+    runs: Sequence[RunSummary],
+    *,
+    made: float,
+    competition: str | None = None,
+    official: bool = True,
+    best: int = 0,
+    listed: Mapping[int, str] | None = None,
+) -> CompetitionStandings:
+    """The standings over all teams.
+
+    A run without a result is listed, and counted as such where its team has a standing; not among
+    official runs where it is known to be practice. So is a damaged one, only listed. One whose
+    files do not say of which competition it is may be of any.
+
+    Args:
+        runs: from a history.
+        made: now, s since the epoch.
+        competition: only runs of the competition of this name; None = there is only one.
+        official: as for `standings`.
+        best: as for `standings`.
+        listed: as for `standings`.
+
+    Raises:
+        MadrobError: the runs are of several competitions, and none was chosen.
+    """
+    title, entering = entering_runs(runs, competition, official=official)
+    groups = _groups(entering, official=official, best=best, listed=listed or {})
+    teams = {team.subject: team for group in groups for team in group.overall}
+
+    def named(run: RunSummary) -> RunSummary:
+        team = teams.get(run.subject)
+        return run if team is None else replace(run, team=team.team)
+
+    left_out = [
+        LeftOut(named(run), why_left_out(run))
+        for run in entering
+        if not run.valid and not run.never_ran
+    ]
+    return CompetitionStandings(
+        made=made,
+        title=title,
+        official=official,
+        best=best,
+        groups=groups,
+        left_out=tuple(left_out),
+        flagged=tuple(named(run) for run in entering if run.valid and weighty(run.flags)),
+        provisional=sum(run.valid and not run.final for run in entering),
+        protested=sum(run.valid and run.closing == "protested" for run in entering),
+        open_protests=tuple(
+            sorted(
+                (named(run) for run in entering if run.protest_due is not None),
+                key=lambda run: run.protest_due or 0.0,
+            )
+        ),
+        apart=how_testbeds_differ(entering),
+        renamed=tuple(words for one in sorted(teams) for words in _renamed(teams[one], entering)),
+    )
+
+
+def _renamed(team: Overall, runs: Iterable[RunSummary]) -> Iterator[str]:
+    """Which runs of a team carry another name, a sentence for each name."""
+    for name in team.other_names:
+        which = [
+            f"run {run.run_number} in condition {run.condition}"
+            for run in runs
+            if (run.subject, run.team) == (team.subject, name)
+        ]
+        yield f"Under another name, '{name}', {team.who} also has {first_of(which, 3)}."
+
+
+def entering_runs(
+    runs: Sequence[RunSummary], competition: str | None, *, official: bool
+) -> tuple[str, Sequence[RunSummary]]:
+    """The competition's name, and its runs whether they count or not.
+
+    Args:
+        runs: as for `competition_standings`.
+        competition: likewise.
+        official: likewise.
+
+    Raises:
+        MadrobError: the runs are of several competitions, and none was chosen.
+    """
+    wanted = [
+        run
+        for run in runs
+        if (_of_kind(run, official=official) if _told(run) else not (official and run.practice))
+    ]
+    title = the_competition([run for run in wanted if _told(run)] or wanted, competition)
+    return title or "", of_competition(wanted, title)
+
+
+def statistics_of(aggregate: Aggregate | None, name: IndicatorName) -> dict[str, float | None]:
+    """EUROBENCH's aggregates of an indicator by name, `min` and `max` where it has them."""
+    a = aggregate
+    found = {
+        "mean": a.mean if a else None,
+        "median": a.median if a else None,
+        "std": a.deviation if a else None,
+    }
+    if name.spec.extremes:
+        found["min"] = a.smallest if a else None
+        found["max"] = a.largest if a else None
+    return found
+
+
+def statistics_text(
+    aggregate: Aggregate | None, name: IndicatorName, width: int = 12
+) -> dict[str, str]:
+    """`statistics_of` as text; what there is not is missing.
+
+    All have the digits of their indicator, so that those of all teams are aligned, but none that
+    the mean's uncertainty does not leave; the standard deviation, often less than 1, one more.
+
+    Args:
+        aggregate: of some runs; None = none has a value.
+        name: of the indicator.
+        width: of each text, characters.
+    """
+    decimals, known = name.spec.decimals, aggregate.uncertainty if aggregate else None
+    left = decimals_left(known) if known is not None and known.expanded else decimals
+    return {
+        word: _statistic_text(value, min(decimals, left + (word == "std")), width)
+        for word, value in statistics_of(aggregate, name).items()
+        if value is not None
+    }
+
+
+def _statistic_text(value: float, decimals: int, width: int) -> str:
+    """Smallest and largest counts are as they are; what is too wide is in powers of ten."""
+    text = str(value) if isinstance(value, int) else f"{value:.{decimals}f}"
+    if len(text) <= width:
+        return text
+    powers = f"{value:.1e}"
+    return powers if len(powers) <= width else f"{value:.0e}"
+
+
+def _groups(
+    runs: Sequence[RunSummary], *, official: bool, best: int, listed: Mapping[int, str]
+) -> tuple[RulesetStandings, ...]:
+    together = overall(runs, official=official, best=best, listed=listed)
+    single = standings(runs, official=official, best=best, listed=listed)
+    return tuple(
+        RulesetStandings(
+            ruleset,
+            tuple(one for one in together if one.ruleset == ruleset),
+            _by_condition(one for one in single if one.ruleset == ruleset),
+        )
+        for ruleset in sorted({one.ruleset for one in together})
+    )
+
+
+def _by_condition(found: Iterable[Standing]) -> dict[Condition, tuple[Standing, ...]]:
+    of: dict[int, list[Standing]] = {}
+    for standing in found:
+        of.setdefault(standing.condition, []).append(standing)
+    return {Condition.from_number(number): tuple(of[number]) for number in sorted(of)}
+
+
+def _told(run: RunSummary) -> bool:
+    """Whether its result says what it is."""
+    return run.problem is None and run.outcome is not None
+
+
+def _of_kind(run: RunSummary, *, official: bool) -> bool:
+    return run.official if official else run.practice
+
+
+def why_left_out(run: RunSummary) -> str:
+    """Why a run does not count, in words."""
+    if run.problem is not None:
+        return run.problem
+    if run.twin:
+        return run.why_twin
+    if run.outcome is None:
+        return "no result yet: it goes on, or the referee decides on it"
+    if run.reason:
+        return run.reason
+    aborted = run.outcome is Outcome.ABORTED
+    return "the referee gave no reason" if aborted else "the machine failed"
+
+
+# A competition's plan and its progress, for people and for programs.
+
+
+PLAN_NOTES = (
+    "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
+    "Interrupted and voided runs come next again; practice runs never count.",
+    "P behind what is done: a protest is open, the line is not final.",
+)
+"""How to read the numbers."""
+
+_TEAM, _WAY, _DOOR = 14, 20, 14
+
+
+def plan_lines(found: PlanProgress, competition: str, teams: Mapping[int, str]) -> Iterator[str]:
+    """The plan as a table of at most 80 characters in a line.
+
+    Args:
+        found: how much of it is done.
+        competition: its name.
+        teams: subject -> team.
+    """
+    yield f"MADROB plan {competition}".rstrip()
+    yield summary_words(found)
+    following = found.next
+    if following is not None:
+        yield f"Next: {attempt_words(following, teams)}."
+    yield ""
+    yield _line("", "subj", "team", "cond", "task", "door", "done", "valid", "best")
+    begun = False
+    for line in found.lines:
+        mark = ">" if line.left and not begun else ""
+        begun = begun or bool(mark)
+        yield _row(mark, line, teams)
+    if extra := [one for one in found.tasks if not one.planned]:
+        yield ""
+        yield "Out of plan:"
+        yield from (_row("", one, teams) for one in extra)
+    yield ""
+    yield from PLAN_NOTES
+
+
+def summary_words(found: PlanProgress) -> str:
+    """How much is done, in a sentence."""
+    text = f"{found.planned - found.left} of {found.planned} attempts done, {found.left} left."
+    if found.unread:
+        plural = "s are" if found.unread > 1 else " is"
+        text += f" {found.unread} run{plural} DAMAGED and not counted."
+    if protested := sum(one.open_protests for one in found.tasks):
+        plural = "s are" if protested > 1 else " is"
+        text += f" {protested} PROTEST{plural} open: NOT FINAL."
+    return text
+
+
+def attempt_words(attempt: PlannedAttempt, teams: Mapping[int, str]) -> str:
+    """One attempt in words: whose, in which condition, which of how many."""
+    return (
+        f"{task_words(attempt.task, teams)} ({', '.join(condition_words(attempt.task.condition))}),"
+        f" attempt {attempt.number} of {attempt.planned}"
+    )
+
+
+def task_words(task: Task, teams: Mapping[int, str]) -> str:
+    """A team and its condition: `3 Delft, condition 5`."""
+    return (
+        f"{task.subject} {teams.get(task.subject, '')}".rstrip() + f", condition {task.condition}"
+    )
+
+
+def plan_json(
+    found: PlanProgress, competition: str, teams: Mapping[int, str], software: str
+) -> bytes:
+    """The same as JSON.
+
+    Args:
+        found: how much of it is done.
+        competition: its name.
+        teams: subject -> team.
+        software: what made it, with its version.
+    """
+    following = found.next
+    content = {
+        "software": software,
+        "competition": competition,
+        "planned": found.planned,
+        "done": found.planned - found.left,
+        "left": found.left,
+        "next": None
+        if following is None
+        else {**_task(following.task, teams), "attempt": following.number},
+        "lines": [_attempts(line, teams) for line in found.lines],
+        "out_of_plan": [_attempts(one, teams) for one in found.tasks if not one.planned],
+        "damaged_runs": found.unread,
+        "problems": list(found.problems),
+    }
+    return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
+
+
+def _row(mark: str, of: Attempts, teams: Mapping[int, str]) -> str:
+    subject, condition = of.task
+    best = "-" if of.best_level is None else str(of.best_level)
+    done = f"{of.done}/{of.planned}" if of.planned else str(of.done)
+    done += "P" if of.open_protests else ""
+    words = condition_words(condition)
+    return _line(
+        *(mark, str(subject), teams.get(subject, ""), str(condition)),
+        *(words.way, words.door, done, str(of.valid), best),
+    )
+
+
+def _line(
+    mark: str, subject: str, team: str, condition: str, way: str, door: str, *numbers: str
+) -> str:
+    words = f"{_fit(team, _TEAM)} {condition:>4} {_fit(way, _WAY)} {_fit(door, _DOOR)}"
+    done, valid, best = numbers
+    return f"{mark:1} {subject:>4} {words} {done:>5} {valid:>5} {best:>4}"
+
+
+def _fit(text: str, width: int) -> str:
+    return set_cell_size(terminal_safe(text), width)
+
+
+def _task(task: Task, teams: Mapping[int, str]) -> dict[str, Any]:
+    return {
+        "subject": task.subject,
+        "team": teams.get(task.subject, ""),
+        "condition": task.condition,
+    }
+
+
+def _attempts(of: Attempts, teams: Mapping[int, str]) -> dict[str, Any]:
+    return {
+        **_task(of.task, teams),
+        "attempts": of.planned,
+        "done": of.done,
+        "valid": of.valid,
+        "best_level": of.best_level,
+        "left": of.left,
+        "open_protests": of.open_protests,
+    }

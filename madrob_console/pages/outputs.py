@@ -1,0 +1,511 @@
+"""Standings as text, as files for programs, and as a page."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import msgspec
+
+from madrob_console.archive.history import VOID, RunSummary
+from madrob_console.common.names import terminal_safe
+from madrob_console.pages.competition import (
+    BY_NUMBER,
+    CONDITION_NUMBERS,
+    NOTES,
+    NUMBER_NOTES,
+    CompetitionStandings,
+    RulesetStandings,
+    statistics_of,
+    statistics_text,
+)
+from madrob_console.pages.markup import (
+    SKIP,
+    Content,
+    Markup,
+    element,
+    listed,
+    page,
+    said,
+    scrolled,
+    section,
+    skip_link,
+    table,
+)
+from madrob_console.pages.shared_sections import (
+    MANUAL_START_NOTE,
+    NONE,
+    PRACTICE_STANDINGS,
+    date_text,
+    task_text,
+)
+from madrob_console.pages.tally import ALIKE, Overall, Tally, subjects_text
+from madrob_console.referee.flags import weighty
+from scoring.indicator_table import IndicatorName, unit_text
+from scoring.protocol import Condition
+from scoring.result import uncertainty_text
+
+# A competition's standings for programs: csv and json.
+
+
+FORMAT = 1
+"""Version of the layout of the json file."""
+
+ALL = "all"
+"""Stands in the csv file for all conditions together."""
+
+COLUMNS = (
+    *("source", "ruleset", "condition", "benchmark_type", "opening_side", "starting_side"),
+    *(
+        "subject",
+        "team",
+        "testbed",
+        "competition",
+        "completed",
+        "timeout",
+        "invalid",
+        "interrupted",
+        "void",
+    ),
+    *("flagged", "undecided"),
+    *("indicator", "unit", "runs", "mean", "median", "std", "min", "max"),
+    *("expanded_uncertainty", "doubts", "not_distinguishable_from", "open_protests"),
+    "without_result",
+)
+"""Of the csv file. `flagged` are valid runs with a flag that weighs, `undecided` those of them that
+wait for a decision of the referee: a number of theirs may still change. `open_protests` are runs
+with a protest that is not decided: the row is not final. `without_result` are runs that go on, or
+that the referee has to decide on."""
+
+_FORMULA = ("=", "+", "-", "@")
+
+
+def standings_csv(found: CompetitionStandings) -> str:
+    """One row for each team, condition (and all of them) and indicator, comma-separated.
+
+    A row names its unit and a filter of a spreadsheet on condition and indicator shows a table of
+    teams; a row for each team would have forty columns of numbers. Numbers have all their digits.
+    Empty = no value, or none that EUROBENCH tells. The expanded uncertainty is that of the mean: by
+    measurement, or 2 std / sqrt(runs) where that is larger; of one run its own. A team is not
+    distinguishable from the subjects that are named. A team's name that a spreadsheet would take
+    for a formula gets an apostrophe before it.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for group in found.groups:
+        for team in group.overall:
+            writer.writerows(_rows(found, {"condition": ALL}, team))
+        for condition, standings in group.conditions.items():
+            for standing in standings:
+                writer.writerows(_rows(found, _condition(condition), standing))
+    return text.getvalue()
+
+
+def standings_json(found: CompetitionStandings, software: str) -> bytes:
+    """All of it, with units and with the runs that are left out and why.
+
+    Args:
+        found: the standings.
+        software: the version that makes the file.
+    """
+    document = {
+        "format": FORMAT,
+        "software": f"madrob-console {software}",
+        "made": found.made,
+        "competition": found.title,
+        "source": _source(found),
+        "official": found.official,
+        "best_runs": found.best or None,
+        "provisional": found.provisional,
+        "protested": found.protested,
+        "open_protests": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "run_id": run.run_id,
+                "due": run.protest_due,
+            }
+            for run in found.open_protests
+        ],
+        "remarks": (*_warning(found), *found.remarks, found.basis, *NOTES),
+        "units": {name: name.spec.unit for name in IndicatorName},
+        "rulesets": [
+            {
+                "ruleset": group.ruleset,
+                "overall": [
+                    {"conditions": tally.conditions, **_tally(tally)} for tally in group.overall
+                ],
+                "conditions": [
+                    {**_condition(condition), "teams": [_tally(team) for team in standings]}
+                    for condition, standings in group.conditions.items()
+                ],
+            }
+            for group in found.groups
+        ],
+        "flagged": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "flags": weighty(run.flags),
+            }
+            for run in found.flagged
+        ],
+        "left_out": [
+            {
+                "folder": run.folder,
+                "subject": run.subject,
+                "team": run.team,
+                "condition": run.condition,
+                "run_number": run.run_number,
+                "start": run.started,
+                "outcome": run.outcome,
+                "void": run.voided,
+                "damaged": run.problem is not None,
+                "run_id": run.run_id,
+                "testbed": run.testbed,
+                "same_run_as": run.twin or None,
+                "why": why,
+            }
+            for run, why in found.left_out
+        ],
+    }
+    return msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n"
+
+
+def _rows(
+    found: CompetitionStandings, condition: Mapping[str, object], tally: Tally
+) -> Iterator[dict[str, object]]:
+    """The cells by column, and more that the csv file has no column for."""
+    names = {
+        "ruleset": _cell(tally.ruleset),
+        "team": _cell(tally.team),
+        "testbed": _cell("; ".join(tally.testbeds)),
+        "competition": _cell(found.title),
+    }
+    told = {**_tally(tally), "source": _source(found), **names, **condition}
+    for indicator, numbers in told["indicators"].items():
+        alike = " ".join(map(str, numbers["not_distinguishable_from"]))
+        yield {**told, "indicator": indicator, **numbers, "not_distinguishable_from": alike}
+
+
+def _condition(condition: Condition) -> dict[str, object]:
+    return {
+        "condition": condition.number,
+        "benchmark_type": condition.benchmark_type,
+        "opening_side": condition.opening_side,
+        "starting_side": condition.starting_side,
+    }
+
+
+def _tally(tally: Tally) -> dict[str, Any]:
+    return {
+        "subject": tally.subject,
+        "team": tally.team,
+        "other_names": tally.other_names,
+        "testbeds": tally.testbeds,
+        "completed": tally.completed,
+        "timeout": tally.timeout,
+        "invalid": tally.aborted,
+        "void": tally.voided,
+        "interrupted": tally.interrupted,
+        "counted": tally.counted,
+        "flagged": tally.flagged,
+        "undecided": tally.undecided,
+        "open_protests": tally.open_protests,
+        "without_result": tally.without_result,
+        "indicators": {
+            name: {
+                "unit": name.spec.unit,
+                "runs": aggregate.count if aggregate else 0,
+                **statistics_of(aggregate, name),
+                "expanded_uncertainty": known.expanded if known else None,
+                "doubts": tally.doubts.get(name, 0),
+                "not_distinguishable_from": tally.alike.get(name, ()),
+            }
+            for name in IndicatorName
+            for aggregate in [tally.aggregates.get(name)]
+            for known in [aggregate.uncertainty if aggregate else None]
+        },
+    }
+
+
+def _source(found: CompetitionStandings) -> str:
+    return "official" if found.official else "practice"
+
+
+def _warning(found: CompetitionStandings) -> tuple[str, ...]:
+    return () if found.official else (PRACTICE_STANDINGS,)
+
+
+def _cell(text: str) -> str:
+    """A name on one line that no spreadsheet takes for a formula."""
+    plain = terminal_safe(text)
+    return f"'{plain}" if plain.startswith(_FORMULA) else plain
+
+
+# A competition's standings as one HTML page without scripts, and nothing from elsewhere.
+
+
+def standings_html(found: CompetitionStandings, software: str) -> str:
+    """The standings as a page, readable on a phone and on paper.
+
+    Args:
+        found: the standings.
+        software: the version that makes the page.
+    """
+    several = len(found.groups) > 1
+    kind = "standings" if found.official else "PRACTICE standings"
+    return page(
+        f"MADROB {kind} {found.title}".rstrip(),
+        skip_link(),
+        _top(found),
+        element(
+            "main",
+            [_group(group, several=several) for group in found.groups],
+            element("p", "No run counts yet.") if not found.groups else (),
+            section("Runs that count, with flags", listed(_flagged(found), "None.")),
+            section("Runs that do not count", listed(_left_out(found), "None.")),
+            section("How to read the numbers", how_to_read()),
+            id=SKIP,
+        ),
+        _foot(software),
+        wide=True,
+    )
+
+
+def _top(found: CompetitionStandings) -> Markup:
+    banner = element("p", PRACTICE_STANDINGS, class_="banner")
+    return element(
+        "header",
+        () if found.official else banner,
+        element("p", "MADROB ", said(found.title), class_="competition"),
+        element("h1", "Standings" if found.official else "PRACTICE standings"),
+        element("p", f"As of {date_text(found.made)}"),
+        [element("p", element("strong", said(remark))) for remark in found.remarks],
+        element("p", found.basis),
+        element("p", BY_NUMBER),
+    )
+
+
+def how_to_read() -> Content:
+    """What the numbers of `teams_table` mean."""
+    bold = (
+        "Bold: the mean. +-: its expanded uncertainty (95 in 100). n: how many runs have a value, "
+        "where not all have."
+    )
+    return [element("p", note) for note in (bold, *NUMBER_NOTES, MANUAL_START_NOTE)]
+
+
+def _group(group: RulesetStandings, *, several: bool) -> Iterator[Markup]:
+    title = f"All conditions together, ruleset {group.ruleset}"
+    yield section(title, teams_table(group.overall, title))
+    rules = f", ruleset {group.ruleset}" if several else ""
+    for condition, standings in group.conditions.items():
+        title = f"Condition {condition.number}, {condition.benchmark_type}{rules}"
+        yield section(title, element("p", task_text(condition)), teams_table(standings, title))
+
+
+def _name(tally: Tally) -> Content:
+    return element("b", str(tally.subject), " ", said(tally.team))
+
+
+def teams_table(
+    tallies: Iterable[Tally], of: str, who: Callable[[Tally], Content] = _name
+) -> Markup:
+    """Teams with what their runs came to.
+
+    Args:
+        tallies: in the order of the rows.
+        of: what the table is of, in words.
+        who: how a team is named.
+    """
+    heads = [
+        f"{name.words}{' *' if name.spec.with_the_start else ''}, {unit_text(name.spec.unit)}; "
+        f"{name.spec.better} is better"
+        for name in IndicatorName
+    ]
+    rows = ((who(tally), *_row(tally)) for tally in tallies)
+    made = table(("team", "runs", *heads), rows, class_="standings", caption=f"Means. {of}.")
+    return scrolled(made, of)
+
+
+def _row(tally: Tally) -> Iterator[Content]:
+    lines = list(counts(tally))
+    if isinstance(tally, Overall):
+        lines.append(f"in {len(tally.conditions)} of {len(CONDITION_NUMBERS)} conditions")
+    lines += [f"on {name}" for name in tally.testbeds]
+    yield [element("small", said(line)) for line in lines]
+    for name in IndicatorName:
+        yield _indicator(tally, name)
+
+
+def counts(tally: Tally) -> Iterator[str]:
+    """How many runs ended how: `3 completed`, `1 timeout`; and whether a protest is open."""
+    for count, word in (
+        (tally.completed, "completed"),
+        (tally.timeout, "timeout"),
+        (tally.aborted, "INVALID"),
+        (tally.voided, VOID),
+        (tally.interrupted, "INTERRUPTED"),
+        (tally.without_result, "without a result yet"),
+    ):
+        if count:
+            yield f"{count} {word}"
+    if tally.not_final_words:
+        yield tally.not_final_words
+
+
+def _indicator(tally: Tally, name: IndicatorName) -> Content:
+    """The mean large, the others small below it."""
+    aggregate = tally.aggregates.get(name)
+    doubts, signs = tally.doubts.get(name, 0), tally.signs(name)
+    below = [f"{doubts} doubt{'s' if doubts > 1 else ''}"] if doubts else []
+    if alike := tally.alike.get(name):
+        below.append(f"{ALIKE} {subjects_text(alike)}")
+    if aggregate is None:
+        return f"{NONE}{signs}", [element("small", line) for line in below]
+    found = statistics_text(aggregate, name)
+    lines = [uncertainty_text(aggregate.uncertainty)] if aggregate.uncertainty else []
+    lines += [f"{word} {text}" for word, text in found.items() if word != "mean"]
+    if aggregate.count != tally.counted:
+        lines.append(f"n = {aggregate.count}")
+    return element("b", f"{found['mean']}{signs}"), [
+        element("small", line) for line in filter(None, (*lines, *below))
+    ]
+
+
+def _left_out(found: CompetitionStandings) -> Iterator[Content]:
+    for run, why in found.left_out:
+        yield f"{run_words(run)}: ", element("strong", run.outcome_word), ": ", said(why)
+
+
+def _flagged(found: CompetitionStandings) -> Iterator[Content]:
+    for run in found.flagged:
+        yield f"{run_words(run)}: ", element("strong", flag_words(run))
+
+
+def flag_words(run: RunSummary) -> str:
+    """What a decision on a run hangs on."""
+    return "; ".join(flag.words for flag in weighty(run.flags))
+
+
+def run_words(run: RunSummary) -> str:
+    """A run in words: `run 2 of subject 3 in condition 7, 21 Nov 14:28`."""
+    of = f"run {run.run_number} of subject {run.subject} in condition {run.condition}"
+    return f"{of}, {run.started_text}"
+
+
+def _foot(software: str) -> Markup:
+    return element("footer", f"Made with madrob-console {software or 'unknown'}.")
+
+
+_ACROSS = 8
+"""Indicators beside each other; more of them follow below."""
+
+_WIDTH = 8
+"""Of their columns, characters."""
+
+
+def standings_lines(found: CompetitionStandings) -> Iterator[str]:
+    """The standings as a table of at most 80 characters in a line, names apart."""
+    if not found.official:
+        yield PRACTICE_STANDINGS
+    yield f"MADROB standings {found.title}".rstrip()
+    yield from found.remarks
+    yield found.basis
+    if not found.groups:
+        yield "No run counts yet."
+    for group in found.groups:
+        yield from _group_lines(group)
+    if found.flagged:
+        yield ""
+        yield "Runs that count, with flags:"
+    for run in found.flagged:
+        yield f"  {run_words(run)}: {flag_words(run)}"
+    if found.left_out:
+        yield ""
+        yield "Runs that do not count:"
+    for run, why in found.left_out:
+        yield f"  {run_words(run)}: {run.outcome_word}: {why}"
+    if found.groups:
+        yield ""
+        yield from NOTES
+
+
+def _group_lines(group: RulesetStandings) -> Iterator[str]:
+    yield ""
+    yield f"All conditions together, ruleset {group.ruleset}"
+    yield from _team_lines(group.overall)
+    for condition, standings in group.conditions.items():
+        yield ""
+        task = f"{condition.benchmark_type}: {task_text(condition)}"
+        yield f"Condition {condition.number}, {task}; ruleset {group.ruleset}"
+        yield from _team_lines(standings)
+
+
+def _team_lines(tallies: Sequence[Tally]) -> Iterator[str]:
+    """The teams with their runs, then a table for each statistic: teams below, indicators beside.
+
+    A team's name may be long: the tables have its number.
+    """
+    for tally in tallies:
+        where = f"; on {', '.join(tally.testbeds)}" if tally.testbeds else ""
+        yield f"{f'{tally.subject} {tally.team}'.rstrip()}: {', '.join(counts(tally))}{where}"
+    for first in range(0, len(IndicatorName), _ACROSS):
+        names = list(IndicatorName)[first : first + _ACROSS]
+        yield _columns("subject", (name.spec.title for name in names))
+        yield _columns("", (name.spec.unit for name in names))
+        yield _columns("better", (name.spec.better for name in names))
+        signs = max((len(each.signs(name)) for each in tallies for name in names), default=0)
+        yield from _table("mean", names, tallies, partial(_mean, signs))
+        yield from _table("+-", names, tallies, partial(_spread, signs))
+        for word in ("median", "std", "min", "max"):
+            yield from _table(word, names, tallies, partial(_statistic, word))
+
+
+def _table(
+    word: str,
+    names: Sequence[IndicatorName],
+    tallies: Iterable[Tally],
+    text: Callable[[Tally, IndicatorName], str],
+) -> Iterator[str]:
+    """One statistic of all teams; nothing where no team has it."""
+    rows = []
+    for tally in tallies:
+        texts = [text(tally, name) for name in names]
+        if any(texts):
+            rows.append(_columns(str(tally.subject), (cell or "-" for cell in texts)))
+    if rows:
+        yield word
+        yield from rows
+
+
+def _mean(most: int, tally: Tally, name: IndicatorName) -> str:
+    """With the signs behind it, in the room of the `most` that a mean has: digits are aligned."""
+    aggregate, signs = tally.aggregates.get(name), tally.signs(name)
+    if aggregate is None:
+        return f"-{signs:<{most}}" if signs else ""
+    return f"{statistics_text(aggregate, name, _WIDTH - most)['mean']}{signs:<{most}}"
+
+
+def _spread(most: int, tally: Tally, name: IndicatorName) -> str:
+    """The expanded uncertainty of the mean."""
+    aggregate = tally.aggregates.get(name)
+    known = uncertainty_text(aggregate.uncertainty) if aggregate else ""
+    return f"{known.removeprefix('+- ')}{'':<{most}}" if known else ""
+
+
+def _statistic(word: str, tally: Tally, name: IndicatorName) -> str:
+    return statistics_text(tally.aggregates.get(name), name, _WIDTH).get(word, "")
+
+
+def _columns(name: str, cells: Iterable[str]) -> str:
+    return f"{name:>7}" + "".join(f" {cell:>{_WIDTH}}" for cell in cells)

@@ -1,0 +1,515 @@
+"""Writes a competition's site: what has changed, and nothing of somebody else's."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+
+import msgspec
+
+from madrob_console.archive.folders import (
+    INDEX_PAGE,
+    JOURNAL_FILE,
+    PICTURES_FOLDER,
+    PICTURES_INDEX,
+    REPORT_FILE,
+    RESULT_FILE,
+    RunPath,
+)
+from madrob_console.archive.history import RunSummary
+from madrob_console.archive.result_files import stored_run
+from madrob_console.archive.result_reader import (
+    LARGEST_RESULT,
+    DamagedResultError,
+    UnusableResultError,
+    read_paged_result,
+    read_result,
+)
+from madrob_console.archive.result_summary import ListedResult, PagedResult
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import (
+    Hold,
+    Stamp,
+    atomic_write,
+    atomic_write_in,
+    opened_folder,
+    read_all,
+    refusal,
+    stamp_of,
+)
+from madrob_console.export.rows import cells_of, rows_of
+from madrob_console.export.table_columns import RUN_TABLES, TableFormat, TidyTable
+from madrob_console.pages.competition import plan_json
+from madrob_console.pages.markup import Markup, link
+from madrob_console.pages.outputs import standings_csv, standings_json
+from madrob_console.pages.shared_sections import date_text
+from madrob_console.pages.site_content import (
+    HALL,
+    PLAN,
+    SiteContent,
+    beside,
+    condition_place,
+    report_beside,
+    result_beside,
+    team_place,
+)
+from madrob_console.pages.site_frame import condition_link, hall_page, team_link, ways
+from madrob_console.pages.site_pages import (
+    condition_page,
+    overview_page,
+    plan_page,
+    run_page,
+    team_page,
+)
+from madrob_console.pages.surroundings import Surroundings, team_digest
+
+# The folder of a site: what changes is written whole, what does not is left as it is.
+#
+# Beside the pages lies a list of what was written there and of what it was made of. By it pages
+# of runs that are gone are removed, and never a file of somebody else.
+
+
+MANIFEST_FILE = ".madrob_site.json"
+"""In the folder of a site: what was written there."""
+
+LOCK_FILE = ".madrob_site.lock"
+"""In the folder of a site while it is written."""
+
+_LARGEST = 16_000_000  # bytes of the list: some 100,000 files
+_NAME = re.compile(r"(?:[A-Za-z0-9_-][A-Za-z0-9._-]*/)*[A-Za-z0-9_-][A-Za-z0-9._-]*")
+
+
+class SiteRefusedError(MadrobError):
+    """The folder is not for a site: nothing was written, and trying again does not help."""
+
+
+class SourceUnreadError(MadrobError):
+    """What one file is made of cannot be read: the others are written all the same."""
+
+
+class SiteNotWrittenError(MadrobError):
+    """The site cannot be written now: trying again may help."""
+
+
+@dataclass(frozen=True, slots=True)
+class SiteFile:
+    """A file of the site.
+
+    Attributes:
+        name: its path in the site's folder.
+        key: what it is made of: the same key, the same content.
+        make: makes its content; asked only where it changed. Raises `SourceUnreadError` where
+            what it is made of cannot be read.
+        whole: whether nothing was missing when it was made; else it is made again the next time.
+    """
+
+    name: str
+    key: str
+    make: Callable[[], bytes]
+    whole: Callable[[], bool] = lambda: True
+
+    @classmethod
+    def of(cls, name: str, text: str, key: str | None = None) -> SiteFile:
+        """A page that is made already.
+
+        Args:
+            name: its path in the site's folder.
+            text: of it.
+            key: the text less what alone is no reason to write it again; None = all of it.
+        """
+        digest = sha256((text if key is None else key).encode()).hexdigest()
+        return cls(name, digest, text.encode)
+
+
+class _Entry(msgspec.Struct, frozen=True):
+    """The key of what a file is made of, and its stamp; none while it is written."""
+
+    key: str = ""
+    stamp: Stamp | None = None
+
+
+class _Manifest(msgspec.Struct, frozen=True):
+    files: dict[str, _Entry] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What became of a site.
+
+    Attributes:
+        files: how many it has.
+        written: how many of them were written.
+        removed: how many were, because their runs are gone.
+        unread: why the others could not be made; they are tried again the next time.
+    """
+
+    files: int
+    written: int
+    removed: int
+    unread: Sequence[str] = ()
+
+
+@contextmanager
+def site_held(folder: Path) -> Iterator[None]:
+    """Nobody else writes the site meanwhile: its runs are read in here, and the newest come last.
+
+    Args:
+        folder: of the site: a new or empty one, or one that was written before.
+
+    Raises:
+        SiteRefusedError: the folder holds other things.
+        SiteNotWrittenError: the disk refuses, or another writes there now.
+    """
+    _demand_site(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        hold = Hold(folder / LOCK_FILE)
+    except BlockingIOError:
+        raise SiteNotWrittenError(
+            f"{folder}: another `madrob publish` writes there now; wait"
+        ) from None
+    except OSError as error:
+        raise _refused(folder, error) from None
+    with hold:
+        yield
+
+
+def write_site(
+    folder: Path,
+    files: Iterable[SiteFile],
+    tell: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Written:
+    """Write what has changed in the order given, and remove what is no more.
+
+    Who looks at the site meanwhile sees each file as it was or as it will be.
+
+    Args:
+        folder: of the site, within `site_held`.
+        files: all of it; those that others link to first.
+        tell: is told how many files are done, and of how many.
+
+    Raises:
+        SiteRefusedError: the folder holds other things.
+        SiteNotWrittenError: the disk refuses.
+    """
+    try:
+        return _write(folder, {file.name: file for file in files}, tell)
+    except OSError as error:
+        raise _refused(folder, error) from None
+    except SiteRefusedError:
+        raise
+    except MadrobError as error:
+        raise SiteNotWrittenError(str(error)) from None
+
+
+def _refused(folder: Path, error: OSError) -> SiteNotWrittenError:
+    return SiteNotWrittenError(
+        f"{folder}: not written ({error.strerror}); make room or name another folder"
+    )
+
+
+def _write(
+    folder: Path, files: Mapping[str, SiteFile], tell: Callable[[int, int], None]
+) -> Written:
+    before = _known(folder)
+    _refuse_links(folder, {*before, *files})
+    for name in files:
+        if name not in before and (folder / name).exists():
+            raise SiteRefusedError(f"{folder / name}: is not of `madrob publish`; move it away")
+    changed = [file for file in files.values() if not _is_there(folder, file, before)]
+    written, unread = 0, []
+    gone = [name for name in before if name not in files]
+    if changed or gone:  # first whose the files are: one that is cut off leaves none to nobody
+        known = before | {file.name: _Entry() for file in changed}
+        _note(folder, known)
+        for number, file in enumerate(changed):
+            tell(number, len(changed))
+            try:
+                written += _put(folder, file.name, file.make())
+            except SourceUnreadError as error:
+                unread.append(str(error))
+                _remove(folder, file.name)  # it is older than what it is made of
+                continue
+            stamp = stamp_of(f"{folder}/{file.name}")
+            known[file.name] = _Entry(file.key if file.whole() else "", stamp)
+        tell(len(changed), len(changed))
+        for name in gone:
+            _remove(folder, name)
+            del known[name]
+        _note(folder, known)
+    return Written(len(files), written, len(gone), unread)
+
+
+def _is_there(folder: Path, file: SiteFile, before: Mapping[str, _Entry]) -> bool:
+    found = before.get(file.name, _Entry())
+    there = found.stamp is not None and found.stamp == stamp_of(f"{folder}/{file.name}")
+    return there and found.key == file.key
+
+
+def _refuse_links(folder: Path, names: Iterable[str]) -> None:
+    """Nobody leads a page, or its removal, out of the site."""
+    within = {parent for name in names for parent in PurePosixPath(name).parents if parent.name}
+    for parent in sorted(folder / parent for parent in within):
+        if parent.is_symlink():
+            raise SiteRefusedError(f"{parent}: is a link, which leads out of the site; remove it")
+
+
+def _put(folder: Path, name: str, content: bytes) -> bool:
+    """Write a file, unless it is already as it shall be; whether it was written."""
+    with suppress(OSError):
+        if read_all(folder / name, len(content)) == content:
+            return False
+    *within, called = name.split("/")
+    with opened_folder(folder, *within, make=True) as number:
+        atomic_write_in(number, called, content)
+    return True
+
+
+def _demand_site(folder: Path) -> None:
+    try:
+        there = next(folder.iterdir(), None) is not None
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise SiteRefusedError(
+            f"{folder}: no folder for a site ({error.strerror}); name another one"
+        ) from None
+    if there and stamp_of(f"{folder}/{MANIFEST_FILE}") is None:
+        left = [path.name for path in folder.iterdir() if path.name != LOCK_FILE]
+        if left:
+            raise SiteRefusedError(
+                f"{folder}: holds other things; name an empty folder, or a new one, for the site"
+            )
+
+
+def _known(folder: Path) -> dict[str, _Entry]:
+    """What was written before."""
+    path = folder / MANIFEST_FILE
+    try:
+        found = msgspec.json.decode(read_all(path, _LARGEST), type=_Manifest)
+    except FileNotFoundError:
+        return {}
+    except (OSError, msgspec.MsgspecError, ValueError):
+        raise SiteRefusedError(
+            f"{path}: cannot be read, so that nobody knows whose files lie beside it: remove the "
+            "folder, all of it is made again"
+        ) from None
+    return {name: one for name, one in found.files.items() if _NAME.fullmatch(name)}
+
+
+def _note(folder: Path, files: Mapping[str, _Entry]) -> None:
+    atomic_write(folder / MANIFEST_FILE, msgspec.json.encode(_Manifest(dict(files))) + b"\n")
+
+
+def _remove(folder: Path, name: str) -> None:
+    """Remove a file, and the folders that it leaves empty."""
+    *within, called = name.split("/")
+    with suppress(FileNotFoundError), opened_folder(folder, *within) as number:
+        os.unlink(called, dir_fd=number)
+    while within:
+        *within, called = within
+        with suppress(OSError), opened_folder(folder, *within) as number:
+            os.rmdir(called, dir_fd=number)  # unless something else is in it
+
+
+# The tables for programs that lie on the site: of its runs, and of nothing else.
+
+
+class RunTables:
+    """Makes them of the stored results, which are read once for all tables.
+
+    Args:
+        content: of the site.
+
+    Attributes:
+        whole: whether every run could be read.
+    """
+
+    def __init__(self, content: SiteContent) -> None:
+        self.whole = True
+        self._content = content
+        self._rows: dict[str, list[dict[str, object]]] | None = None
+
+    @property
+    def key(self) -> str:
+        """Of what they are made: all results, as they are now."""
+        content = self._content
+        told = [
+            f"{run.folder} {stamp_of(f'{content.source(run)}/{RESULT_FILE}')} {run.voided}"
+            for run in self._runs()
+        ]
+        return sha256(
+            "\n".join((content.software, *told)).encode(errors="surrogateescape")
+        ).hexdigest()
+
+    def csv(self, table: TidyTable) -> bytes:
+        """One of the tables."""
+        from madrob_console.export.rows import TableWriter  # it loads pandas
+
+        if self._rows is None:
+            self._rows = self._read()
+        file = BytesIO()
+        with closing(TableWriter(file, table, TableFormat.CSV)) as writer:
+            writer.add(cells_of(table, self._rows[table.name]))
+        return file.getvalue()
+
+    def _runs(self) -> list[RunSummary]:
+        return [run for run in self._content.runs if run.folder in self._content.places]
+
+    def _read(self) -> dict[str, list[dict[str, object]]]:
+        found: dict[str, list[dict[str, object]]] = {table.name: [] for table in RUN_TABLES}
+        for run in self._runs():
+            try:
+                stored = stored_run(RunPath(self._content.source(run)))
+                of_run = {table.name: list(rows_of(table, stored)) for table in RUN_TABLES}
+            except MadrobError:
+                self.whole = False  # it changes just now: the next time it is there
+                continue
+            for table in RUN_TABLES:
+                place = self._content.places[run.folder]  # no path of this machine
+                own = {"place": place} if any(c.name == "place" for c in table.columns) else {}
+                found[table.name] += [{**row, **own} for row in of_run[table.name]]
+        return found
+
+
+def site_files(content: SiteContent) -> tuple[list[SiteFile], list[RunSummary]]:
+    """All files, those that others link to first; and the runs without a report to show.
+
+    Args:
+        content: of the site.
+    """
+    files: list[SiteFile] = []
+    without = []
+    around = Surroundings()
+    for run in content.runs:
+        if run.folder in content.places:
+            own = list(_of_run(content, run, around))
+            files += own
+            if not any(file.name.endswith(REPORT_FILE) for file in own):
+                without.append(run)
+    files += _tables(content)
+    files += [SiteFile.of(team_place(one), team_page(content, one)) for one in content.of_team]
+    files += [
+        SiteFile.of(condition_place(one), condition_page(content, one))
+        for one in content.conditions
+    ]
+    if content.plan is not None:
+        files.append(SiteFile.of(PLAN, plan_page(content, content.plan)))
+    written = date_text(content.standings.made)
+    for name, make in ((HALL, hall_page), (INDEX_PAGE, overview_page)):
+        # that it is later now is alone no reason to write it again
+        files.append(SiteFile.of(name, make(content, written), make(content, "")))
+    return files, without
+
+
+def _of_run(content: SiteContent, run: RunSummary, around: Surroundings) -> Iterator[SiteFile]:
+    """Its report where one was made of it, its result, its page."""
+    place, folder = content.places[run.folder], content.source(run)
+    result = result_beside(place)
+    named = []
+    if _has_report(content, run):
+        named.append(report_beside(place))
+        sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
+        stamps = (stamp_of(f"{folder}/{name}") for name in sources)
+        team = content.of_team[run.subject]
+        others = (team_digest(run, team), *(_report_page(content, run, one) for one in team))
+        key = _key(content.software, _ways(content, run), *others, *stamps)
+        yield SiteFile(named[0], key, partial(_report, content, run, around))
+    stamp = stamp_of(f"{folder}/{RESULT_FILE}")
+    if stamp is not None and run.problem is None:
+        named.append(result)
+        yield SiteFile(result, _key(stamp), partial(_result, folder / RESULT_FILE))
+    key = _key(content.software, stamp, run_page(content, run, named, None))
+    yield SiteFile(place, key, partial(_page, content, run, named))
+
+
+def _page(content: SiteContent, run: RunSummary, files: Sequence[str]) -> bytes:
+    """The page of a run with what its result says."""
+    folder = str(content.source(run))
+    result: PagedResult | ListedResult
+    try:
+        try:
+            result = read_paged_result(folder)
+        except DamagedResultError:
+            result, _ = read_result(folder)
+    except (OSError, UnusableResultError) as error:
+        raise SourceUnreadError(f"{run.folder}: {error}") from None
+    return run_page(content, run, files, result).encode()
+
+
+def _has_report(content: SiteContent, run: RunSummary) -> bool:
+    return stamp_of(f"{content.source(run)}/{REPORT_FILE}") is not None
+
+
+def _report_page(content: SiteContent, run: RunSummary, other: RunSummary) -> str:
+    """The report of another run as seen from that of a run; empty = the site has none."""
+    place = content.places.get(other.folder)
+    if place is None or not _has_report(content, other):
+        return ""
+    return beside(content.places[run.folder], report_beside(place))
+
+
+def _ways(content: SiteContent, run: RunSummary) -> Markup:
+    """The ways from its report to the pages around it."""
+    place = report_beside(content.places[run.folder])
+    more = (
+        link(beside(place, content.places[run.folder]), "this run, short"),
+        team_link(content, place, run.subject),
+        condition_link(content, place, run.condition),
+    )
+    return ways(content, place, more)
+
+
+def _report(content: SiteContent, run: RunSummary, around: Surroundings) -> bytes:
+    """Rendered from journal and recording: anybody may have written the report in the folder."""
+    # they load numpy, SciPy and matplotlib, which a site without new reports does without
+    from madrob_console.archive.run_pictures import stored_pictures
+    from madrob_console.archive.scored import score_once
+    from madrob_console.pages.page import report_html
+
+    folder, page = content.source(run), partial(_report_page, content, run)
+    try:
+        scored = score_once(folder)
+        place = around.among(content.root, run.folder, content.runs, scored, page)
+        place = replace(place, ways=_ways(content, run))
+        return report_html(scored, content.software, place, stored_pictures(folder)).encode()
+    except Exception as error:  # whatever it is, it is this run's and no other's
+        raise SourceUnreadError(f"{run.folder}: no report on the site ({error})") from error
+
+
+def _result(path: Path) -> bytes:
+    try:
+        return read_all(path, LARGEST_RESULT)
+    except OSError as error:  # it may be gone since the runs were listed
+        why = f"cannot be read ({refusal(error)}); `madrob publish` takes it once it can be read"
+        raise SourceUnreadError(f"{path}: {why}") from None
+
+
+def _tables(content: SiteContent) -> Iterator[SiteFile]:
+    tables = RunTables(content)
+    for table in RUN_TABLES:
+        make = partial(tables.csv, table)
+        yield SiteFile(f"data/{table.name}.csv", tables.key, make, lambda: tables.whole)
+    yield SiteFile.of("data/standings.csv", standings_csv(content.standings))
+    undated = replace(content.standings, made=0.0)
+    remarks = content.standings.remarks  # a protest becomes overdue by the time alone
+    yield SiteFile.of(
+        "data/standings.json",
+        standings_json(content.standings, content.software).decode(),
+        "\n".join((standings_json(undated, content.software).decode(), *remarks)),
+    )
+    if content.plan is not None:
+        competition = content.standings.title
+        made = plan_json(content.plan, competition, content.names, content.software)
+        yield SiteFile.of("data/plan.json", made.decode())
+
+
+def _key(*of: object) -> str:
+    return sha256("\n".join(map(str, of)).encode(errors="surrogateescape")).hexdigest()

@@ -1,0 +1,250 @@
+"""What a site shows: runs, standings, places, best runs."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from itertools import combinations
+from pathlib import Path, PurePosixPath
+from typing import TypeAlias
+
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
+from madrob_console.archive.history import RunSummary, rank
+from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
+from madrob_console.pages.tally import Overall
+from madrob_console.referee.competition_plan import PlanProgress
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import distinguishable
+
+HALL, PLAN = "hall.html", "plan.html"
+
+ORDER = (
+    "Ordered by capability level first, then completed before failed, then by the execution time "
+    "of completed runs; a value of a failed run never brings it up. The protocol makes no ranking."
+)
+"""How runs stand beside each other, and what that is not."""
+
+TEAMS_ORDER = (
+    "In each condition a team's best run: the highest capability level, completed before failed, "
+    "then the least execution time. Teams are ordered by their highest level, then by in how many "
+    "conditions they reached it, then by in how many they completed a run; values of failed runs "
+    "order nothing. The protocol makes no ranking."
+)
+"""The same of teams over all conditions."""
+
+_LARGEST_DRAWN = 1e12
+
+
+@dataclass(frozen=True)
+class SiteContent:
+    """A competition as its pages show it.
+
+    Attributes:
+        root: where the folders of the runs are seen from.
+        runs: all of the competition, whether they count or not, oldest first, each once.
+        standings: of them.
+        plan: and how much of it is done; None = there is none.
+        names: subject -> team.
+        software: the version that makes the pages.
+        zips: the teams whose zip somebody has put on the site.
+    """
+
+    root: Path
+    runs: Sequence[RunSummary]
+    standings: CompetitionStandings
+    plan: PlanProgress | None
+    names: Mapping[int, str]
+    software: str
+    zips: frozenset[int] = frozenset()
+
+    @property
+    def title(self) -> str:
+        """What stands over every page."""
+        kind = "" if self.standings.official else "PRACTICE "
+        return f"{self.standings.title or 'MADROB'}: {kind}results"
+
+    @cached_property
+    def of_team(self) -> Mapping[int, Sequence[RunSummary]]:
+        """The runs of each team, by its number, oldest first."""
+        found: dict[int, list[RunSummary]] = defaultdict(list)
+        for run in self.runs:
+            found[run.subject].append(run)
+        return {subject: found[subject] for subject in sorted(found)}
+
+    @cached_property
+    def conditions(self) -> Sequence[int]:
+        """The numbers of those that were run and count."""
+        groups = self.standings.groups
+        return sorted({one.number for group in groups for one in group.conditions})
+
+    @cached_property
+    def places(self) -> Mapping[str, str]:
+        """The page of each run that has a result, by the run's folder."""
+        return {
+            run.folder: f"runs/{_called(run)}/{INDEX_PAGE}"
+            for run in self.runs
+            if run.outcome is not None and run.problem is None
+        }
+
+    def runs_of(self, subject: int, condition: int, ruleset: str) -> list[RunSummary]:
+        """Those of a team in a condition by one ruleset, whether they count or not."""
+        return [
+            run
+            for run in self.of_team[subject]
+            if run.condition == condition and run.ruleset == ruleset
+        ]
+
+    def team_name(self, subject: int) -> str:
+        """Of a team, as the standings have it; empty where it has none."""
+        if found := self._standing_names.get(subject):
+            return found
+        return self.names.get(subject, "")
+
+    @cached_property
+    def _standing_names(self) -> Mapping[int, str]:
+        return {one.subject: one.team for group in self.standings.groups for one in group.overall}
+
+    def who(self, subject: int) -> str:
+        """A team in words: its number and its name."""
+        return f"{subject} {self.team_name(subject)}".rstrip()
+
+    def source(self, run: RunSummary) -> Path:
+        """The folder of a run."""
+        return self.root / run.folder
+
+
+def team_place(subject: int) -> str:
+    """The page of a team."""
+    return f"teams/{subject:03d}.html"
+
+
+def zip_place(subject: int) -> str:
+    """Where the zip of a team lies, if somebody puts it there: `madrob export --output`."""
+    return f"downloads/team_{subject:03d}.zip"
+
+
+def condition_place(number: int) -> str:
+    """The page of a condition."""
+    return f"conditions/{number:02d}.html"
+
+
+def beside(page: str, name: str) -> str:
+    """Where a file of the site lies, as seen from one of its pages."""
+    return posixpath.relpath(name, posixpath.dirname(page) or ".")
+
+
+def report_beside(page: str) -> str:
+    """The report of a run, by the run's page."""
+    return str(PurePosixPath(page).with_name(REPORT_FILE))
+
+
+def result_beside(page: str) -> str:
+    """The result of a run, likewise."""
+    return str(PurePosixPath(page).with_name(RESULT_FILE))
+
+
+def _called(run: RunSummary) -> str:
+    """The name of a run's folder, in which two testbeds may agree, and the end of its identity."""
+    name = os.path.basename(run.folder)  # noqa: PTH119  of text
+    own = re.fullmatch("[0-9a-f]{8}", run.run_id[-8:])
+    folder = run.folder.encode(errors="surrogateescape")
+    return f"{name}_{own[0] if own else sha256(folder).hexdigest()[:8]}"
+
+
+def best_of(runs: Sequence[RunSummary]) -> RunSummary | None:
+    """The run that stands for a team; None without a valid one."""
+    return min((run for run in runs if run.valid), key=rank, default=None)
+
+
+Alike: TypeAlias = Mapping[str, frozenset[IndicatorName]]
+"""By the folder of a run, the indicators in which it is not distinguishable from another one."""
+
+NONE_ALIKE: Alike = {}
+
+
+def alike_among(runs: Sequence[RunSummary]) -> Alike:
+    """Of runs that stand beside each other, those that are compared (protocol section 11)."""
+    found: dict[str, set[IndicatorName]] = defaultdict(set)
+    for name in IndicatorName:
+        known = [
+            (run.folder, value, run.uncertainties[name])
+            for run in runs
+            if run.comparable
+            if (value := drawable(run, name)) is not None and name in run.uncertainties
+        ]
+        for (one, value, spread), (two, other, its) in combinations(known, 2):
+            if not distinguishable(value, other, spread, its):
+                found[one].add(name)
+                found[two].add(name)
+    return {folder: frozenset(names) for folder, names in found.items()}
+
+
+def drawable(run: RunSummary, name: IndicatorName) -> float | None:
+    """The value of a valid run that a drawing can show; a failed run has no execution time."""
+    value = run.values.get(name) if run.valid else None
+    if value is None or not abs(value) < _LARGEST_DRAWN:
+        return None
+    timed = name is IndicatorName.EXECUTION_TIME
+    return None if timed and run.outcome is not Outcome.COMPLETED else float(value)
+
+
+# The teams of a competition in the order of their best runs.
+
+
+@dataclass(frozen=True)
+class BestRuns:
+    """What stands for each team by one ruleset.
+
+    Attributes:
+        teams: as `TEAMS_ORDER` says.
+        conditions: the numbers of those that were run.
+        of_team: subject -> condition -> its best run, where it has a valid one.
+        alike: in what these are not distinguishable within their condition.
+    """
+
+    teams: Sequence[Overall]
+    conditions: Sequence[int]
+    of_team: Mapping[int, Mapping[int, RunSummary]]
+    alike: Alike
+
+    @classmethod
+    def of(cls, content: SiteContent, group: RulesetStandings) -> BestRuns:
+        """Those of the teams of a ruleset.
+
+        Args:
+            content: of the site.
+            group: the standings by that ruleset.
+        """
+        numbers = [condition.number for condition in group.conditions]
+        best = {
+            team.subject: {
+                number: found
+                for number in numbers
+                if (found := best_of(content.runs_of(team.subject, number, group.ruleset)))
+            }
+            for team in group.overall
+        }
+        alike = {
+            folder: names
+            for number in numbers
+            for folder, names in alike_among(
+                [of_team[number] for of_team in best.values() if number in of_team]
+            ).items()
+        }
+        ordered = sorted(group.overall, key=lambda team: _order(best[team.subject], team.subject))
+        return cls(ordered, numbers, best, alike)
+
+
+def _order(best: Mapping[int, RunSummary], subject: int) -> tuple[float, ...]:
+    """Highest level, then in how many conditions the team reached it, and completed; its number."""
+    levels = [-rank(run)[0] for run in best.values()]
+    highest = max(levels, default=-1.0)
+    completed = sum(run.outcome is Outcome.COMPLETED for run in best.values())
+    return -highest, -levels.count(highest), -completed, subject

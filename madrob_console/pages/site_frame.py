@@ -1,0 +1,512 @@
+"""The frame of a site's pages, small multiples, and the hall's screen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from madrob_console.archive.folders import INDEX_PAGE
+from madrob_console.archive.history import PROTEST_OPEN, RunSummary, condition_words
+from madrob_console.pages.competition import SIGNS, summary_words
+from madrob_console.pages.markup import (
+    NOTHING,
+    SKIP,
+    Content,
+    Markup,
+    element,
+    link,
+    listed,
+    page,
+    said,
+    section,
+    skip_link,
+    table,
+    themed,
+)
+from madrob_console.pages.shared_sections import NONE, PRACTICE_STANDINGS
+from madrob_console.pages.site_content import (
+    HALL,
+    NONE_ALIKE,
+    PLAN,
+    Alike,
+    BestRuns,
+    SiteContent,
+    beside,
+    condition_place,
+    drawable,
+    team_place,
+)
+from madrob_console.pages.tally import ALIKE, Overall
+from madrob_console.referee.flags import FlagKind
+from scoring.figures.team_drawings import (
+    FAILED,
+    FEWEST_FOR_A_BOX,
+    ROW,
+    BoxRow,
+    DayPoint,
+    box_plot,
+    day_curve,
+)
+from scoring.indicator_table import IndicatorName, unit_text
+from scoring.protocol import Outcome
+from scoring.result import uncertainty_text, value_text
+
+
+def site_page(
+    content: SiteContent,
+    place: str,
+    heading: Content,
+    *parts: Content,
+    title: str = "",
+    head: Content = NOTHING,
+    lines: Iterable[Content] = (),
+) -> str:
+    """A page of the site.
+
+    Args:
+        content: of the site.
+        place: of the page in the site.
+        heading: its first heading.
+        parts: what it is about.
+        title: before the competition in the browser's tab; empty = the competition alone.
+        head: more that its head says.
+        lines: below the heading.
+    """
+    official = content.standings.official
+    named = f"{title} - {content.title}" if title else content.title
+    return page(
+        named,
+        skip_link(),
+        element(
+            "header",
+            NOTHING if official else element("p", PRACTICE_STANDINGS, class_="banner"),
+            element("p", "MADROB ", said(content.standings.title), class_="competition"),
+            element("h1", heading),
+            [element("p", line) for line in lines],
+        ),
+        ways(content, place),
+        element("main", parts, id=SKIP),
+        element("footer", f"Made with madrob-console {content.software or 'unknown'}."),
+        head=head,
+        wide=True,
+    )
+
+
+def ways(content: SiteContent, place: str, more: Sequence[Content] = ()) -> Markup:
+    """The ways around the site, from a page of it."""
+    found: list[Content] = []
+    for name, words in ((INDEX_PAGE, "overview"), (PLAN, "plan")):
+        if name != place and (name != PLAN or content.plan is not None):
+            found.append(link(beside(place, name), words))
+    entries = [*found, *more]
+    return element("nav", [(entry, " ") for entry in entries], aria_label="This competition")
+
+
+def team_link(content: SiteContent, place: str, subject: int) -> Content:
+    """A team by number and name, as seen from a page."""
+    words = (f"{subject} ", said(content.team_name(subject)))
+    return link(beside(place, team_place(subject)), words) if subject in content.of_team else words
+
+
+def condition_link(content: SiteContent, place: str, number: int) -> Content:
+    """A condition by its number, as seen from a page."""
+    words = f"condition {number}"
+    if number not in content.conditions:
+        return words
+    return link(beside(place, condition_place(number)), words)
+
+
+def run_link(content: SiteContent, place: str, run: RunSummary, words: Content) -> Content:
+    """A run, as seen from a page; without a link where it has no page."""
+    target = content.places.get(run.folder)
+    whole = element("span", words, class_="whole")
+    return link(beside(place, target), whole) if target else whole
+
+
+def task_words_of(number: int) -> str:
+    """What a condition asks of the robot: `Sudden Force, pull, from CW to CCW`."""
+    return ", ".join(filter(None, reversed(condition_words(number))))
+
+
+_CLOSING_WORDS = {
+    "protested": "PROTESTED by the team",
+    PROTEST_OPEN: "NOT FINAL: a PROTEST is open",
+}
+"""Where a page says more than a list has room for."""
+
+
+def outcome_cell(run: RunSummary) -> Content:
+    """How a run ended, whether that is the last word, and what a decision on it hangs on."""
+    told = (FlagKind.VOID, FlagKind.PRACTICE, FlagKind.PROTEST)
+    words = [flag.words for flag in run.flags if flag.kind not in told]
+    if run.outcome is not None and run.problem is None and run.closing != "final":
+        words.insert(0, _CLOSING_WORDS.get(run.closing, run.closing))
+    below = element("small", "; ".join(words)) if words else NOTHING
+    return element("b", run.outcome_word), " ", below
+
+
+def value_cell(run: RunSummary, name: IndicatorName, alike: Alike = NONE_ALIKE) -> Content:
+    """The value of an indicator with its uncertainty, in the digits that a report has.
+
+    Args:
+        run: which one.
+        name: which indicator.
+        alike: of the runs beside which it stands.
+    """
+    sign = run.sign(name) + (ALIKE if name in alike.get(run.folder, ()) else "")
+    value = run.values.get(name)
+    if value is None:
+        return f"{NONE}{run.sign(name)}"
+    known = run.uncertainties.get(name)
+    text = f"{value_text(value, known)}{sign} {uncertainty_text(known)}".rstrip()
+    return element("span", text, class_="whole")
+
+
+def heads_of_values(names: Iterable[IndicatorName] = IndicatorName) -> Iterator[str]:
+    """Over the columns of indicators, as short as they are understood."""
+    for name in names:
+        yield f"{name.words.partition(' of ')[0]}, {unit_text(name.spec.unit)}"
+
+
+def runs_table(
+    first: str,
+    rows: Iterable[tuple[RunSummary, Sequence[Content]]],
+    second: Sequence[str],
+    caption: Content,
+    alike: Alike = NONE_ALIKE,
+) -> Markup:
+    """Runs with how they ended and all of their values; level first.
+
+    Args:
+        first: over the first column.
+        rows: a run, and the cells before its outcome.
+        second: over the other cells before its outcome.
+        caption: what it shows.
+        alike: of them.
+    """
+    level = IndicatorName.CAPABILITY_LEVEL
+    names = (level, *(name for name in IndicatorName if name is not level))
+    every = list(rows)
+    cells = [
+        (*before, outcome_cell(run), *(value_cell(run, name, alike) for name in names))
+        for run, before in every
+    ]
+    marks = ["" if run.outcome is Outcome.COMPLETED else "failed" for run, _ in every]
+    heads = (first, *second, "result", *heads_of_values(names))
+    return table(heads, cells, class_="runs", caption=caption, marked=marks)
+
+
+# Small drawings of all indicators beside each other: boxes of teams, curves over a day.
+
+
+BOXES_NOTE = (
+    f"Circles: completed runs. From {FEWEST_FOR_A_BOX} of them on a box has their middle half, its "
+    "thick line is the median, the thin one goes from the smallest to the largest. "
+    f"{FAILED}: runs that failed, in no box and, where they lie beyond the scale, at its edge. "
+    "Before them: how many completed + failed."
+)
+CURVES_NOTE = (
+    "Points: completed runs with their expanded uncertainty, joined within a condition, whose "
+    f"number stands at the last one. {FAILED}: runs that failed, in no curve and, where they lie "
+    "beyond the scale, at its edge."
+)
+
+_MOST_SPOKEN = 12  # values in the words of one drawing; all stand in the tables
+_MOST_MARKS = 5  # times on an axis
+_CLOCK = "%H:%M"
+_STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
+
+
+def boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Markup:
+    """A box plot of all teams for each indicator that has a value.
+
+    Args:
+        runs: of each team, by its number, in the order of the rows; all in one condition.
+        who: a team in words.
+    """
+    return element("div", _boxes(runs, who), class_="multiples")
+
+
+def _boxes(runs: Mapping[int, Sequence[RunSummary]], who: Callable[[int], str]) -> Iterator[Markup]:
+    for name in IndicatorName:
+        rows = {subject: _box_row(found, name) for subject, found in runs.items()}
+        if not any(row.completed or row.failed for row in rows.values()):
+            continue
+        words = [f"{who(subject)}: {_spoken(row)}" for subject, row in rows.items()]
+        spoken = f"{_caption(name)}. {'; '.join(words)}"
+        drawing = box_plot(tuple(rows.values()), spoken, all_shown=name.spec.counts)
+        names = [element("span", said(who(subject))) for subject in rows]
+        counts = [
+            element("span", f"{len(row.completed)}+{len(row.failed)}") for row in rows.values()
+        ]
+        style = f"line-height: {ROW}px"
+        beside = (
+            element("div", names, class_="names teams", style=style),
+            element("div", counts, class_="names", style=style),
+        )
+        yield element(
+            "figure",
+            element("figcaption", _title(name)),
+            element("div", *beside, themed(drawing), class_="lanes"),
+        )
+
+
+def _box_row(runs: Sequence[RunSummary], name: IndicatorName) -> BoxRow:
+    values = [(run.outcome, value) for run in runs if (value := drawable(run, name)) is not None]
+    return BoxRow(
+        tuple(value for outcome, value in values if outcome is Outcome.COMPLETED),
+        tuple(value for outcome, value in values if outcome is not Outcome.COMPLETED),
+    )
+
+
+def _spoken(row: BoxRow) -> str:
+    told = [_values(row.completed, "completed"), _values(row.failed, "failed")]
+    return ", ".join(filter(None, told)) or "no value"
+
+
+def _values(values: Sequence[float], word: str) -> str:
+    if not values:
+        return ""
+    return f"{len(values)} {word} from {value_text(min(values))} to {value_text(max(values))}"
+
+
+def curves(runs: Sequence[RunSummary]) -> Markup:
+    """A curve over the day for each indicator that has a value.
+
+    Args:
+        runs: of one team, oldest first; at least one.
+    """
+    return element("div", _curves(runs), class_="multiples")
+
+
+def _curves(runs: Sequence[RunSummary]) -> Iterator[Markup]:
+    day = runs[0].started, runs[-1].started
+    marks = clock_marks(*day)
+    for name in IndicatorName:
+        points = [
+            DayPoint(
+                run.started,
+                value,
+                run.condition,
+                run.outcome is Outcome.COMPLETED,
+                known.expanded if (known := run.uncertainties.get(name)) else 0.0,
+            )
+            for run in runs
+            if (value := drawable(run, name)) is not None
+        ]
+        if points:
+            spoken = f"{_caption(name)}. {_points(points)}"
+            drawing = themed(day_curve(points, marks, day, spoken, all_shown=name.spec.counts))
+            yield element("figure", element("figcaption", _title(name)), drawing)
+
+
+def _points(points: Sequence[DayPoint]) -> str:
+    told = [
+        f"{_local(point.time)} condition {point.curve} {value_text(point.value)}"
+        f"{'' if point.completed else ' failed'}"
+        for point in points[-_MOST_SPOKEN:]
+    ]
+    more = len(points) - len(told)
+    return "; ".join((f"{more} earlier ones", *told) if more else told)
+
+
+def clock_marks(begin: float, end: float) -> list[tuple[float, str]]:
+    """Round local times of day from the first to the last of some runs, and what stands there."""
+    span = max(end - begin, 1.0)
+    step = next((one for one in _STEPS if span / one <= _MOST_MARKS), None)
+    if step is None:  # over days
+        step = _STEPS[-1] * -(-int(span) // (_STEPS[-1] * _MOST_MARKS))
+    east = time.localtime(begin).tm_gmtoff
+    first = -(-int(begin + east) // step) * step - east
+    times = range(first, int(end) + 1, step) or [int(begin)]
+    form = "%d %b" if step >= _STEPS[-1] else "%a %H:%M" if span > _STEPS[-1] else _CLOCK
+    return [(float(at), _local(at, form)) for at in times]
+
+
+def _local(at: float, form: str = _CLOCK) -> str:
+    return time.strftime(form, time.localtime(at))
+
+
+def _caption(name: IndicatorName) -> str:
+    return f"{name.words}{_unit_and_direction(name)}"
+
+
+def _title(name: IndicatorName) -> Content:
+    return element("b", name.words), _unit_and_direction(name)
+
+
+def _unit_and_direction(name: IndicatorName) -> str:
+    return f", {unit_text(name.spec.unit)}; {name.spec.better} is better"
+
+
+# The screen in the hall: read from some metres away, by nobody who can scroll.
+
+
+REFRESH = 15
+"""The screen is loaded again after so long at least, s."""
+
+_LEAF_TIME = 10
+"""Where not all teams fit, the next ones come after so long, s; all have been there at a reload."""
+
+_TEAMS, _CONDITIONS = 12, 4  # of a leaf: so many can be read from 6 m
+_LATEST, _LATEST_ALONE, _NEXT = 4, 7, 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Leaf:
+    """What of the standings is seen at once."""
+
+    ruleset: str
+    found: BestRuns
+    teams: Sequence[Overall]
+    conditions: Sequence[int]
+
+    @property
+    def words(self) -> Iterator[str]:
+        """Which part of the standings it is; nothing of what is all of it."""
+        everyone, every = [team.subject for team in self.found.teams], self.found.conditions
+        if len(self.teams) < len(everyone):
+            yield f"teams {_part([team.subject for team in self.teams], everyone)}"
+        if len(self.conditions) < len(every):
+            yield f"conditions {_part(self.conditions, every)}"
+        if self.ruleset:
+            yield f"ruleset {self.ruleset}"
+
+
+def _part(some: Sequence[int], every: Sequence[int]) -> str:
+    """Which of them it is, counted from 1: `13-24 of 40`."""
+    first, last = every.index(some[0]) + 1, every.index(some[-1]) + 1
+    return f"{first if first == last else f'{first}-{last}'} of {len(every)}"
+
+
+def hall_page(content: SiteContent, written: str) -> str:
+    """What a screen in the hall shows: it is loaded again by itself, and its leaves turn.
+
+    Args:
+        content: of the site.
+        written: when, in words.
+    """
+    leaves = list(_leaves(content))
+    lasting = max(REFRESH, _LEAF_TIME * len(leaves) if len(leaves) > 1 else 0)
+    shown = [_leaf(content, leaf, number, len(leaves)) for number, leaf in enumerate(leaves)]
+    parts = (
+        element("div", shown or element("p", "No run counts yet."), class_="leaves"),
+        element("div", _plan(content), section("Latest results", _latest(content))),
+    )
+    return site_page(
+        content,
+        HALL,
+        said(content.standings.title or "Results"),
+        element("div", parts, class_="hall"),
+        title="Hall",
+        head=(
+            element("meta", http_equiv="refresh", content=str(lasting)),
+            element("style", _turning(len(leaves))) if len(leaves) > 1 else NOTHING,
+        ),
+        lines=(f"As of {written}. This page is loaded again every {lasting} s.",),
+    )
+
+
+def _leaves(content: SiteContent) -> Iterator[_Leaf]:
+    groups = content.standings.groups
+    for group in groups:
+        found = BestRuns.of(content, group)
+        for first in range(0, len(found.teams), _TEAMS):
+            for column in range(0, max(1, len(found.conditions)), _CONDITIONS):
+                yield _Leaf(
+                    group.ruleset if len(groups) > 1 else "",
+                    found,
+                    found.teams[first : first + _TEAMS],
+                    found.conditions[column : column + _CONDITIONS],
+                )
+
+
+def _turning(leaves: int) -> Markup:
+    """The style by which one leaf after the other is seen on a screen, without a script."""
+    return Markup(
+        f"@keyframes leaf {{ 0% {{ visibility: visible }} {100 / leaves:.4f}% "
+        "{ visibility: hidden } }\n"
+        "@media screen and (min-width: 60rem) { .leaf { visibility: hidden; "
+        f"animation: leaf {leaves * _LEAF_TIME}s step-end infinite }} }}\n"
+    )
+
+
+def _leaf(content: SiteContent, leaf: _Leaf, number: int, leaves: int) -> Markup:
+    found = leaf.found
+
+    def row(team: Overall) -> Iterator[Content]:
+        badge = (element("strong", "NOT FINAL"), " ") if team.open_protests else NOTHING
+        yield badge, team_link(content, HALL, team.subject)
+        for condition in leaf.conditions:
+            run = found.of_team[team.subject].get(condition)
+            alike = run and IndicatorName.EXECUTION_TIME in found.alike.get(run.folder, ())
+            yield NONE if run is None else _words(run, ALIKE if alike else "")
+
+    part = ", ".join(leaf.words)
+    heads = (condition_link(content, HALL, condition) for condition in leaf.conditions)
+    caption = (
+        element("b", f"Standings: {part}. " if part else "Standings. "),
+        "Level, and time in s if completed. ",
+        SIGNS.partition(":")[0],
+    )
+    return element(
+        "div",
+        table(("team", *heads), map(row, leaf.teams), class_="runs", caption=caption),
+        class_="leaf",
+        style=f"animation-delay: {number * _LEAF_TIME}s" if leaves > 1 else "",
+    )
+
+
+def _words(run: RunSummary, alike: str = "") -> Iterator[Content]:
+    """Level, and time if completed, of a valid run; else in a word why it is none."""
+    if run.valid:
+        yield element("b", _number(run, IndicatorName.CAPABILITY_LEVEL)), " "
+    if run.valid and run.outcome is Outcome.COMPLETED:
+        yield _number(run, IndicatorName.EXECUTION_TIME) + alike
+    else:
+        yield element("small", run.outcome_word)
+
+
+def _number(run: RunSummary, name: IndicatorName) -> str:
+    """A value in the digits that its uncertainty leaves; that itself stands on the other pages."""
+    value, known = run.values.get(name), run.uncertainties.get(name)
+    if value is None:
+        return NONE
+    text = f"{value:.2f}" if known is None and not name.spec.counts else value_text(value, known)
+    return text + run.sign(name)
+
+
+def _plan(content: SiteContent) -> Content:
+    plan = content.plan
+    if plan is None or not plan.planned:
+        return NOTHING
+    done = plan.planned - plan.left
+    bar = element(
+        "progress", value=str(done), max=str(plan.planned), aria_label="Attempts of the plan done"
+    )
+    upcoming = [
+        (
+            element("span", team_link(content, HALL, one.task.subject)),
+            condition_link(content, HALL, one.task.condition),
+        )
+        for one in islice(plan.upcoming(), _NEXT)
+    ]
+    following = (element("p", "Next:"), listed(upcoming, "")) if upcoming else NOTHING
+    return section("Plan", element("p", summary_words(plan)), bar, following)
+
+
+def _latest(content: SiteContent) -> Content:
+    planned = content.plan is not None and content.plan.planned
+    entries = [
+        (
+            element("span", team_link(content, HALL, run.subject)),
+            condition_link(content, HALL, run.condition),
+            ": ",
+            *_words(run),
+            element("strong", " NOT FINAL") if run.protest_due is not None else NOTHING,
+        )
+        for run in islice(reversed(content.runs), _LATEST if planned else _LATEST_ALONE)
+    ]
+    return listed(entries, "None yet.")

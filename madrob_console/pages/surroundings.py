@@ -1,0 +1,276 @@
+"""A report's neighbours: the team's other runs, and reports of older versions."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+from madrob_console.archive.folders import REPORT_FILE, parse_folder_name, results_folder_of
+from madrob_console.archive.history import History, RunSummary
+from madrob_console.archive.result_reader import (
+    UnusableResultError,
+    earlier_issues,
+    read_result,
+    read_steps,
+)
+from madrob_console.archive.result_summary import ListedResult
+from madrob_console.archive.scored import Scored
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.files import read_bounded, stamp_of
+from madrob_console.pages.markup import NOTHING, Markup, made_of, team_of
+from scoring.figures.team_drawings import PhaseTimes, phases_of
+
+# Whether the report in the folder of a run is of the result that lies beside it.
+
+
+_HEAD = 1000  # bytes of a report in which it says what it was made of
+
+
+def report_is_old(folder: Path) -> bool:
+    """Whether there is a report that says it was made of another journal than the result."""
+    try:
+        told = made_of(_head(folder))
+        result, _ = read_result(str(folder))
+    except (OSError, UnusableResultError):
+        return False
+    return None not in (told, result.journal) and told != result.journal
+
+
+def team_told(folder: Path) -> str | None:
+    """Digest of the team's other runs that the report tells of; None where it tells of none."""
+    try:
+        return team_of(_head(folder))
+    except OSError:
+        return None
+
+
+def _head(folder: Path) -> str:
+    head, _ = read_bounded(str(folder / REPORT_FILE), _HEAD)
+    return head.decode(errors="replace")
+
+
+_MOST_FILES = 60
+
+
+@dataclass(frozen=True, slots=True)
+class LinkedRun:
+    """Another run of the team.
+
+    Attributes:
+        summary: what the list of runs knows of it.
+        page: its report, as seen from this one; empty = it has none.
+    """
+
+    summary: RunSummary
+    page: str
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedRun:
+    """A run that can be compared: completed, same condition, same rules, official or practice too.
+
+    Attributes:
+        summary: what the list of runs knows of it.
+        phases: where its time went.
+    """
+
+    summary: RunSummary
+    phases: PhaseTimes
+
+
+@dataclass(frozen=True, slots=True)
+class PagePlace:
+    """What a page can link to and compare with, as known when it is made.
+
+    Attributes:
+        files: the names of the files beside it.
+        team: the other runs of its team, by condition and number.
+        field: the other runs of the competition, of all teams, that can be compared with it; none
+            where it failed.
+        itself: the run in the list of runs; None = it is not there.
+        earlier: the issues of its result before this one.
+        digest: of what the page tells of the team's other runs.
+        ways: links to the pages around it.
+    """
+
+    files: tuple[str, ...] = ()
+    team: tuple[LinkedRun, ...] = ()
+    field: tuple[ComparedRun, ...] = ()
+    itself: RunSummary | None = None
+    earlier: tuple[ListedResult, ...] = ()
+    digest: str = ""
+    ways: Markup = NOTHING
+
+
+NOWHERE = PagePlace()
+"""Of a page that does not lie in the folder of its run."""
+
+
+class Surroundings:
+    """Looks around runs; each results folder is read once, each run's steps, too."""
+
+    def __init__(self) -> None:
+        self._runs: dict[Path, tuple[RunSummary, ...]] = {}
+        self._phases: dict[Path, PhaseTimes | None] = {}
+
+    def place_of(self, folder: Path, scored: Scored) -> PagePlace:
+        """What lies around the run in a folder; what cannot be read is left out.
+
+        Args:
+            folder: of the run; a page in it is meant.
+            scored: the run.
+        """
+        folder = folder.absolute()
+        if not folder.is_dir() or parse_folder_name(folder.name) is None:
+            return NOWHERE
+        root = results_folder_of(folder)
+        name = folder.relative_to(root).as_posix()
+
+        def page(run: RunSummary) -> str:
+            if stamp_of(f"{root}/{run.folder}/{REPORT_FILE}") is None:
+                return ""
+            return posixpath.relpath(f"{run.folder}/{REPORT_FILE}", name)
+
+        place = self.among(root, name, self._known(root), scored, page)
+        return replace(place, files=_files(folder))
+
+    def among(
+        self,
+        root: Path,
+        name: str,
+        runs: Sequence[RunSummary],
+        scored: Scored,
+        page: Callable[[RunSummary], str],
+    ) -> PagePlace:
+        """What a run can be compared with among these, wherever its page will lie.
+
+        Args:
+            root: where the folders of the runs are seen from.
+            name: the folder of the run.
+            runs: all that are known.
+            scored: the run.
+            page: where the report of another run is, seen from the page; empty = it has none.
+        """
+        setup = scored.record.setup
+        itself = next((run for run in runs if run.folder == name), None)
+        mine = RunSummary(
+            folder=name,
+            subject=setup.subject,
+            condition=setup.condition.number,
+            run_number=setup.run_number,
+            started=scored.result.start,
+            practice=setup.practice if itself is None else itself.practice,
+            competition=scored.record.competition,
+            run_id="" if scored.run.setup is None else scored.run.setup.run_id,
+        )
+        others = _others(mine, runs)
+        team = _team(mine, others)
+        field = [run for run in others if _comparable(run, scored, practice=mine.practice)]
+        return PagePlace(
+            team=tuple(LinkedRun(run, page(run)) for run in team),
+            field=tuple(
+                ComparedRun(run, phases)
+                for run in field
+                if (phases := self._phases_of(root / run.folder)) is not None
+            ),
+            itself=itself,
+            earlier=earlier_issues(root / name, scored.run.reissues),
+            digest=_digest(team),
+        )
+
+    def old_reports(self, root: Path) -> Iterator[Path]:
+        """The runs whose reports tell of other runs of their team than there are now.
+
+        Args:
+            root: the results folder.
+        """
+        teams: dict[tuple[int, bool], list[RunSummary]] = defaultdict(list)
+        for run in self._known(root):
+            teams[run.subject, run.practice].append(run)
+        for runs in teams.values():
+            for run in runs:
+                told = None if run.outcome is None else team_told(root / run.folder)
+                if told is not None and told != team_digest(run, runs):
+                    yield root / run.folder
+
+    def _known(self, root: Path) -> tuple[RunSummary, ...]:
+        if root not in self._runs:
+            try:
+                self._runs[root] = History(root).refresh()
+            except MadrobError:  # the page is made without
+                self._runs[root] = ()
+        return self._runs[root]
+
+    def _phases_of(self, folder: Path) -> PhaseTimes | None:
+        if folder not in self._phases:
+            steps = read_steps(str(folder))
+            phases: PhaseTimes | None = None
+            if steps is not None:
+                phases = phases_of(steps.done, steps.start, steps.stop)
+            self._phases[folder] = phases
+        return self._phases[folder]
+
+
+def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:
+    """Those of the same competition and kind, without the same run in another place."""
+    return [
+        run
+        for run in runs
+        if run.folder != mine.folder
+        and run.practice is mine.practice
+        and run.competition == mine.competition
+        and not (mine.run_id and run.run_id == mine.run_id)
+    ]
+
+
+def _team(mine: RunSummary, others: Iterable[RunSummary]) -> list[RunSummary]:
+    """Those of its team, by condition and number."""
+    found = (run for run in others if run.subject == mine.subject and not run.never_ran)
+    return sorted(found, key=lambda run: (run.condition, run.run_number))
+
+
+def team_digest(mine: RunSummary, runs: Iterable[RunSummary]) -> str:
+    """Of all that the report of a run tells of its team's other runs among these."""
+    return _digest(_team(mine, _others(mine, runs)))
+
+
+def _digest(team: Iterable[RunSummary]) -> str:
+    told = [
+        (
+            *(run.folder, run.run_number, run.condition, run.outcome_word, run.valid),
+            *(run.ruleset, sorted(run.values.items()), sorted(run.uncertainties.items())),
+        )
+        for run in team
+    ]
+    return sha256(repr(told).encode()).hexdigest()
+
+
+def _comparable(run: RunSummary, scored: Scored, *, practice: bool) -> bool:
+    return (
+        run.comparable
+        and scored.run.comparable
+        and run.condition == scored.record.setup.condition.number
+        and run.ruleset == scored.result.ruleset
+        and (practice or run.official)
+    )
+
+
+def _files(folder: Path) -> tuple[str, ...]:
+    """The plain files of a run's folder but for the page itself; the first of very many."""
+    try:
+        with os.scandir(folder) as found:
+            names = sorted(
+                item.name
+                for item in found
+                if item.is_file(follow_symlinks=False)
+                and not item.name.startswith(".")
+                and item.name != REPORT_FILE
+            )
+    except OSError:
+        return ()
+    return tuple(names[:_MOST_FILES])

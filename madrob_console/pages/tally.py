@@ -1,0 +1,366 @@
+"""Standings: the indicators of each team, in each condition and in all, over its valid runs.
+
+Only completed and timed-out runs enter, and the execution time only of completed ones.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product
+from operator import itemgetter
+from typing import Any, NamedTuple, TypeVar
+
+from madrob_console.archive.history import RunSummary, rank
+from madrob_console.referee.flags import undecided, weighty
+from madrob_console.referee.lists import TeamName
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Outcome
+from scoring.result import DOUBTED, Uncertainty, distinguishable
+
+ALIKE = "~"
+"""Stands behind a mean that is not distinguishable from another team's."""
+
+_MOST_NAMED = 4
+"""Teams that a mean is not distinguishable from; more of them are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aggregate:
+    """The values of one indicator over several runs, in its unit.
+
+    Attributes:
+        mean, median: of the values.
+        deviation: the sample standard deviation (n - 1 in the denominator); None for one value.
+        smallest, largest: of the values.
+        count: how many values; at least 1.
+        uncertainty: of the mean, by measurement or by the scatter of the values, whichever is
+            larger; None = that of a value is not known.
+    """
+
+    mean: float
+    median: float
+    deviation: float | None
+    smallest: float
+    largest: float
+    count: int
+    uncertainty: Uncertainty | None = None
+
+    @classmethod
+    def of(
+        cls, values: Sequence[float], uncertainties: Sequence[Uncertainty | None] = ()
+    ) -> Aggregate | None:
+        """The aggregate; None without values, or beyond the range of numbers.
+
+        Args:
+            values: of some runs.
+            uncertainties: of the same runs, each of them.
+        """
+        if not values:
+            return None
+        try:
+            mean = statistics.fmean(values)
+            deviation = _deviation(values, mean) if len(values) > 1 else None
+            median = float(statistics.median(values))
+        except OverflowError:
+            return None
+        if not math.isfinite(median):
+            return None
+        known = Uncertainty.of_mean(uncertainties, deviation)
+        return cls(mean, median, deviation, min(values), max(values), len(values), known)
+
+
+def _deviation(values: Sequence[float], mean: float) -> float:
+    """As `statistics.stdev`, which computes with fractions and takes ten times as long."""
+    return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """The runs of one team, counted and aggregated.
+
+    Runs under different rulesets stand apart: their numbers do not compare (section 9).
+
+    Attributes:
+        subject, ruleset: whose runs, under which rules.
+        team: its name; empty = it has none.
+        other_names: what else runs of it are called; they count all the same.
+        testbeds: the names of those on which its runs were, where they have one.
+        completed, timeout: valid runs.
+        aborted: invalid runs.
+        voided: runs that the referee voided, however they ended; the other counts are without them.
+        interrupted: runs cut off by a failure.
+        without_result: runs without a result yet: they go on, or wait for the referee.
+        counted: how many runs the aggregates are of.
+        flagged: valid runs with a flag that weighs.
+        undecided: those of them that wait for a decision of the referee.
+        open_protests: runs, also such as do not count, with a protest that is not decided: what
+            stands here is not final.
+        aggregates: by indicator; missing = no run has a value.
+        doubts: how many there are on the runs of which the aggregates are, by indicator; without a
+            value, too. Missing = none.
+        alike: the subjects whose means beside it are not distinguishable from its own, by
+            indicator (protocol section 11); missing = none.
+    """
+
+    subject: int
+    team: str
+    ruleset: str
+    other_names: tuple[str, ...] = ()
+    testbeds: tuple[str, ...] = ()
+    completed: int = 0
+    timeout: int = 0
+    aborted: int = 0
+    voided: int = 0
+    interrupted: int = 0
+    without_result: int = 0
+    counted: int = 0
+    flagged: int = 0
+    undecided: int = 0
+    open_protests: int = 0
+    aggregates: Mapping[IndicatorName, Aggregate] = field(default_factory=dict)
+    doubts: Mapping[IndicatorName, int] = field(default_factory=dict)
+    alike: Mapping[IndicatorName, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def not_final_words(self) -> str:
+        """That a protest may change it; empty where none is open."""
+        count = self.open_protests
+        return f"NOT FINAL: {count} PROTEST{'S' if count > 1 else ''} open" if count else ""
+
+    @property
+    def who(self) -> str:
+        """The team in words: its number and its name."""
+        return f"{self.subject} {self.team}".rstrip()
+
+    def signs(self, name: IndicatorName, *, of_mean: bool = True) -> str:
+        """What stands directly behind a number of an indicator.
+
+        Args:
+            name: which indicator.
+            of_mean: the number is the mean: only means are told apart from each other.
+        """
+        doubted = DOUBTED if name in self.doubts else ""
+        return doubted + (ALIKE if of_mean and name in self.alike else "")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing(Tally):
+    """One team in one condition, by its number."""
+
+    condition: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overall(Tally):
+    """One team in all its conditions together, by their numbers; every run weighs the same."""
+
+    conditions: tuple[int, ...]
+
+
+_T = TypeVar("_T", bound=Tally)
+
+
+def subjects_text(found: Sequence[int]) -> str:
+    """The first of some teams: `2, 5`, or `2, 5, 7, 8 and 12 more`."""
+    more = len(found) - _MOST_NAMED
+    named = ", ".join(map(str, found[:_MOST_NAMED]))
+    return f"{named} and {more} more" if more > 0 else named
+
+
+class _Key(NamedTuple):
+    subject: int
+    condition: int
+    ruleset: str
+
+
+_Groups = Mapping[_Key, Sequence[RunSummary]]
+
+
+def standings(
+    runs: Iterable[RunSummary],
+    *,
+    official: bool = True,
+    best: int = 0,
+    listed: Mapping[int, str] | None = None,
+) -> tuple[Standing, ...]:
+    """The standings by subject and condition.
+
+    A run with a damaged result never counts, nor does a replay. A run without a result is counted
+    as such wherever its team has a standing; one of an older version does not say whether it was
+    practice.
+
+    Args:
+        runs: from a history.
+        official: official runs; else the practice runs. The two are never mixed.
+        best: how many valid runs enter the aggregates: those with the highest capability level,
+            completed before timed out, then with the least execution time of completed ones.
+            0 = all. The counts are of all runs.
+        listed: subject -> team, the list of teams; a team that is not in it has the name of its
+            latest run.
+    """
+    groups = _grouped(runs, official=official)
+    names = _names(groups, listed or {})
+    made = [
+        Standing(condition=key.condition, **_tally(key, names, [groups[key]], best))
+        for key in sorted(groups)
+    ]
+    return _told_apart(made, lambda one: (one.condition, one.ruleset))
+
+
+def overall(
+    runs: Iterable[RunSummary],
+    *,
+    official: bool = True,
+    best: int = 0,
+    listed: Mapping[int, str] | None = None,
+) -> tuple[Overall, ...]:
+    """The standings by subject, over all conditions.
+
+    Args:
+        runs: from a history.
+        official: as for `standings`.
+        best: how many valid runs of each condition enter; 0 = all.
+        listed: as for `standings`.
+    """
+    groups = _grouped(runs, official=official)
+    names = _names(groups, listed or {})
+    of_team: dict[tuple[int, str], list[_Key]] = defaultdict(list)
+    for key in sorted(groups):
+        of_team[key.subject, key.ruleset].append(key)
+    made = [
+        Overall(
+            conditions=tuple(key.condition for key in keys),
+            **_tally(keys[0], names, [groups[key] for key in keys], best),
+        )
+        for keys in of_team.values()
+    ]
+    return _told_apart(made, lambda one: one.ruleset)
+
+
+def _grouped(runs: Iterable[RunSummary], *, official: bool) -> _Groups:
+    groups: dict[_Key, list[RunSummary]] = defaultdict(list)
+    unfinished: list[RunSummary] = []
+    for run in runs:
+        if run.problem is not None or run.never_ran or run.twin:
+            continue
+        if run.outcome is None:
+            unfinished.append(run)
+        elif run.official if official else run.practice:
+            groups[_key(run)].append(run)
+    for run in unfinished:
+        if _key(run) in groups and not (official and run.practice):
+            groups[_key(run)].append(run)
+    return groups
+
+
+def _key(run: RunSummary) -> _Key:
+    return _Key(run.subject, run.condition, run.ruleset)
+
+
+def _names(groups: _Groups, listed: Mapping[int, str]) -> Mapping[int, TeamName]:
+    """The teams by subject: one name each, whatever their runs say."""
+    of: dict[int, list[RunSummary]] = defaultdict(list)
+    for key, runs in groups.items():
+        of[key.subject] += runs
+    return {
+        subject: TeamName.of(
+            listed.get(subject, ""),
+            (run.team for run in sorted(runs, key=lambda run: (run.started, run.folder))),
+        )
+        for subject, runs in of.items()
+    }
+
+
+def _tally(
+    key: _Key,
+    names: Mapping[int, TeamName],
+    groups: Iterable[Sequence[RunSummary]],
+    best: int,
+) -> dict[str, Any]:
+    """The fields of a tally over groups of runs; the best are taken of each group."""
+    team = names[key.subject]
+    outcomes: list[Outcome | None] = []
+    voided = protests = 0
+    counted: list[RunSummary] = []
+    flagged: list[RunSummary] = []
+    testbeds: set[str] = set()
+    for runs in groups:
+        testbeds.update(run.testbed for run in runs if run.testbed)
+        outcomes += [run.outcome for run in runs if not run.voided]
+        voided += sum(run.voided for run in runs)
+        protests += sum(run.protest_due is not None for run in runs)
+        valid = sorted((run for run in runs if run.valid), key=rank)
+        flagged += [run for run in valid if weighty(run.flags)]
+        counted += valid[:best] if best else valid
+    found = {name: aggregate_of(counted, name) for name in IndicatorName}
+    doubts = {name: sum(run.doubts.get(name, 0) for run in counted) for name in IndicatorName}
+    return {
+        "subject": key.subject,
+        "team": team.name,
+        "other_names": team.others,
+        "testbeds": tuple(sorted(testbeds)),
+        "ruleset": key.ruleset,
+        "completed": outcomes.count(Outcome.COMPLETED),
+        "timeout": outcomes.count(Outcome.TIMEOUT),
+        "aborted": outcomes.count(Outcome.ABORTED),
+        "voided": voided,
+        "interrupted": outcomes.count(Outcome.INTERRUPTED),
+        "without_result": outcomes.count(None),
+        "counted": len(counted),
+        "flagged": len(flagged),
+        "undecided": sum(bool(undecided(run.flags)) for run in flagged),
+        "open_protests": protests,
+        "aggregates": {name: aggregate for name, aggregate in found.items() if aggregate},
+        "doubts": {name: count for name, count in doubts.items() if count},
+    }
+
+
+def aggregate_of(runs: Iterable[RunSummary], name: IndicatorName) -> Aggregate | None:
+    """An indicator over some runs; the execution time over the completed ones of them."""
+    if name is IndicatorName.EXECUTION_TIME:
+        runs = (run for run in runs if run.outcome is Outcome.COMPLETED)
+    having = [run for run in runs if name in run.values]
+    values = [run.values[name] for run in having]
+    return Aggregate.of(values, [run.uncertainties.get(name) for run in having])
+
+
+def _told_apart(tallies: Sequence[_T], beside: Callable[[_T], Hashable]) -> tuple[_T, ...]:
+    """The same with `alike`: from whom the mean of each cannot be told apart.
+
+    Args:
+        tallies: of all teams.
+        beside: what those have in common that stand beside each other.
+    """
+    groups: dict[Hashable, list[_T]] = defaultdict(list)
+    for tally in tallies:
+        groups[beside(tally)].append(tally)
+    alike: dict[int, dict[IndicatorName, tuple[int, ...]]] = defaultdict(dict)
+    for group, name in product(groups.values(), IndicatorName):
+        for one, subjects in _alike(group, name).items():
+            alike[one][name] = tuple(sorted(subjects))
+    return tuple(replace(tally, alike=alike.get(id(tally), {})) for tally in tallies)
+
+
+def _alike(tallies: Iterable[Tally], name: IndicatorName) -> Mapping[int, list[int]]:
+    """The subjects that are alike, by the identity of a tally; those that are alone are missing."""
+    known = [
+        (one.mean - one.uncertainty.expanded, one, tally)
+        for tally in tallies
+        if (one := tally.aggregates.get(name)) is not None and one.uncertainty is not None
+    ]
+    known.sort(key=itemgetter(0))
+    found: dict[int, list[int]] = defaultdict(list)
+    for number, (_, one, mine) in enumerate(known):
+        assert one.uncertainty is not None
+        highest = one.mean + one.uncertainty.expanded
+        for lowest, two, other in islice(known, number + 1, None):
+            if lowest > highest:
+                break
+            if not distinguishable(one.mean, two.mean, one.uncertainty, two.uncertainty):
+                found[id(mine)].append(other.subject)
+                found[id(other)].append(mine.subject)
+    return found

@@ -1,0 +1,302 @@
+"""Acts on a result: accept doubts, finalise, re-issue."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from madrob_console.referee.acts.act import (
+    Act,
+    Ask,
+    Asked,
+    Option,
+    Pick,
+    Question,
+    RunView,
+    Situation,
+    Sure,
+    Write,
+    reasons,
+)
+from madrob_console.referee.flags import Doubts, FlagKind, doubted_words, undecided, waiting_doubts
+from madrob_console.referee.records import (
+    AcceptedDoubts,
+    Closure,
+    DecisionKind,
+    Protest,
+    ProtestEnd,
+    TeamWord,
+)
+from madrob_console.referee.run import Phase, Run
+
+_TEAM = Pick(
+    "What does the team say?",
+    (
+        Option("n", "nothing yet: do not finalise", None),
+        Option("a", "acknowledged", TeamWord.ACKNOWLEDGED),
+        Option("p", "protested in words only; one to be decided is filed by P", TeamWord.PROTESTED),
+        Option("b", "absent", TeamWord.ABSENT),
+    ),
+)
+_SIGN = "sign"
+_SO = (
+    Option("n", "no: decide first", None),
+    Option("y", "yes, sign it as it is: that stays on record", _SIGN),
+)
+DECIDED_BY: Mapping[str, str] = {
+    FlagKind.FALSE_START: "a accepts it with a reason",
+    FlagKind.UNDECIDED_STEP: "its number confirms or denies it",
+    FlagKind.DOUBT: "d accepts it with a reason",
+    FlagKind.PROTEST: "P decides it",
+}
+"""Kind of what is undecided -> the key that decides it."""
+_NOTE = Write("Note (Enter for none):")
+_NAMELESS = "finalising needs the referee's name"
+
+
+@dataclass(frozen=True, slots=True)
+class Finalise(Act):
+    """Close the result, with the team's word.
+
+    Attributes:
+        team_word: what the team says of it.
+        referee: who signs.
+        note: of the team or the referee.
+        undecided: the words of all that the referee has left undecided, and knows of.
+    """
+
+    name = "finalise"
+    phases = (Phase.STOPPED,)
+    at_once = False
+    team_word: TeamWord
+    referee: str
+    note: str = ""
+    undecided: tuple[str, ...] = ()
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Not before the result is written."""
+        if situation.scored:
+            return situation.refused or None
+        return "the result is being written"
+
+    def problem(self, situation: Situation) -> str | None:
+        """The referee signs, and nothing undecided is signed in silence."""
+        if not self.referee.strip():
+            return _NAMELESS
+        found = [flag.words for flag in undecided(situation.flags)]
+        if unseen := [words for words in found if words not in self.undecided]:
+            return f"decide it first, or sign it knowing so: {'; '.join(unseen)}"
+        if len(found) < len(self.undecided):
+            return "what was undecided is decided by now: look again"
+        return None
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
+        """The team's word, a note, the referee's name if it is missing; first what is undecided.
+
+        The first of them lists what is to be seen before.
+        """
+        referee, waiting = view.run.referee, undecided(view.flags)
+        listed = _checklist(view)
+        questions: list[Question] = [_NOTE]
+        if not referee:
+            questions.append(Write("Referee's name:", missing=_NAMELESS))
+        if waiting:
+            questions[:0] = [Pick("Sign it all the same?", _SO, listed), _TEAM]
+        else:
+            questions.insert(0, replace(_TEAM, listed=listed))
+        left = tuple(flag.words for flag in waiting)
+
+        def make(*answers: str) -> Finalise:
+            word, note, by = (*answers[bool(waiting) :], referee)[:3]
+            return cls(TeamWord(word), by, note, left)
+
+        return Ask("Finalise the result", tuple(questions), make)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The result is final."""
+        run, closure = situation.run, Closure(at, self.referee, self.team_word, self.note)
+        signed = at if run.signed is None else run.signed
+        return replace(
+            run,
+            phase=Phase.FINAL,
+            closure=closure,
+            signed=signed,
+            signed_notes=len(run.notes),
+            signed_evidence=run.evidence,
+        )
+
+    @property
+    def signature(self) -> str:
+        """Who signed."""
+        return self.referee
+
+    @property
+    def done(self) -> str:
+        """With the team's word."""
+        return f"the result is final, {self.team_word} by the team"
+
+
+def _checklist(view: RunView) -> tuple[str, ...]:
+    """What is to be seen before a result is final, what is undecided first; empty = nothing."""
+    found, unchanged = view.flags, _without_effect(view.run)
+    if not (found or unchanged):
+        return ()
+    steps = ", ".join(f"{record.step:d}" for record in view.steps if record.done)
+    rows = [f"Before it is final: {view.run.outcome}, steps that count: {steps or 'none'}"]
+    for flag in undecided(found):
+        how = DECIDED_BY.get(flag.kind)
+        rows.append(f"! {flag.words}" + (f": {how}" if how else ""))
+    rows += [f"! {one.title} was upheld: nothing was changed since" for one in unchanged]
+    if others := [flag.words for flag in found if not flag.undecided]:
+        rows.append(f"- {'; '.join(others)}")
+    return tuple(rows)
+
+
+def _without_effect(run: Run) -> list[Protest]:
+    """Protests that were upheld, and nothing about the result is another since they were filed."""
+    changed = -math.inf if run.changed is None else run.changed
+    upheld = (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
+    return [
+        one
+        for one in run.protests
+        if one.answer is not None and one.answer.end in upheld and changed < one.time
+    ]
+
+
+# Accept doubts on a result: the values stand as they are.
+
+
+_NO_DOUBT = "no doubt waits for the referee"
+_ALL = "all"
+_MOST_LISTED = 4
+"""Sentences of two rows that a dialog has room for, in 80 x 24 cells."""
+_WHY = Pick(
+    "Why? It stands with the result, and so do the doubts.",
+    reasons("seen on video: right", "no effect on the ranking", "the run is repeated"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptDoubts(Act):
+    """Let doubts on a result stand, with a reason (section 11).
+
+    It says which: what is doubted of a later issue for another reason waits again.
+
+    Attributes:
+        doubts: the sentences, by indicator.
+        reason: why.
+    """
+
+    name = "accept doubts"
+    phases = (Phase.STOPPED,)
+    missing = "accepting a doubt needs a reason"
+    title = "Accept doubts: the values stand as they are"
+    doubts: Doubts
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs a result with a doubt that waits."""
+        if not situation.scored:
+            return "the result is being written"
+        waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
+        return None if waiting else _NO_DOUBT
+
+    def problem(self, situation: Situation) -> str | None:
+        """Only what is doubted, and waits, can be accepted."""
+        waiting = waiting_doubts(situation.indicators, situation.run.accepted_doubts)
+        named = [(name, words) for name, found in self.doubts.items() for words in found]
+        if not named:
+            return "accepting doubts needs one that waits"
+        if any(words not in waiting.get(name, ()) for name, words in named):
+            return "what is doubted is something else by now: look again"
+        return None
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Ask[Asked] | str:
+        """On which indicator, where there are several; then why, with all that is doubted of it."""
+        waiting = waiting_doubts(view.indicators, view.run.accepted_doubts)
+        if not waiting:
+            return _NO_DOUBT
+        if len(waiting) == 1:
+            return cls._ask_why(waiting)
+        each = (
+            Option(str(number), f"{name.words}: {_counted(len(found))}", name)
+            for number, (name, found) in enumerate(waiting.items(), 1)
+        )
+        question = Pick("On which indicator?", (Option("a", "on all of them", _ALL), *each))
+
+        def chosen(which: str) -> Ask[Asked]:
+            only = {name: found for name, found in waiting.items() if which in (_ALL, name)}
+            return cls._ask_why(only)
+
+        return Ask(cls.title, (question,), chosen)
+
+    @classmethod
+    def _ask_why(cls, doubts: Doubts) -> Ask[Asked]:
+        """Why they are accepted, below the sentences; one may stand on several indicators."""
+        listed = [f"? {words}" for words in dict.fromkeys(chain(*doubts.values()))]
+        if (more := len(listed) - _MOST_LISTED) > 1:
+            listed[_MOST_LISTED:] = [f"? and {more} more: the result has all of them"]
+        title = f"Accept what is doubted of {doubted_words(doubts)}"
+        question = replace(_WHY, listed=tuple(listed))
+        return Ask(title, (question,), lambda reason: cls(doubts, reason))
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """They are accepted, and stay beside the values."""
+        run = situation.run
+        accepted = AcceptedDoubts(at, self.reason, run.referee, self.doubts)
+        return replace(
+            run,
+            decided=run.decided_and(DecisionKind.DOUBTS),
+            accepted_doubts=(*run.accepted_doubts, accepted),
+        )
+
+    @property
+    def done(self) -> str:
+        """On which indicators."""
+        return f"doubt accepted: {doubted_words(self.doubts)}"
+
+    @property
+    def logged(self) -> str:
+        """On which indicators."""
+        return f"referee accepts the doubt on {doubted_words(self.doubts)}"
+
+
+def _counted(doubts: int) -> str:
+    return f"{doubts} doubt{'s' if doubts > 1 else ''}"
+
+
+# Re-issue: a final result can be ruled again, and gets a new issue.
+
+
+@dataclass(frozen=True, slots=True)
+class Reissue(Act):
+    """Make a final result not final again; the next issue gets a new number, the old one stays."""
+
+    name = "re-issue"
+    phases = (Phase.FINAL,)
+    at_once = False
+    elsewhere = "only a final result is re-issued"
+    missing = "a re-issue needs a reason"
+    title = "Re-issue the final result; the old issue stays"
+    questions = (
+        Pick("Why?", reasons("a step was ruled wrongly", "protest of the team accepted")),
+        Sure("Re-issue the result?"),
+    )
+    reason: str
+
+    def problem(self, situation: Situation) -> str | None:
+        """Not before the final result is written: it is kept beside the next issue.
+
+        It is while the question is answered: the key is not refused for that moment.
+        """
+        return None if situation.scored else "the result is being written"
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """Stopped again: rulings are possible until it is finalised once more."""
+        return self.opened_again(situation.run, at)

@@ -1,0 +1,250 @@
+"""Acts before a start: set-up, pose, zero, waivers, start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from madrob_console.referee.acts.act import (
+    Act,
+    Ask,
+    Consequence,
+    Option,
+    Pick,
+    RunView,
+    Situation,
+    Sure,
+    reasons,
+)
+from madrob_console.referee.checks import blocking
+from madrob_console.referee.flags import undecided
+from madrob_console.referee.records import CheckName, DecisionKind, RunSetup, Waiver
+from madrob_console.referee.run import Phase, Run, begin_countdown
+from scoring.rest import HandleRest
+
+
+@dataclass(frozen=True, slots=True)
+class SetUp(Act):
+    """Set up the next run. A form asks for the set-up, not a dialog."""
+
+    name = "set up"
+    phases = (Phase.IDLE, Phase.READY, Phase.STOPPED, Phase.FINAL)
+    consequences = Consequence.NEW_RUN
+    setup: RunSetup
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Not before the result of the last run is written, if it can be."""
+        over = situation.run.phase in (Phase.STOPPED, Phase.FINAL)
+        if over and not (situation.scored or situation.hopeless):
+            return "the result of the last run is being written"
+        return None
+
+    def problem(self, situation: Situation) -> str | None:
+        """A bad set-up, naming the field; a name that the list does not have, without a reason."""
+        return self.setup.problem() or situation.teams.problem(self.setup)
+
+    def settled(self, situation: Situation) -> Act:
+        """With its identity; on a simulated testbed every run is practice (protocol section 2)."""
+        practice = self.setup.practice or situation.simulated is not None
+        return SetUp(
+            replace(
+                self.setup,
+                practice=practice,
+                run_id=situation.new_id(),
+                testbed=situation.testbed,
+                competition=situation.competition,
+            )
+        )
+
+    def unless_final(self, view: RunView) -> Act | Ask[Act]:
+        """At once; asked first if the last result waits for a signature.
+
+        That of an aborted or voided run does not: the referee has ended it with a reason, and
+        nothing of it is left to decide. An interrupted one does: a machine ended it, it has
+        indicators, and whether it is repeated is the referee's decision (protocol section 2).
+        """
+        if not view.run.unsigned:
+            return self
+        left = "".join(f", {flag.words}" for flag in undecided(view.flags))
+        sure = Sure(f"The last result is not final{left}: it stays as it is. Set up the next run?")
+        return Ask("Next run", (sure,), lambda: self)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """A clean run: nothing of the one before stays but the handle zero."""
+        return replace(situation.run.cleared, phase=Phase.READY, setup=self.setup)
+
+    @property
+    def reason_given(self) -> str:
+        """Why the team has another name than in the list."""
+        return self.setup.team_reason
+
+    @property
+    def done(self) -> str:
+        """Which run."""
+        kind = "practice run" if self.setup.practice else "run"
+        return f"{kind} {self.setup.run_number} of subject {self.setup.subject} is set up"
+
+
+# Confirm the start pose: the robot stands there.
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmPose(Act):
+    """The referee saw the robot standing at its start pose."""
+
+    name = "confirm the start pose"
+    phases = (Phase.READY,)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The pose is confirmed."""
+        return replace(situation.run, pose_confirmed=True)
+
+
+# Start: the countdown begins.
+
+
+@dataclass(frozen=True, slots=True)
+class Start(Act):
+    """Open the recording and begin the countdown."""
+
+    name = "start"
+    phases = (Phase.READY,)
+    at_once = False
+    consequences = Consequence.RECORDING | Consequence.COUNTDOWN
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Every check must be ok or waived; what is simulated must be set up as practice."""
+        setup = situation.run.setup
+        if situation.simulated is not None and setup is not None and not setup.practice:
+            return "the testbed is simulated, a run on it is practice: set it up again"
+        blocks = blocking(situation.checks)
+        if not blocks:
+            return None
+        more = f" (and {len(blocks) - 1} more)" if len(blocks) > 1 else ""
+        return f"{blocks[0].name}: {blocks[0].reason}{more}"
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The countdown runs; the start is planned."""
+        return begin_countdown(situation.run, at)
+
+
+# Waive a check: it may fail in this run.
+
+
+_NONE_FAILS = "no check fails"
+_WHY = Pick(
+    "Why may it pass?", reasons("checked by hand", "known testbed fault", "the organiser agrees")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Waive(Act):
+    """Let a failed check pass for this run."""
+
+    name = "waive a check"
+    phases = (Phase.READY,)
+    missing = "a waiver needs a reason"
+    check: CheckName
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Some check must fail."""
+        return None if blocking(situation.checks) else _NONE_FAILS
+
+    def problem(self, situation: Situation) -> str | None:
+        """It is for a check that fails."""
+        return _passes(self.check, situation)
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act] | str:
+        """Which failing check, and why."""
+        blocks = blocking(view.checks)
+        failing = [check.name for check in blocks if check.waivable or len(blocks) == 1]
+        if len(failing) < 2:
+            return cls.ask_why(view, failing[0]) if failing else _NONE_FAILS
+        which = tuple(Option(str(i), str(name), str(name)) for i, name in enumerate(failing, 1))
+        return Ask(
+            "Waive a failing check for this run",
+            (Pick("Which?", which), _WHY),
+            lambda name, reason: cls(CheckName(name), reason),
+        )
+
+    @classmethod
+    def ask_why(cls, view: RunView, check: CheckName) -> Ask[Act] | str:
+        """Why this check may pass."""
+        if refused := _passes(check, view):
+            return refused
+        title = f"Waive '{check}' for this run"
+        return Ask(title, (_WHY,), lambda reason: cls(check, reason))
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more waiver."""
+        run = situation.run
+        waiver = Waiver(self.check, self.reason, run.referee, at)
+        return replace(
+            run, decided=run.decided_and(DecisionKind.WAIVER), waivers=(*run.waivers, waiver)
+        )
+
+    @property
+    def done(self) -> str:
+        """Which check."""
+        return f"'{self.check}' waived"
+
+    @property
+    def logged(self) -> str:
+        """Which check."""
+        return f"check waived: {self.check}"
+
+
+def _passes(check: CheckName, where: Situation | RunView) -> str | None:
+    found = next((found for found in blocking(where.checks) if found.name is check), None)
+    if found is None:
+        return f"the check '{check}' does not fail"
+    return None if found.waivable else f"the check '{check}' cannot be waived: {found.reason}"
+
+
+# Zero the handle.
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroHandle(Act):
+    """Take the mean handle force of the last second as zero (protocol sections 4 and 11).
+
+    Attributes:
+        samples: those behind it, which the engine measures; None before that, and in journals of
+            earlier versions.
+    """
+
+    name = "zero the handle"
+    phases = (Phase.IDLE, Phase.READY, Phase.FINAL)
+    consequences = Consequence.HANDLE_ZERO
+
+    samples: HandleRest | None = None
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs fresh handle data, of a handle that nobody moves."""
+        rest = situation.handle_rest
+        if rest is None:
+            return "no fresh handle force"
+        moves = rest.deviation > situation.rest_force
+        return "the handle force is not steady: let go of it, wait a second" if moves else None
+
+    def settled(self, situation: Situation) -> Act:
+        """With the samples of the last second, whoever asks."""
+        return ZeroHandle(situation.handle_rest)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The handle zero is their mean; that of a line without them is stored with the run."""
+        samples, run = self.samples, situation.run
+        if samples is None:
+            return run
+        return replace(run, handle_zero=samples.mean, zero_samples=samples)
+
+    @property
+    def logged(self) -> str:
+        """What the samples say."""
+        found = self.samples
+        return self.name if found is None else f"{self.name}: {found.mean:.3f} N, {found.scatter}"

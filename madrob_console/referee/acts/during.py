@@ -1,0 +1,444 @@
+"""Acts during and after a run: abort, timeout, incidents, rulings, notes, void."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from madrob_console.referee.acts.act import (
+    LONGEST_TEXT,
+    Act,
+    Ask,
+    Asked,
+    Consequence,
+    Option,
+    Pick,
+    RunView,
+    Situation,
+    Sure,
+    Write,
+    meanwhile,
+    reasons,
+)
+from madrob_console.referee.records import (
+    DecisionKind,
+    Incident,
+    IncidentKind,
+    Note,
+    Voiding,
+    relative_text,
+    seconds_of,
+)
+from madrob_console.referee.run import (
+    Phase,
+    Run,
+    begin_countdown,
+    changed,
+    decide_false_starts,
+    stop,
+    time_out,
+)
+from scoring.procedure import Ruling
+from scoring.protocol import Outcome, Step
+
+# Accept the false start: it may pass.
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptFalseStart(Act):
+    """Let the false starts found so far pass, with a reason."""
+
+    name = "accept the false start"
+    phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
+    missing = "accepting a false start needs a reason"
+    title = "Accept the false start"
+    questions = (
+        Pick("Why?", reasons("nothing gained", "sensor false alarm", "caused by a person")),
+    )
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs an undecided false start."""
+        undecided = situation.run.undecided_false_start
+        return "there is no false start to accept" if undecided is None else None
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """All undecided false starts are accepted."""
+        return decide_false_starts(situation.run, self.reason)
+
+
+# A note beside the run.
+
+
+@dataclass(frozen=True, slots=True)
+class AddNote(Act):
+    """Write a note beside the run."""
+
+    name = "note"
+    phases = tuple(phase for phase in Phase if phase is not Phase.IDLE)
+    missing = "the note is empty"
+    title = "Note"
+    questions = (Write("Text:", missing=missing),)
+    note: str
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more note."""
+        run = situation.run
+        return replace(run, notes=(*run.notes, Note(at, self.note)))
+
+
+# Declare the timeout: the robot gave up.
+
+
+@dataclass(frozen=True, slots=True)
+class DeclareTimeout(Act):
+    """The robot gave up: a valid timeout at this instant (section 8)."""
+
+    name = "declare timeout"
+    phases = (Phase.RUNNING,)
+    title = "DECLARE TIMEOUT: the run ends now and stays valid"
+    questions = (
+        meanwhile("the team gives up", "robot stuck", "robot stopped by itself"),
+        Sure("Timeout now?"),
+    )
+    urgent = True
+    reason: str = ""
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Only once."""
+        if situation.run.timeout_at is None:
+            return None
+        return "the timeout is already there; a settle time is being waited for"
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The timeout is there; a settle time that is running may still complete the run."""
+        return time_out(situation.run, at, self.reason or "declared by the referee")
+
+
+# Mark an incident.
+
+
+_LATEST = 86_400.0
+"""Nothing that happens later than this has to do with the run, s from its start."""
+
+_NAMED = [kind for kind in IncidentKind if kind is not IncidentKind.OTHER]
+
+_WHICH = Pick(
+    "Which? It changes no indicator; n adds a note later.",
+    (
+        *(Option(kind.value[0], kind.value, kind.value) for kind in _NAMED),
+        Option("o", "other: type it", IncidentKind.OTHER),
+    ),
+)
+_WHAT = Write("What happened?", missing="say what happened")
+_TIME = Write(
+    "When? Seconds from the start of the run (12.5, 1:05; after its stop, too):",
+    missing="its time is needed: the run has stopped",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkIncident(Act):
+    """Mark an incident, at this instant or after the start that is named (section 7).
+
+    Attributes:
+        kind: what happened.
+        note: of the referee.
+        after_start: when, s from the start; null = now.
+    """
+
+    name = "mark an incident"
+    phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
+    title = "Mark an incident"
+    stands_out = True
+    kind: IncidentKind
+    note: str = ""
+    after_start: float | None = None
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Ask[Asked]:
+        """Which kind: the second key marks it; what another was is typed, and when after the stop.
+
+        What is typed while the run goes on counts from when its kind was chosen.
+        """
+        stopped, now = view.run.phase is Phase.STOPPED, view.elapsed
+
+        def chosen(kind: IncidentKind) -> Asked:
+            other = kind is IncidentKind.OTHER
+            asked = (*((_WHAT,) if other else ()), *((_TIME,) if stopped else ()))
+            if not asked:
+                return cls(kind)
+
+            def made(*typed: str) -> Act | str:
+                after = seconds_of(typed[-1]) if stopped else now
+                if after is None and stopped:
+                    return f"{typed[-1]!r} is no time: 12.5, -3 or 1:05 is one"
+                return cls(kind, typed[0] if other else "", after)
+
+            return Ask(f"{cls.title}: {kind}", asked, made)
+
+        title = f"{cls.title} {'of the run' if stopped else 'now'}"
+        return Ask(title, (_WHICH,), lambda word: chosen(IncidentKind(word)))
+
+    def problem(self, situation: Situation) -> str | None:
+        """A time is one of the recording, or later."""
+        run, after = situation.run, self.after_start
+        if after is None or run.start is None:
+            return None
+        began = (run.countdown_began or run.start) - run.start
+        if began <= after < _LATEST:
+            return None
+        return f"{after:g} s from the start: the recording began at {began:.1f} s"
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more incident."""
+        run = situation.run
+        if self.after_start is not None and run.start is not None:
+            at = run.start + self.after_start
+        mark = Incident(at, self.kind, self.note)
+        return replace(
+            run, decided=run.decided_and(DecisionKind.INCIDENT), incidents=(*run.incidents, mark)
+        )
+
+    @property
+    def done(self) -> str:
+        """Which kind, and when."""
+        return f"{self.kind} marked{self._when}"
+
+    @property
+    def logged(self) -> str:
+        """Which kind, and when."""
+        return f"incident: {self.kind}{self._when}"
+
+    @property
+    def _when(self) -> str:
+        return "" if self.after_start is None else f" at {self.after_start:+.2f} s"
+
+
+# Restart the countdown.
+
+
+@dataclass(frozen=True, slots=True)
+class RestartCountdown(Act):
+    """Begin the countdown again after a false start."""
+
+    name = "restart the countdown"
+    phases = (Phase.COUNTDOWN,)
+    title = "Restart the countdown"
+    questions = (
+        Pick("Why?", reasons("robot not ready", "person in the way", "testbed not ready")),
+    )
+    at_once = False
+    consequences = Consequence.COUNTDOWN
+    reason: str = "false start"
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Act | Ask[Act]:
+        """Why, where no false start says so."""
+        if view.run.undecided_false_start is not None:
+            return cls()
+        return Ask(cls.title, cls.questions, cls)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """A new planned start; earlier false starts count as decided by the restart."""
+        return begin_countdown(decide_false_starts(situation.run, "countdown restarted"), at)
+
+
+# Rule on a step.
+
+
+RULED = {True: "confirmed", False: "denied", None: "as the sensors say"}
+"""What a ruling says of a step."""
+
+_VERDICTS = {"confirm": True, "deny": False, "sensors": None}
+_LOGGED = {True: "confirms", False: "denies", None: "takes back the ruling on"}
+_WHY = Pick(
+    "Why?",
+    reasons(
+        *("seen by the referee", "sensor missed it", "sensor false alarm", "seen on video"),
+        "my mistake",
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Rule(Act):
+    """Confirm or deny a step (section 7), or take that back. The latest ruling counts."""
+
+    name = "rule on a step"
+    phases = (Phase.RUNNING, Phase.STOPPED)
+    missing = "a ruling needs a reason"
+    step: Step
+    confirmed: bool | None
+    reason: str
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Ask[Act]:
+        """Confirmed or denied, and why; the key is the step's number."""
+        step = Step(int(pressed))
+        record = next((record for record in view.steps if record.step is step), None)
+        found = None if record is None else record.sensors
+        sensors = "not done" if found is None else relative_text(found, view.run.start) + " s"
+        verdict = Pick(
+            f"Sensors: {sensors}. Referee: {_said(record.referee if record else None)}.",
+            (
+                Option("c", "confirm: it is done", "confirm"),
+                Option("d", "deny: it is not done", "deny"),
+                Option("s", "as the sensors say: take a ruling back", "sensors"),
+            ),
+        )
+        return Ask(
+            f"Step {step}: {step.text}",
+            (verdict, _WHY, Sure("Is that right? It can be ruled again.")),
+            lambda word, reason: cls(step, _VERDICTS[word], reason),
+        )
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more ruling."""
+        run = situation.run
+        ruling = Ruling(self.step, self.confirmed, at, self.reason, run.referee)
+        decided = run.decided_and(DecisionKind.RULING)
+        return changed(replace(run, decided=decided, rulings=(*run.rulings, ruling)), at)
+
+    @property
+    def done(self) -> str:
+        """Which step, and how."""
+        return f"step {self.step} {RULED[self.confirmed]}"
+
+    @property
+    def logged(self) -> str:
+        """Which step, and how."""
+        return f"referee {_LOGGED[self.confirmed]} step {self.step}"
+
+
+def _said(ruling: Ruling | None) -> str:
+    if ruling is None:
+        return "nothing yet"
+    return f"{RULED[ruling.confirmed]} ({ruling.reason})"
+
+
+# Void: a valid run counts nowhere.
+
+
+_SURE = Sure("Void it? It can be taken back.")
+
+
+@dataclass(frozen=True, slots=True)
+class Void(Act):
+    """The run stays on record with its indicators and counts nowhere (section 2).
+
+    A final result is opened again by that: the next issue has a number, the old one stays.
+    """
+
+    name = "void"
+    phases = (Phase.STOPPED, Phase.FINAL)
+    at_once = False
+    missing = "voiding a run needs a reason"
+    title = "VOID this run: it stays on record and counts nowhere"
+    questions = (
+        Pick(
+            "Why?",
+            reasons("robot unsafe", "testbed fault", "referee's mistake", "protest accepted"),
+        ),
+        _SURE,
+    )
+    stands_out = True
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Only what counts can be voided."""
+        run = situation.run
+        if run.voided is not None:
+            return "the run is void already: that can be taken back"
+        if run.outcome is Outcome.ABORTED:
+            return "an aborted run is invalid already"
+        return None if run.valid else "an interrupted run counts nowhere already"
+
+    def problem(self, situation: Situation) -> str | None:
+        """A final result must be on disk: it is kept beside the next issue."""
+        final = situation.run.phase is Phase.FINAL
+        return "the result is being written" if final and not situation.scored else None
+
+    @classmethod
+    def instead_of_abort(cls, reason: str) -> Ask[Act]:
+        """What to ask when an abort came just after the stop."""
+        title = f"The run was over before the abort ({reason}). {cls.title}"
+        return Ask(title, (_SURE,), lambda: cls(reason))
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """It counts no more."""
+        run = changed(self.opened_again(situation.run, at), at)
+        voided = Voiding(at, self.reason, run.referee)
+        return replace(run, decided=run.decided_and(DecisionKind.VOID), voided=voided)
+
+    @property
+    def done(self) -> str:
+        """What it means."""
+        return "the run is void and counts nowhere"
+
+    @property
+    def logged(self) -> str:
+        """What it means."""
+        return "run voided"
+
+
+@dataclass(frozen=True, slots=True)
+class Abort(Act):
+    """Interrupt the run: it is invalid (section 2). Wins over everything."""
+
+    name = "abort"
+    phases = (Phase.COUNTDOWN, Phase.RUNNING)
+    title = "ABORT the run: it becomes invalid and stays on record"
+    questions = (
+        meanwhile("robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"),
+        Sure("Abort now?"),
+    )
+    urgent = True
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        """A reason that is too long is cut: nothing refuses an abort."""
+        object.__setattr__(self, "reason", self.reason[:LONGEST_TEXT])
+
+    @classmethod
+    def impossible(cls, situation: Situation) -> str | None:
+        """A run that is over can be voided instead, if it counts."""
+        refused = super(Abort, cls).impossible(situation)
+        if refused is not None and Void.impossible(situation) is None:
+            return f"{refused}: void it instead"
+        return refused
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """Stopped, invalid."""
+        return stop(situation.run, Outcome.ABORTED, at, self.reason or "aborted by the referee")
+
+
+# Withdraw an incident.
+
+
+@dataclass(frozen=True, slots=True)
+class WithdrawIncident(Act):
+    """Take back the last incident: in older journals; today `TakeBack` does."""
+
+    name = "withdraw an incident"
+    phases = (Phase.COUNTDOWN, Phase.RUNNING, Phase.STOPPED)
+    missing = "withdrawing an incident needs a reason"
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs an incident."""
+        if situation.run.last_incident is None:
+            return "there is no incident to withdraw"
+        return None
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """The last incident that stands is withdrawn."""
+        run = situation.run
+        withdrawn = tuple(
+            replace(mark, withdrawn=self.reason) if mark is run.last_incident else mark
+            for mark in run.incidents
+        )
+        return replace(run, decided=run.decided_without(DecisionKind.INCIDENT), incidents=withdrawn)

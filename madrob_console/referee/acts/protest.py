@@ -1,0 +1,442 @@
+"""Acts on protests: file, decide, withdraw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from madrob_console.referee.acts.act import (
+    Act,
+    Ask,
+    Asked,
+    Option,
+    Pick,
+    Question,
+    RunView,
+    Situation,
+    Write,
+    reasons,
+)
+from madrob_console.referee.records import (
+    DecisionKind,
+    Protest,
+    ProtestAnswer,
+    ProtestEnd,
+    ProtestTimes,
+    late_words,
+    open_protests,
+    relative_text,
+    seconds_of,
+    span_words,
+)
+from madrob_console.referee.run import Phase, Run
+from scoring.indicator_table import IndicatorName
+
+# The team withdraws its protest.
+
+
+_NONE_OPEN = "no protest is open"
+
+
+@dataclass(frozen=True, slots=True)
+class WithdrawProtest(Act):
+    """Close a protest because the team withdraws it (section 2).
+
+    Attributes:
+        number: of the protest.
+        reason: what the team says.
+    """
+
+    name = "withdraw protest"
+    phases = (Phase.STOPPED, Phase.FINAL)
+    at_once = False
+    missing = "a withdrawal needs a reason"
+    number: int
+    reason: str
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs an open protest."""
+        return None if open_protests(situation.run.protests) else _NONE_OPEN
+
+    def problem(self, situation: Situation) -> str | None:
+        """It is open."""
+        return closing_problem(self.number, situation)
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Asked:
+        """Which one, where there are several, and why."""
+
+        def withdrawal(protest: Protest) -> Ask[Act]:
+            listed = (f"! {protest.team}: {protest.text}",)
+            why = reasons("satisfied by the explanation", "filed by mistake")
+            question = Pick("What does the team say?", why, listed)
+            title = f"The team withdraws {protest.title}"
+            return Ask(title, (question,), lambda reason: cls(protest.number, reason))
+
+        return on_which(view, "The team withdraws a protest", withdrawal)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """It is closed."""
+        run = self.opened_again(situation.run, at)
+        answer = ProtestAnswer(at, ProtestEnd.WITHDRAWN, self.reason, run.referee)
+        return closed(run, self.number, answer)
+
+    @property
+    def done(self) -> str:
+        """Which one."""
+        return f"protest {self.number} is withdrawn"
+
+    @property
+    def logged(self) -> str:
+        """Which one."""
+        return f"protest {self.number} withdrawn by the team"
+
+
+def on_which(view: RunView, title: str, then: Callable[[Protest], Ask[Act]]) -> Asked:
+    """Ask which protest is meant, where several are open.
+
+    Args:
+        view: what the referee sees.
+        title: of the question.
+        then: what to ask about the one that is meant.
+    """
+    waiting = {str(one.number): one for one in open_protests(view.run.protests)}
+    if not waiting:
+        return _NONE_OPEN
+    if len(waiting) == 1:
+        return then(*waiting.values())
+    options = tuple(
+        Option(chr(ord("a") + at), f"{one.title} of {one.team}", number)
+        for at, (number, one) in enumerate(list(waiting.items())[:9])
+    )
+    question = Pick("Which one?", options)
+    return Ask(title, (question,), lambda number: then(waiting[number]))
+
+
+def closing_problem(number: int, situation: Situation) -> str | None:
+    """Why a protest cannot be closed, in words; None = it can."""
+    run = situation.run
+    if all(one.number != number for one in open_protests(run.protests)):
+        return f"protest {number} is not open: look again"
+    final = run.phase is Phase.FINAL
+    return "the result is being written" if final and not situation.scored else None
+
+
+def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
+    """The run with a protest that is closed, or open again."""
+    protests = tuple(
+        replace(one, answer=answer) if one.number == number else one for one in run.protests
+    )
+    return replace(run, protests=protests)
+
+
+# Decide a protest: upheld, in part, or rejected.
+
+
+_NAMELESS = "a decision needs the referee's name"
+_HOW = Pick(
+    "How is it decided? What that changes: 1-6 rule, c corrects, v voids; then f.",
+    (
+        Option("u", "upheld", ProtestEnd.UPHELD),
+        Option("p", "partly upheld", ProtestEnd.PARTLY),
+        Option("r", "rejected", ProtestEnd.REJECTED),
+    ),
+)
+_WHY = Write("In words, for the team:", missing="a decision needs words")
+
+
+@dataclass(frozen=True, slots=True)
+class DecideProtest(Act):
+    """Close a protest with words and a name (section 2).
+
+    It changes nothing of the result itself: rulings, corrections and voids do. A result that was
+    signed with the protest open is opened again by that.
+
+    Attributes:
+        number: of the protest.
+        end: how it is decided.
+        reason: in words, for the team.
+        referee: who decides.
+        late: that it is after its deadline, in words; empty = in time. Given out by the engine.
+    """
+
+    name = "decide protest"
+    phases = (Phase.STOPPED, Phase.FINAL)
+    at_once = False
+    missing = _WHY.missing
+    stands_out = True
+    number: int
+    end: ProtestEnd
+    reason: str
+    referee: str
+    late: str = ""
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """Needs an open protest."""
+        return None if open_protests(situation.run.protests) else "no protest is open"
+
+    def problem(self, situation: Situation) -> str | None:
+        """It is open, is decided, and somebody signs that."""
+        if self.end is ProtestEnd.WITHDRAWN:
+            return "a protest is withdrawn by the team, not by a decision"
+        if not self.referee.strip():
+            return _NAMELESS
+        return closing_problem(self.number, situation)
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Asked:
+        """Which one, where there are several; how, why, and who decides if that is not known."""
+
+        def decision(protest: Protest) -> Ask[Act]:
+            how = replace(_HOW, listed=(f"! {protest.team}: {protest.text}",))
+            questions: list[Question] = [how, _WHY]
+            known = view.run.referee
+            if not known:
+                questions.append(Write("Referee's name:", missing=_NAMELESS))
+
+            def make(end: str, why: str, by: str = known) -> DecideProtest:
+                return cls(protest.number, ProtestEnd(end), why, by)
+
+            return Ask(f"Decide {protest.title}", tuple(questions), make)
+
+        return on_which(view, "Decide a protest", decision)
+
+    def settled(self, situation: Situation) -> Act:
+        """With a word where it comes late."""
+        known = (one for one in situation.run.protests if one.number == self.number)
+        due = next((one.due for one in known), math.inf)
+        return replace(self, late=late_words(due, situation.time))
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """It is closed."""
+        answer = ProtestAnswer(at, self.end, self.reason, self.referee)
+        run = closed(self.opened_again(situation.run, at), self.number, answer)
+        return replace(run, decided=run.decided_and(DecisionKind.PROTEST))
+
+    @property
+    def signature(self) -> str:
+        """Who decided."""
+        return self.referee
+
+    @property
+    def done(self) -> str:
+        """How."""
+        return self.logged
+
+    @property
+    def logged(self) -> str:
+        """How, and whether late."""
+        return f"protest {self.number} {self.end}{f' ({self.late})' if self.late else ''}"
+
+
+MOST_PROTESTS = 20
+"""Against one run."""
+
+_MARGIN = 60.0
+"""What is in question happened no longer than this before or after the recording, s."""
+
+_WHOLE = "the whole run"
+_FILE, _DECIDE, _WITHDRAW = "file", "decide", "withdraw"
+_TEXT = Write("What does the team say?", missing="a protest needs the team's words")
+
+
+@dataclass(frozen=True, slots=True)
+class FileProtest(Act):
+    """A team protests: the result is open until that is decided or withdrawn (section 2).
+
+    A final result is opened again by that: the next issue has a number, the old one stays.
+
+    Attributes:
+        text: what the team says.
+        team: who protests.
+        about: a step, an indicator, a time, or the whole run, in words.
+        after_start: the instant in question, s from the start; null = none.
+        late: why it is admitted although it comes late; empty = it is in time.
+        due: when it is to be decided, s since the epoch; given out by the engine.
+    """
+
+    name = "protest"
+    phases = (Phase.STOPPED, Phase.FINAL)
+    at_once = False
+    stands_out = True
+    title = "PROTEST: the result stays open until it is decided"
+    text: str
+    team: str
+    about: str = _WHOLE
+    after_start: float | None = None
+    late: str = ""
+    due: float | None = None
+
+    @classmethod
+    def hindrance(cls, situation: Situation) -> str | None:
+        """A run has only so many."""
+        if len(situation.run.protests) >= MOST_PROTESTS:
+            return f"there are {MOST_PROTESTS} protests against this run already: add a note (n)"
+        return None
+
+    def problem(self, situation: Situation) -> str | None:
+        """Somebody says something, in time; a final result is on disk."""
+        run = situation.run
+        if not self.text.strip():
+            return _TEXT.missing
+        if not self.team.strip():
+            return "a protest needs the name of the team"
+        if self.after_start is not None and (outside := _outside(self.after_start, run)):
+            return outside
+        if run.phase is Phase.FINAL and not situation.scored:
+            return "the result is being written"
+        late = _lateness(run, situation.time, situation.protest_times)
+        return f"{late}: admit it with a reason" if late and not self.late.strip() else None
+
+    @classmethod
+    def ask(cls, view: RunView, pressed: str) -> Asked:
+        """What about, who and what they say; with an open protest, first what becomes of that."""
+        waiting = open_protests(view.run.protests)
+        if not waiting:
+            return cls._ask_about(view)
+        first = waiting[0]
+        listed = (f"! {first.title} of {first.team}: {first.text}",)
+
+        def chosen(what: str) -> Asked:
+            if what == _FILE:
+                return cls._ask_about(view)
+            return (DecideProtest if what == _DECIDE else WithdrawProtest).ask(view, pressed)
+
+        options = (
+            Option("d", "decide it", _DECIDE),
+            Option("w", "the team withdraws it", _WITHDRAW),
+            Option("a", "another protest is filed", _FILE),
+        )
+        question = Pick("What becomes of it?", options, listed)
+        count = f"{len(waiting)} protests are open" if len(waiting) > 1 else "A protest is open"
+        return Ask(count, (question,), chosen)
+
+    @classmethod
+    def _ask_about(cls, view: RunView) -> Ask[Asked]:
+        run = view.run
+        steps = {f"step {one.step:d}: {one.step.text}": one for one in view.steps}
+        options = (
+            Option("w", _WHOLE, _WHOLE),
+            *(Option(str(one.step.value), one.step.text, words) for words, one in steps.items()),
+            Option("i", "an indicator", "indicator"),
+            Option("t", "a time of the run: type it", "time"),
+        )
+
+        def chosen(what: str) -> Asked:
+            if what == "indicator":
+                return cls._ask_indicator(view)
+            if what == "time":
+                question = Write("Seconds from the start of the run (12.5, -3, 1:05):")
+                return Ask(cls.title, (question,), lambda typed: cls._ask_at(view, typed))
+            found = steps.get(what)
+            time = None if found is None else found.final or found.sensors
+            known = time is not None and run.start is not None
+            at = time - run.start if known else None  # type: ignore[operator]
+            return cls._ask_words(view, what, at)
+
+        return Ask(cls.title, (Pick("What is it about?", options),), chosen)
+
+    @classmethod
+    def _ask_indicator(cls, view: RunView) -> Ask[Asked]:
+        options = tuple(
+            Option(chr(ord("a") + number), name.words, name.words)
+            for number, name in enumerate(
+                [one for one in IndicatorName if one in view.indicators] or list(IndicatorName)
+            )
+        )
+        question = Pick("Which indicator?", options)
+        return Ask(cls.title, (question,), lambda words: cls._ask_words(view, words, None))
+
+    @classmethod
+    def _ask_at(cls, view: RunView, typed: str) -> Asked:
+        at = seconds_of(typed)
+        if at is None:
+            return f"{typed!r} is no time: 12.5, -3 or 1:05 is one"
+        if outside := _outside(at, view.run):
+            return outside
+        return cls._ask_words(view, f"{relative_text(at, 0.0)} s", at)
+
+    @classmethod
+    def _ask_words(cls, view: RunView, about: str, at: float | None) -> Ask[Asked]:
+        run = view.run
+        own = "" if run.setup is None else run.setup.team or f"subject {run.setup.subject}"
+        late = _lateness(run, view.time, view.protest_times)
+        who = (Option("1", own, own),) if own.strip() else ()
+        questions: list[Question] = [
+            Pick("Who protests?", (*who, Option("o", "another team: type it", None, free=True))),
+            _TEXT,
+        ]
+        if late:
+            why = reasons("told before the deadline", "the results were shown late")
+            questions.append(Pick(f"It is late ({late}). Why is it admitted?", why))
+
+        def make(team: str, text: str, admitted: str = "") -> FileProtest:
+            return cls(text, team, about, at, admitted)
+
+        return Ask(f"PROTEST about {about}", tuple(questions), make)
+
+    def settled(self, situation: Situation) -> Act:
+        """With the time at which it is to be decided."""
+        return replace(self, due=situation.time + situation.protest_times.decision)
+
+    def apply(self, situation: Situation, at: float) -> Run:
+        """One more protest; the result is open."""
+        run = self.opened_again(situation.run, at)
+        instant = None
+        if self.after_start is not None and run.start is not None:
+            instant = run.start + self.after_start
+        due = at + situation.protest_times.decision if self.due is None else self.due
+        protest = Protest(
+            number=len(run.protests) + 1,
+            time=at,
+            team=self.team,
+            text=self.text,
+            about=self.about,
+            at=instant,
+            due=due,
+            late=self.late,
+            referee=run.referee,
+        )
+        return replace(run, protests=(*run.protests, protest))
+
+    @property
+    def reason_given(self) -> str:
+        """What the team says."""
+        return self.text
+
+    @property
+    def done(self) -> str:
+        """What it means."""
+        return f"protest of {self.team} about {self.about} waits for a decision"
+
+    @property
+    def logged(self) -> str:
+        """Who, and what about."""
+        return f"{self.team} protests about {self.about}"
+
+
+def _lateness(run: Run, now: float, times: ProtestTimes) -> str:
+    """Why a protest comes too late now, in words; empty = it does not.
+
+    A deadline runs on while the result is open again, for another protest for instance.
+    """
+    if run.signed is None or (passed := now - run.signed) <= times.filing:
+        return ""
+    ended, lasts = span_words(passed - times.filing), span_words(times.filing)
+    return f"the time for protests ended {ended} ago, {lasts} after the signature"
+
+
+def _outside(after_start: float, run: Run) -> str:
+    """Why a time has nothing to do with the run, in words; empty = it may have."""
+    start, began = run.start, run.countdown_began
+    first = 0.0 if start is None or began is None else began - start
+    last = 0.0 if start is None or run.stop is None else run.stop - start
+    if first - _MARGIN <= after_start <= last + _MARGIN:
+        return ""
+    return (
+        f"the recording goes from {first:.0f} s to {last:.0f} s: {after_start:g} s is more than "
+        f"{_MARGIN:.0f} s outside it"
+    )

@@ -1,0 +1,459 @@
+"""The pre-start checks, the health of topics, and its limits."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+from madrob_console.referee.evidence_account import unseen_words
+from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.records import (
+    CheckName,
+    RunSetup,
+    Waiver,
+    counted,
+    duration_words,
+    listed,
+    size_words,
+)
+from madrob_console.referee.run import Phase, Run
+from scoring.rest import FEWEST_SAMPLES, HandleRest
+
+
+class CheckState(StrEnum):
+    """What a check found. Missing data is a state of its own, never `ok`."""
+
+    OK = "ok"
+    WARNING = "warning"
+    """Something to look at that stands in nobody's way."""
+    FAILED = "failed"
+    NO_DATA = "no data"
+    WAIVED = "waived"
+
+
+_ANOTHER_CLOCK = 10.0
+"""Stamps that are off by more are not of this clock, s (protocol section 3)."""
+
+_NO_ZERO = (
+    "this engine has none yet, and one of before may be of a sensor that was switched off since"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One pre-start check.
+
+    Attributes:
+        name: which.
+        state: what it found.
+        reason: why it is not `ok`, or what was measured, in words.
+        waivable: whether a referee may let it fail; else nothing would be detected.
+    """
+
+    name: CheckName
+    state: CheckState
+    reason: str
+    waivable: bool = True
+
+    @property
+    def blocks(self) -> bool:
+        """Whether it stands in the way of a start."""
+        return self.state in (CheckState.FAILED, CheckState.NO_DATA)
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceReading:
+    """What is known of the evidence before a run.
+
+    Attributes:
+        ready: whether somebody listens to it.
+        problem: what is wrong with all of it, in words; None = nothing.
+        topics: how many there are.
+        left: bytes that fit; None = unknown.
+        lasts: how long that lasts at the rate of now, s; None = unknown, or nothing comes.
+        least: so long it must last, s.
+        ros: whether there is ROS, where it comes from.
+        silent: those of them on which nothing comes now.
+        unseen: patterns of the settings for which nobody publishes anything.
+        scored: patterns that match only what is recorded with the score.
+    """
+
+    ready: bool
+    problem: str | None
+    topics: int
+    left: int | None
+    lasts: float | None
+    least: float
+    ros: bool = True
+    silent: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> str:
+        """What does not come, and what needs not be asked for, in words; empty = nothing."""
+        notes = [unseen_words(self.unseen)] if self.unseen else []
+        if self.silent:
+            notes.append(f"{listed(self.silent)}: nothing comes now")
+        if self.scored:
+            notes.append(f"{listed(self.scored)}: recorded with the score, remove the pattern")
+        return "; ".join(notes)
+
+
+NO_ROS = EvidenceReading(False, None, 0, None, None, 0.0, ros=False)
+"""Of a testbed that is simulated in the engine's own process."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the checks look at; None = no data now.
+
+    Attributes:
+        topic_problems: one line per topic that is missing, stale or off its rate.
+        angle: door angle, rad.
+        closed_angle: abs(angle) below this is closed, rad.
+        force: handle force minus handle zero, N.
+        rest_force: abs(force) above this is not at rest, N.
+        zero: the samples behind the handle zero; None = it was never set.
+        drift: how far from this zero the handle was at rest after the last run, where that is too
+            far, N; None = it is not.
+        occupied: names of the used passage sensors that see something; None = no data.
+        skew: largest stamp - log time of the last second, s, with its sign.
+        least_skew: the smallest of the last second on the topic where that is largest, s.
+        simulated_time: `/clock` - log time, s; None = nobody publishes it.
+        teams: the list of teams as it is now.
+        largest_skew: the limit for it, s.
+        disk_free: bytes; None = unknown.
+        disk_needed: bytes.
+        recorder_problems: why no run can be recorded, in words; None = the disk has not said.
+        other_referee: who else publishes the state of the run, in words; None = nobody.
+        evidence: what is recorded beside the testbed's topics; None = nothing is wanted.
+    """
+
+    topic_problems: tuple[str, ...]
+    angle: float | None
+    closed_angle: float
+    force: float | None
+    rest_force: float
+    zero: HandleRest | None
+    drift: float | None
+    occupied: tuple[str, ...] | None
+    skew: float | None
+    largest_skew: float
+    disk_free: int | None
+    disk_needed: int
+    recorder_problems: tuple[str, ...] | None
+    other_referee: str | None
+    evidence: EvidenceReading | None = None
+    least_skew: float | None = None
+    simulated_time: float | None = None
+    teams: TeamList = NO_TEAMS
+
+
+def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
+    """All checks in order, with the waivers of `run` applied; after a run those of the next.
+
+    Those of team and handle zero are among them only where they fail, that of the evidence only
+    where it is wanted: screens are small.
+    """
+    if run.phase in (Phase.STOPPED, Phase.FINAL):
+        run = Run()  # what was seen and let pass was for that run alone
+    found = (
+        *_team(readings, run.setup),
+        _topics(readings),
+        _door(readings),
+        _handle(readings, run),
+        *_zero(readings),
+        _doorway(readings),
+        _clock(readings),
+        _disk(readings),
+        _recorder(readings),
+        *_evidence(readings, run),
+        _referee(readings),
+        _pose(run),
+    )
+    return tuple(_waive(check, run.waivers) for check in found)
+
+
+def blocking(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """The checks that stand in the way of a start; first those that cannot be waived."""
+    return tuple(sorted((check for check in checks if check.blocks), key=lambda c: c.waivable))
+
+
+def _waive(check: Check, waivers: tuple[Waiver, ...]) -> Check:
+    if not check.blocks or not check.waivable:
+        return check
+    waiver = next((w for w in waivers if w.check is check.name), None)
+    if waiver is None:
+        return check
+    return Check(check.name, CheckState.WAIVED, f"{check.reason} (waived: {waiver.reason})")
+
+
+def _verdict(name: CheckName, ok: bool, reason: str) -> Check:
+    return Check(name, CheckState.OK if ok else CheckState.FAILED, reason)
+
+
+def _no_data(name: CheckName, what: str) -> Check:
+    return Check(name, CheckState.NO_DATA, f"no {what} now: check its topic")
+
+
+def _team(r: Readings, setup: RunSetup | None) -> Iterator[Check]:
+    """Why an official run is of nobody who is to run now (protocol section 2)."""
+    if setup is None or setup.practice:
+        return
+    if r.teams.lacks(setup.subject):
+        text = f"{setup.subject} is not in the list"
+    elif setup.out_of_plan:
+        text = "out of plan"
+    else:
+        return
+    yield Check(CheckName.TEAM, CheckState.FAILED, f"{text}: F2 corrects it, w waives")
+
+
+def _topics(r: Readings) -> Check:
+    if r.topic_problems:
+        more = len(r.topic_problems) - 1
+        rest = f" (and {more} more)" if more else ""
+        return Check(CheckName.TOPICS, CheckState.FAILED, r.topic_problems[0] + rest)
+    return Check(CheckName.TOPICS, CheckState.OK, "all fresh and at rate")
+
+
+def _door(r: Readings) -> Check:
+    if r.angle is None:
+        return _no_data(CheckName.DOOR, "door angle")
+    return _verdict(
+        CheckName.DOOR,
+        abs(r.angle) < r.closed_angle,
+        f"angle {r.angle:+.3f} rad, closed below {r.closed_angle:g}",
+    )
+
+
+def _handle(r: Readings, run: Run) -> Check:
+    if r.force is None:
+        return _no_data(CheckName.HANDLE, "handle force")
+    at_rest = abs(r.force) <= r.rest_force
+    text = f"{r.force:+.2f} N from zero, at rest up to {r.rest_force:.2f} N"
+    remedy = "zero the handle" if run.handle_zero else f"zero the handle; {_NO_ZERO}"
+    return _verdict(CheckName.HANDLE, at_rest, text if at_rest else f"{text}: {remedy}")
+
+
+def _zero(r: Readings) -> Iterator[Check]:
+    """Why the handle zero cannot be believed (protocol section 11)."""
+    zero = r.zero
+    if r.drift is not None:
+        text = f"at rest after the last run the force was {r.drift:+.2f} N off"
+    elif zero is not None and zero.number < FEWEST_SAMPLES:
+        text = f"{zero.number} samples, {FEWEST_SAMPLES} needed"
+    elif zero is not None and zero.span > r.rest_force:
+        text = f"samples span {zero.span:.2f} N, steady up to {r.rest_force:.2f} N"
+    else:
+        return
+    yield Check(CheckName.HANDLE_ZERO, CheckState.FAILED, f"{text}: zero it again, F7")
+
+
+def _doorway(r: Readings) -> Check:
+    if r.occupied is None:
+        return _no_data(CheckName.DOORWAY, "reading of some passage sensor")
+    text = "sensors clear" if not r.occupied else f"something under {', '.join(r.occupied)}"
+    return _verdict(CheckName.DOORWAY, not r.occupied, text)
+
+
+def _clock(r: Readings) -> Check:
+    if r.skew is None:
+        return _no_data(CheckName.CLOCK, "time stamp")
+    if (words := _another_clock(r)) is not None:
+        return Check(CheckName.CLOCK, CheckState.FAILED, words, waivable=False)
+    return _verdict(
+        CheckName.CLOCK,
+        abs(r.skew) < r.largest_skew,
+        f"stamps differ by {abs(r.skew) * 1000:.0f} ms, limit {r.largest_skew * 1000:.0f} ms",
+    )
+
+
+def _another_clock(r: Readings) -> str | None:
+    """That the stamps are of another clock, and what to do; None = they are of this one."""
+    off, simulated = r.least_skew or 0.0, r.simulated_time
+    close = min(1.0, abs(off) / 2)  # a simulation that runs fast leaves its last second behind
+    if simulated is not None and abs(off - simulated) < close and abs(off) >= r.largest_skew:
+        return "stamps are of simulated time: end the engine, start with --use-sim-time"
+    if abs(off) <= _ANOTHER_CLOCK:
+        return None
+    if simulated is not None and abs(simulated) < r.largest_skew:
+        return "stamps are not of /clock: stamp by it, or start without --use-sim-time"
+    return "stamps are not of this clock (simulated time?): set it, or use --use-sim-time"
+
+
+def _disk(r: Readings) -> Check:
+    if r.disk_free is None:
+        return Check(CheckName.DISK, CheckState.NO_DATA, "free space unknown: check the folder")
+    return _verdict(
+        CheckName.DISK,
+        r.disk_free >= r.disk_needed,
+        f"{size_words(r.disk_free)} free, {size_words(r.disk_needed)} needed",
+    )
+
+
+def _recorder(r: Readings) -> Check:
+    if r.recorder_problems is None:
+        silent = "no answer from the disk: look at the results folder"
+        return Check(CheckName.RECORDER, CheckState.NO_DATA, silent)
+    if r.recorder_problems:
+        return Check(CheckName.RECORDER, CheckState.FAILED, "; ".join(r.recorder_problems))
+    return Check(CheckName.RECORDER, CheckState.OK, "ready to open a file")
+
+
+def _evidence(r: Readings, run: Run) -> Iterator[Check]:
+    """Whether evidence comes, and fits."""
+    evidence = r.evidence
+    if evidence is None:
+        return
+    state, text = _evidence_state(evidence, 0.0 if run.setup is None else run.setup.timeout)
+    yield Check(CheckName.EVIDENCE, state, text)
+
+
+_MAKE_ROOM = "make room by `madrob tidy`, or change `recording.budget` or `recording.least_room`"
+
+
+def _evidence_state(e: EvidenceReading, timeout: float) -> tuple[CheckState, str]:
+    if not e.ros:
+        return CheckState.OK, "none: a testbed simulated in this process has no ROS topics"
+    if e.problem is not None:
+        return CheckState.FAILED, e.problem
+    if not e.ready:
+        return CheckState.NO_DATA, "not looked long enough yet: wait for it"
+    if e.left is None:
+        return CheckState.NO_DATA, "room for it is unknown: check the results folder"
+    good = CheckState.WARNING if e.notes or not e.topics else CheckState.OK
+    sends = f"{e.notes}; " if e.notes else ""
+    sends += f"{counted(e.topics - len(e.silent), 'topic')}, "
+    if e.lasts is None:
+        text = f"{sends}room for {size_words(e.left)}"
+        if e.left or not e.least:
+            return good, text
+        return CheckState.FAILED, f"{text}: {_MAKE_ROOM}"
+    text = f"room for {duration_words(e.lasts)} at the rate of now"
+    if e.lasts < e.least:
+        needed = duration_words(e.least)
+        return CheckState.FAILED, f"{text}, {needed} needed: {_MAKE_ROOM}"
+    if e.lasts < timeout:
+        run_takes = f"a run may take {duration_words(timeout)}"
+        return CheckState.WARNING, f"{sends}{text}: {run_takes}"
+    return good, f"{sends}{text}"
+
+
+def _referee(r: Readings) -> Check:
+    if r.other_referee is not None:
+        return Check(CheckName.REFEREE, CheckState.FAILED, r.other_referee)
+    return Check(CheckName.REFEREE, CheckState.OK, "none: only this engine tells the testbed")
+
+
+def _pose(run: Run) -> Check:
+    text = "confirmed" if run.pose_confirmed else "not confirmed: look, then confirm it"
+    return _verdict(CheckName.POSE, run.pose_confirmed, text)
+
+
+# How alive a topic is: fresh, stale, lost (protocol section 3).
+
+
+class Freshness(StrEnum):
+    """Age of the newest message of a topic."""
+
+    FRESH = "fresh"
+    STALE = "stale"
+    LOST = "lost"
+    NEVER = "never seen"
+
+
+class Presence:
+    """Age of the newest of something, by steady receive times (s).
+
+    Args:
+        fresh: up to this age it is fresh, s.
+        lost: above this age it is lost, s.
+
+    Attributes:
+        newest: when it was seen last; None before the first.
+    """
+
+    def __init__(self, fresh: float = 0.5, lost: float = 2.0) -> None:
+        self.newest: float | None = None
+        self._fresh = fresh
+        self._lost = lost
+
+    def age(self, now: float) -> float | None:
+        """Age of the newest, s; None before the first.
+
+        One from the future (the clock was stepped back) is as old as it is far away: what
+        cannot be judged is not fresh.
+        """
+        return None if self.newest is None else abs(now - self.newest)
+
+    def freshness(self, now: float) -> Freshness:
+        """The state at `now`."""
+        age = self.age(now)
+        if age is None:
+            return Freshness.NEVER
+        if age <= self._fresh:
+            return Freshness.FRESH
+        return Freshness.STALE if age <= self._lost else Freshness.LOST
+
+
+class Health(Presence):
+    """Age and rate of one topic, by steady receive times (s).
+
+    Args:
+        fresh, lost: as for `Presence`.
+        window: the rate is taken over this long, s.
+    """
+
+    def __init__(self, fresh: float = 0.5, lost: float = 2.0, window: float = 2.0) -> None:
+        super().__init__(fresh, lost)
+        self._window = window
+        self._times: deque[float] = deque()
+
+    def seen(self, now: float) -> None:
+        """A message arrived at `now`."""
+        if self.newest is not None and now < self.newest:
+            self._times.clear()  # the clock was stepped back
+        self.newest = now
+        self._times.append(now)
+        self.count(now)
+
+    def count(self, now: float) -> int:
+        """How many messages came within the window."""
+        times, begin = self._times, now - self._window
+        while times and times[0] < begin:
+            times.popleft()
+        return len(times)
+
+    def rate(self, now: float) -> float | None:
+        """Messages a second over the window; None with fewer than two in it."""
+        if self.count(now) < 2:
+            return None
+        span = now - self._times[0]
+        return (len(self._times) - 1) / span if span > 0 else None
+
+
+# What counts as a healthy testbed.
+
+
+@dataclass(frozen=True, slots=True)
+class SensorLimits:
+    """What counts as healthy.
+
+    Attributes:
+        fresh: up to this age a topic is fresh, s.
+        lost: above this age it is lost, s.
+        rate: the testbed's rate, Hz.
+        least_rate, most_rate: healthy fractions of it.
+        averaging: the handle zero is the mean over this long, s.
+    """
+
+    fresh: float = 0.5
+    lost: float = 2.0
+    rate: float = 50.0
+    least_rate: float = 0.8
+    most_rate: float = 3.0
+    averaging: float = 1.0

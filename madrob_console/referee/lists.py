@@ -1,0 +1,381 @@
+"""A competition's lists: reading them safely, and the teams (protocol section 2)."""
+
+from __future__ import annotations
+
+import csv
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
+
+if TYPE_CHECKING:
+    from madrob_console.referee.records import RunSetup
+
+# Commas or semicolons; a first line that begins with `subject` is a header; empty lines and lines
+# that begin with # say nothing. What cannot be used is named and the rest counts, so that one
+# broken line does not cost a competition its morning.
+
+
+LARGEST_FILE = 1_000_000
+"""Bytes in such a file; what is larger is something else."""
+MOST_PROBLEMS = 20
+"""Problems that are told one by one; the others are counted."""
+
+_LINE_END = re.compile(r"\r\n|\r|\n")
+_SUBJECT = re.compile(r"0*([1-9][0-9]{0,2})")
+_FOREIGN = re.compile("[\udc80-\udcff]")  # bytes that are no UTF-8, as surrogateescape has them
+_QUOTED = re.compile(r'"[^"]*"?')
+_SHOWN = 20
+
+
+class ListReader(ABC):
+    """Takes line after line of a list.
+
+    Args:
+        path: of the file.
+        name: what it is: `teams file`.
+        remedy: what to do if it cannot be read: `correct teams_file of [competition]`.
+
+    Attributes:
+        problems: what was not taken or looks wrong, a line each.
+        unread: how many lines were not taken.
+    """
+
+    def __init__(self, path: Path, name: str, remedy: str) -> None:
+        self.problems: list[str] = []
+        self.unread = 0
+        self._path, self._name, self._remedy = path, name, remedy
+        self._delimiter = ""
+
+    @abstractmethod
+    def take(self, number: int, values: list[str]) -> Iterator[str]:
+        """Take an entry; says what looks wrong with it.
+
+        Args:
+            number: of its line, from 1.
+            values: at least one.
+
+        Raises:
+            MadrobError: it cannot be taken.
+        """
+
+    def read(self) -> None:
+        """Take all lines.
+
+        Raises:
+            MadrobError: the file is not there, is no file of text, or is too large.
+        """
+        file = terminal_safe(self._path.name)
+        for number, text in enumerate(_LINE_END.split(self._text()), start=1):
+            try:
+                for problem in self._line(number, text.strip()):
+                    self.problems.append(f"{file} line {number}: {problem}")
+            except (MadrobError, csv.Error) as error:
+                self.unread += 1
+                self.problems.append(f"{file} line {number}: {error}")
+
+    def _line(self, number: int, text: str) -> Iterator[str]:
+        if not text or text.startswith("#"):
+            return
+        if _FOREIGN.search(text):
+            raise MadrobError("not in UTF-8; save the file as CSV in UTF-8")
+        if not self._delimiter:
+            self._delimiter = _delimiter(text)
+            if _fields(text, self._delimiter)[0].casefold().startswith("subject"):
+                return
+        yield from self.take(number, _fields(text, self._delimiter))
+
+    def _text(self) -> str:
+        """What the file says; single bytes that are no UTF-8 become surrogates."""
+        try:
+            data = _bytes(self._path)
+            problem = (
+                "" if len(data) <= LARGEST_FILE else f"over {LARGEST_FILE // 10**6} MB, no list"
+            )
+        except (OSError, ValueError) as error:  # ValueError: a path with a NUL in it
+            problem = f"cannot be read ({error.strerror if isinstance(error, OSError) else error})"
+        if not problem:
+            text = data.decode("utf-8-sig", errors="surrogateescape")
+            if b"\0" not in data or not _FOREIGN.search(text):
+                return text
+            problem = "no text; save it as CSV in UTF-8"
+        where = terminal_safe(str(self._path))
+        raise MadrobError(f"{self._name} {where}: {problem}; {self._remedy}")
+
+
+def subject_number(value: str) -> int:
+    """The number of a team.
+
+    Raises:
+        MadrobError: it is none.
+    """
+    found = _SUBJECT.fullmatch(value)
+    if found is None:
+        raise MadrobError(f"subject {quoted(value)} is no number from 1 to 999")
+    return int(found[1])
+
+
+def quoted(text: str) -> str:
+    """Some of a text, in quotes."""
+    safe = terminal_safe(text)
+    return repr(safe if len(safe) <= _SHOWN else safe[: _SHOWN - 3] + "...")
+
+
+def told(problems: list[str]) -> tuple[str, ...]:
+    """The first of many problems, and how many more there are."""
+    more = len(problems) - MOST_PROBLEMS
+    if more <= 0:
+        return tuple(problems)
+    return (*problems[:MOST_PROBLEMS], f"and {more} more such lines")
+
+
+def _bytes(path: Path) -> bytes:
+    """The file, or one byte more than it may have.
+
+    A pipe or a device is not opened: that may wait for ever.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(0, "no file")
+    with path.open("rb") as file:
+        return file.read(LARGEST_FILE + 1)
+
+
+def _delimiter(text: str) -> str:
+    """What separates the values of a file: the first of its characters that may."""
+    return next((char for char in _QUOTED.sub("", text) if char in ",;"), ",")
+
+
+def _fields(text: str, delimiter: str) -> list[str]:
+    """The values of a line, without blanks around them and without empty ones at its end.
+
+    Raises:
+        MadrobError: a quote is not closed.
+        csv.Error: a value is absurdly long.
+    """
+    # an open quote would swallow the second, empty line
+    rows = list(csv.reader((text, ""), delimiter=delimiter, skipinitialspace=True))
+    if len(rows) != 2:
+        raise MadrobError('a quote (") is not closed')
+    values = [value.strip() for value in rows[0]]
+    while len(values) > 1 and not values[-1]:
+        values.pop()
+    return values
+
+
+# The list of teams: which name a subject number has (protocol section 2).
+#
+# It comes from the settings and from a file, a line `subject,team` each.
+
+
+CORRECT_SETTINGS = "correct teams_file of [competition]"
+"""What to do about a teams file that cannot be read, where the settings name it."""
+
+
+@dataclass(frozen=True, slots=True)
+class TeamList:
+    """The teams by subject number; without a name in it there is no list, and names are free.
+
+    Attributes:
+        names: subject -> team; clean names.
+        problems: what was not taken or looks wrong, a line each.
+        file: where it is read from, for people; empty = no file.
+        unread: lines of the file that could not be used.
+    """
+
+    names: Mapping[int, str] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+    file: str = ""
+    unread: int = 0
+
+    def differs(self, subject: int, name: str) -> bool:
+        """Whether a name is another one than the list has; never where there is no list."""
+        return bool(self.names) and name != self.names.get(subject, "")
+
+    def lacks(self, subject: int) -> bool:
+        """Whether a subject is not in the list; never where there is no list."""
+        return bool(self.names) and subject not in self.names
+
+    def problem(self, setup: RunSetup) -> str | None:
+        """Why a run cannot be set up for a team of this name; None when it can."""
+        if setup.team_reason.strip() or not self.differs(setup.subject, setup.team):
+            return None
+        known = self.names.get(setup.subject)
+        if known is None:
+            return f"subject {setup.subject} is not in the list of teams: a name needs a reason"
+        return (
+            f"subject {setup.subject} is {quoted(known)} in the list of teams: another name needs"
+            " a reason"
+        )
+
+
+NO_TEAMS = TeamList()
+"""No list: names are free."""
+
+
+class TeamName(NamedTuple):
+    """What a team is called, whatever its runs say.
+
+    Attributes:
+        name: empty = it has none.
+        others: the other names that runs of it carry, each once, the oldest first.
+    """
+
+    name: str
+    others: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, listed: str, used: Iterable[str]) -> TeamName:
+        """The name of a team.
+
+        Args:
+            listed: what the list says; empty = nothing: then the last name that was used counts.
+            used: the names that its runs carry, oldest first.
+        """
+        newest_first = [name for name in dict.fromkeys(reversed(list(used))) if name]
+        name = listed or next(iter(newest_first), "")
+        return cls(name, tuple(other for other in reversed(newest_first) if other != name))
+
+
+@dataclass(frozen=True, slots=True)
+class TeamSource:
+    """Where the list of teams comes from.
+
+    Attributes:
+        names: subject -> team, from the settings; they count, whatever the file says.
+        file: the teams file; None = there is none.
+        remedy: what to do about a file that cannot be read, for people.
+    """
+
+    names: Mapping[int, str]
+    file: Path | None = None
+    remedy: str = CORRECT_SETTINGS
+
+    @property
+    def file_words(self) -> str:
+        """The path of the file, for people; empty = there is none."""
+        return "" if self.file is None else terminal_safe(str(self.file))
+
+    def read(self, before: TeamList | None = None) -> TeamList:
+        """The list as it is now.
+
+        Args:
+            before: the list as it was: what cannot be read now stays as it was; None = the file is
+                read for the first time.
+        """
+        if self.file is None:
+            return TeamList(self.names)
+        kept = before or NO_TEAMS
+        try:
+            listed = read_teams(self.file, self.remedy)
+        except MadrobError as error:
+            return self._kept(kept, str(error))
+        if kept.names and not listed.names:  # as while it is written
+            return self._kept(kept, f"teams file {self.file_words}: it names no team")
+        if listed.unread:  # such a line may be that of a team that was known
+            listed = TeamList({**kept.names, **listed.names}, listed.problems, "", listed.unread)
+        merged = merge_teams(self.names, listed)
+        return TeamList(merged.names, merged.problems, self.file_words, merged.unread)
+
+    def _kept(self, before: TeamList, problem: str) -> TeamList:
+        stays = "; the list stays as it was" if before.names else ""
+        return TeamList(before.names or self.names, (f"{problem}{stays}",), self.file_words)
+
+
+def read_teams(path: Path, remedy: str = CORRECT_SETTINGS) -> TeamList:
+    """Read a teams file.
+
+    Args:
+        path: the file.
+        remedy: what to do if that is in vain.
+
+    Raises:
+        MadrobError: it is not there, is no file of text, or is too large.
+    """
+    reader = _Reader(path, "teams file", remedy)
+    reader.read()
+    return TeamList(reader.names, told(reader.problems), unread=reader.unread)
+
+
+def merge_teams(settings: Mapping[int, str], file: TeamList) -> TeamList:
+    """Put the teams of the settings over those of a file, and say where the two differ."""
+    differing = [
+        f"subject {subject} is {quoted(name)} in the settings and {quoted(file.names[subject])} in"
+        " the file: the settings count"
+        for subject, name in settings.items()
+        if file.names.get(subject, name) != name
+    ]
+    names = {**file.names, **settings}
+    return TeamList(names, (*file.problems, *told(differing)), file.file, file.unread)
+
+
+class _Reader(ListReader):
+    """Takes team after team."""
+
+    def __init__(self, path: Path, name: str, remedy: str) -> None:
+        super().__init__(path, name, remedy)
+        self.names: dict[int, str] = {}
+        self._lines: dict[int, int] = {}
+        self._subjects: dict[str, int] = {}
+
+    def take(self, number: int, values: list[str]) -> Iterator[str]:
+        """A team; the first of two for one subject counts."""
+        subject, name = _entry(values)
+        if subject in self.names:
+            raise MadrobError(
+                f"subject {subject} is {quoted(name)} here and {quoted(self.names[subject])} in"
+                f" line {self._lines[subject]}: line {self._lines[subject]} counts"
+            )
+        known = self._subjects.setdefault(name.casefold(), subject)
+        self.names[subject] = name
+        self._lines[subject] = number
+        if known != subject:
+            yield (
+                f"{quoted(name)} is subject {subject} here and subject {known} in line"
+                f" {self._lines[known]}: both count"
+            )
+        if changed := _loss(values[1]):
+            yield f"{changed}: the team is {quoted(name)}"
+
+
+def _entry(values: list[str]) -> tuple[int, str]:
+    """The subject number and the clean name.
+
+    Raises:
+        MadrobError: the values are no such thing.
+    """
+    subject = subject_number(values[0])
+    if len(values) > 2:
+        raise MadrobError(
+            f"{len(values)} values, use subject and team; put a team with a separator into quotes"
+        )
+    name = _name(values[1]) if len(values) == 2 else ""
+    if not name:
+        raise MadrobError(f"subject {subject} has no team")
+    return subject, name
+
+
+def _name(value: str) -> str:
+    """A clean name; of one that is too long the beginning, because a team needs a name."""
+    try:
+        return clean_name(value, "team")
+    except MadrobError:
+        beginning = terminal_safe(value).strip()[: LONGEST_NAME - 1].rstrip()
+        return clean_name(f"{beginning}…", "team")
+
+
+def _loss(value: str) -> str:
+    """What is taken from a name, beyond blanks."""
+    if _name(value).endswith("…") and not value.endswith("…"):
+        return f"more than {LONGEST_NAME} characters, cut"
+    if any(char in value for char in "/\\"):
+        return "/ and \\ become blanks"
+    if value.startswith("."):
+        return "dots at the beginning are left out"
+    if len(terminal_safe(value)) != len(value):
+        return "characters that cannot be shown are left out"
+    return ""

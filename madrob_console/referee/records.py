@@ -1,0 +1,597 @@
+"""What is on record of a run: set-up, identity, marks, decisions, faults, protests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated
+from uuid import NAMESPACE_URL, UUID, uuid5
+
+from msgspec import Meta
+
+from scoring.indicator_table import IndicatorName
+from scoring.protocol import Condition, EventName, LockDetection, StartPose
+from scoring.rulesets import RulesetName
+
+# What a run is called among all runs of all testbeds (protocol section 2).
+
+
+Randomness = Callable[[int], bytes]
+"""So many random bytes."""
+
+_MILLISECOND = 1_000_000  # ns
+
+
+def new_run_id(now_ns: int, random: Randomness) -> str:
+    """The identity of a run that is set up: a UUID of version 7 (RFC 9562), sorted by time.
+
+    Args:
+        now_ns: when it is set up, ns since the epoch.
+        random: tells it from all others of the same millisecond.
+    """
+    time = (now_ns // _MILLISECOND) % 2**48
+    chance = int.from_bytes(random(10), "big") % 2**74
+    number = time << 80 | 7 << 76 | (chance >> 62) << 64 | 0b10 << 62 | chance % 2**62
+    return str(UUID(int=number))
+
+
+def derived_run_id(sha256: str) -> str:
+    """The identity of a run that was set up before runs had one: a UUID of version 5 (RFC 9562).
+
+    It is the same wherever the recording lies: that of the URL `urn:sha256:` and the digest.
+
+    Args:
+        sha256: the digest of its recording, as `sha256sum` prints it.
+    """
+    return str(uuid5(NAMESPACE_URL, f"urn:sha256:{sha256}"))
+
+
+# What is set for a run before its start (protocol section 2).
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetup:
+    """Everything set for a run before its start.
+
+    Attributes:
+        subject: the robot's number, 1 to 999.
+        team: the team's name, cleaned.
+        run_number: the repetition, 1 to 999.
+        condition: what the robot has to do.
+        start_pose: where the robot stands; on the starting side.
+        referee: the referee's name, cleaned.
+        timeout: s from the start.
+        countdown: s before the start; the recording needs at least 1 s.
+        ruleset: which rules make the indicators.
+        lock_detection: what decides step 6 (protocol section 7).
+        team_reason: why the team has another name than in the list of teams; empty = it has not.
+        practice: it counts for nothing and stands apart from official runs (protocol section 2).
+        out_of_plan: it was set up beyond the competition's plan.
+        run_id: which run of all testbeds it is, a UUID; empty in runs of earlier versions. Set-ups
+            that differ in nothing but this, `testbed` and `competition` are equal.
+        testbed: the name of the testbed; likewise.
+        competition: the name of the competition; likewise.
+    """
+
+    subject: int
+    team: str
+    run_number: int
+    condition: Condition
+    start_pose: StartPose
+    referee: str
+    timeout: float
+    countdown: float
+    ruleset: RulesetName
+    lock_detection: LockDetection
+    team_reason: str = ""
+    practice: bool = False
+    out_of_plan: bool = False
+    run_id: str = field(default="", compare=False)
+    testbed: str = field(default="", compare=False)
+    competition: str = field(default="", compare=False)
+
+    def problem(self) -> str | None:
+        """Why a run cannot be set up like this, naming the field; None when it can."""
+        if not 1 <= self.subject <= 999:
+            return f"subject {self.subject}: use a number from 1 to 999"
+        if not 1 <= self.run_number <= 999:
+            return f"run number {self.run_number}: use a number from 1 to 999"
+        pose = self.start_pose
+        if not all(math.isfinite(value) for value in (pose.x, pose.y, pose.yaw)):
+            return "start pose: x, y and yaw must be numbers"
+        side = pose.side
+        if side is not self.condition.starting_side:
+            where = "on the threshold" if side is None else f"on the {side.upper()} side"
+            wanted = self.condition.starting_side
+            sign = "x > 0" if wanted.sign > 0 else "x < 0"
+            return f"start pose lies {where}: it must lie on the {wanted.upper()} side ({sign})"
+        if not 1.0 <= self.timeout <= 86400.0:
+            return f"timeout {self.timeout:g} s: use 1 to 86400 s"
+        if not 0.0 <= self.countdown <= 600.0:
+            return f"countdown {self.countdown:g} s: use 0 to 600 s"
+        return None
+
+
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+"""A digest as `sha256sum` prints it."""
+
+
+class CheckName(StrEnum):
+    """The pre-start checks, in the order in which they are listed."""
+
+    TEAM = "team"
+    TOPICS = "topics"
+    DOOR = "door closed"
+    HANDLE = "handle at rest"
+    HANDLE_ZERO = "handle zero"
+    DOORWAY = "doorway clear"
+    CLOCK = "clock skew"
+    DISK = "disk space"
+    RECORDER = "recorder"
+    EVIDENCE = "evidence"
+    REFEREE = "another referee"
+    POSE = "start pose"
+
+
+class IncidentKind(StrEnum):
+    """Things that a referee marks; they change no indicator (section 7)."""
+
+    HUMAN_INTERVENTION = "human intervention"
+    COLLISION = "collision"
+    FALL = "fall"
+    OTHER = "other"
+
+
+class DecisionKind(StrEnum):
+    """What the referee decides of a run and can take back."""
+
+    RULING = "ruling"
+    INCIDENT = "incident"
+    WAIVER = "waiver"
+    VOID = "void"
+    CORRECTION = "correction"
+    DOUBTS = "accepted doubts"
+    PROTEST = "decision on a protest"
+
+
+class TeamWord(StrEnum):
+    """What the team says of a final result."""
+
+    ACKNOWLEDGED = "acknowledged"
+    PROTESTED = "protested"
+    ABSENT = "absent"
+
+
+@dataclass(frozen=True, slots=True)
+class Waiver:
+    """A failing pre-start check that the referee let pass for this run.
+
+    Attributes:
+        check: which.
+        reason: why.
+        referee: the referee's name.
+        time: s since the epoch.
+    """
+
+    check: CheckName
+    reason: str
+    referee: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class FalseStart:
+    """Touch, opening or approach during the countdown (protocol section 7).
+
+    Attributes:
+        time: s since the epoch.
+        event: what happened.
+        accepted: the referee's reason for letting it pass; null = not decided.
+    """
+
+    time: float
+    event: EventName
+    accepted: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """A mark of the referee; it changes no indicator (protocol section 7).
+
+    Attributes:
+        time: s since the epoch.
+        kind: what happened.
+        note: of the referee.
+        withdrawn: why it was taken back; null = it stands.
+    """
+
+    time: float
+    kind: IncidentKind
+    note: str = ""
+    withdrawn: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A note of the referee.
+
+    Attributes:
+        time: s since the epoch.
+        text: as it was written.
+    """
+
+    time: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class TestbedFault:
+    """Something wrong with the testbed while the run was recorded, in words, with its time."""
+
+    time: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """How a result was finalised.
+
+    Attributes:
+        time: s since the epoch.
+        referee: the referee's name.
+        team_word: what the team says of the result.
+        note: of the team or the referee.
+    """
+
+    time: float
+    referee: str
+    team_word: TeamWord
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Voiding:
+    """The referee says that a valid run counts nowhere (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+    """
+
+    time: float
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What was set up wrongly was put right after the stop (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+        words: what was corrected.
+        before: what was set until then; the folder is named after the first.
+    """
+
+    time: float
+    reason: str
+    referee: str
+    words: str
+    before: RunSetup
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptedDoubts:
+    """What is doubted of a result, and the referee lets stand (protocol section 11).
+
+    Attributes:
+        time: s since the epoch.
+        reason: why.
+        referee: the referee's name.
+        doubts: the sentences, by indicator; others that come with a later issue are not among them.
+    """
+
+    time: float
+    reason: str
+    referee: str
+    doubts: dict[IndicatorName, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class TakenBack:
+    """A decision that the referee took back: it counts no more and stays on record.
+
+    Attributes:
+        time: s since the epoch.
+        kind: what it was.
+        made: when it was made, s since the epoch.
+        words: what it said.
+        reason: why it was taken back.
+        referee: the referee's name.
+    """
+
+    time: float
+    kind: DecisionKind
+    made: float
+    words: str
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reissuing:
+    """Why a result was issued again; the issue before stays (protocol section 2).
+
+    Attributes:
+        time: s since the epoch.
+        issue: number of the issue that came of it.
+        what: which act did it, or the rule change, in the journal's word.
+        reason: why, in the words of who did it; of a protest, what the team says.
+        referee: the referee's name; empty where none is known.
+        ruleset: by which rules the result is made from then on; null = as before.
+    """
+
+    time: float
+    issue: int
+    what: str
+    reason: str
+    referee: str
+    ruleset: RulesetName | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RemovedEvidence:
+    """Evidence of the run that was removed to make room; no score hangs on it.
+
+    Attributes:
+        time: s since the epoch.
+        files: how many.
+        bytes: their size.
+    """
+
+    time: float
+    files: int
+    bytes: int
+
+    @property
+    def words(self) -> str:
+        """How much it was."""
+        return f"{self.files} file{'' if self.files == 1 else 's'}, {self.bytes / 1e6:.1f} MB"
+
+
+@dataclass(frozen=True, slots=True)
+class JournalMark:
+    """The lines of a run's journal that its result depends on.
+
+    Those are its acts and changes; not events, which the recording has, not what was withdrawn, and
+    not what was said beside a final result.
+
+    Attributes:
+        lines: how many there are.
+        sha256: of them one after the other, each with its line end.
+    """
+
+    lines: int
+    sha256: Sha256
+
+
+# Times of a run as people read and type them.
+
+
+def relative_text(at: float | None, start: float | None) -> str:
+    """A time since the start, s with three decimals, with one where it is long; `-` for none."""
+    if at is None or start is None:
+        return "-"
+    return f"{at - start:.3f}" if abs(at - start) < 900 else f"{at - start:.1f}"
+
+
+def seconds_of(text: str) -> float | None:
+    """Seconds that somebody typed: `12.5`, `6.5 s`, `-3`, `1:05.2`; None for anything else."""
+    minutes, colon, rest = text.strip().removesuffix("s").rpartition(":")
+    sign = -1.0 if minutes.startswith("-") else 1.0
+    try:
+        whole = abs(int(minutes)) if colon else 0
+        typed = sign * (60.0 * whole + float(rest))
+    except (ValueError, OverflowError):
+        return None
+    return typed if math.isfinite(typed) else None
+
+
+# Amounts, as people say them.
+
+
+_UNITS = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))
+_WHOLE_MINUTES = 5  # from here on seconds say nothing
+
+
+def size_words(size: float) -> str:
+    """Bytes, in the unit that says something: `1.5 GB`, `730 kB`, `12 B`."""
+    for unit, factor in _UNITS:
+        if size >= 0.9995 * factor:
+            number = size / factor
+            return f"{number:.0f} {unit}" if number >= 99.95 else f"{number:.1f} {unit}"
+    return f"{size:.0f} B"
+
+
+def span_words(span: float) -> str:
+    """A time that has passed, or is left, s: `8 s`, `1 min 8 s`, `12 min`, `1 h 05 min`, `3 days`.
+
+    Of the smallest unit that is told only whole ones count; a span is never told as nothing.
+    """
+    seconds = max(1, int(span))
+    minutes, rest = divmod(seconds, 60)
+    if not minutes:
+        return f"{rest} s"
+    if minutes < _WHOLE_MINUTES:
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    if not hours:
+        return f"{minutes} min"
+    return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} days"
+
+
+def duration_words(duration: float) -> str:
+    """A time, s, as people say it: `11 h`, `40 min`, `90 s`."""
+    if duration >= 100 * 3600:
+        return f"{min(duration / 86400, 9999):.0f} days"
+    if duration >= 2 * 3600:
+        return f"{duration / 3600:.0f} h"
+    if duration < 120:
+        return f"{duration:.0f} s"
+    return f"{duration / 60:.0f} min"
+
+
+def listed(names: Sequence[str], most: int = 2) -> str:
+    """Names, the first ones of many: `/a, /b and 3 more`."""
+    more = len(names) - most
+    return f"{', '.join(names[:most])}{f' and {more} more' if more > 0 else ''}"
+
+
+def counted(number: int, noun: str) -> str:
+    """How many of something there are: `1 topic`, `2 topics`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+# Protests of a team against a result: open until they are decided or withdrawn (section 2).
+
+
+class ProtestEnd(StrEnum):
+    """How a protest ends."""
+
+    UPHELD = "upheld"
+    PARTLY = "partly upheld"
+    REJECTED = "rejected"
+    WITHDRAWN = "withdrawn"
+
+
+@dataclass(frozen=True, slots=True)
+class ProtestTimes:
+    """A competition's deadlines.
+
+    Attributes:
+        filing: until so long after a result is signed a protest is in time, s. It runs on while
+            another protest is open, and begins anew once the result was changed.
+        decision: so long after it was filed it is to be decided, s.
+    """
+
+    filing: float = 1800.0
+    decision: float = 3600.0
+
+
+USUAL_PROTEST_TIMES = ProtestTimes()
+"""Half an hour and an hour."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProtestAnswer:
+    """What closed a protest.
+
+    Attributes:
+        time: s since the epoch.
+        end: how it ended.
+        reason: the referee's words; of a withdrawal the team's.
+        referee: who decided, or heard of the withdrawal.
+    """
+
+    time: float
+    end: ProtestEnd
+    reason: str
+    referee: str
+
+
+@dataclass(frozen=True, slots=True)
+class Protest:
+    """A team protests against a result.
+
+    Attributes:
+        number: of the run's protests, from 1.
+        time: when it was filed, s since the epoch.
+        team: who protests.
+        text: what the team says.
+        about: what it is about: a step, an indicator, a time, or the whole run.
+        at: the instant in question, s since the epoch; null = none was named.
+        due: when it is to be decided, s since the epoch.
+        late: why it was admitted although it came late; empty = it was in time.
+        referee: who took it.
+        answer: what closed it; null = it is open.
+    """
+
+    number: int
+    time: float
+    team: str
+    text: str
+    about: str
+    at: float | None
+    due: float
+    late: str
+    referee: str
+    answer: ProtestAnswer | None = None
+
+    @property
+    def open(self) -> bool:
+        """Whether it waits for a decision."""
+        return self.answer is None
+
+    @property
+    def late_decision(self) -> str:
+        """That it was decided after its deadline, as `late_words`; empty where it was not."""
+        answer = self.answer
+        if answer is None or answer.end is ProtestEnd.WITHDRAWN:
+            return ""
+        return late_words(self.due, answer.time)
+
+    def about_words(self, start: float | None) -> str:
+        """What it is about and when that was: `step 4, 12.500 s from the start`.
+
+        Args:
+            start: of the run, s since the epoch; None = it has none.
+        """
+        if self.at is None or start is None:
+            return self.about
+        instant = f"{relative_text(self.at, start)} s"
+        named = "" if self.about == instant else f"{self.about}, "
+        return f"{named}{instant} from the start"
+
+    @property
+    def title(self) -> str:
+        """Its number and what it is about."""
+        return f"protest {self.number} ({self.about})"
+
+
+def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
+    """Those that wait for a decision, the first one that is due first."""
+    return tuple(sorted((one for one in protests if one.open), key=lambda one: one.due))
+
+
+def due_words(due: float, now: float) -> str:
+    """How long there is to decide a protest: `12 min left`, `due now`, `OVERDUE by 1 h 05 min`.
+
+    Args:
+        due: when it is to be decided, s since the epoch.
+        now: s since the epoch.
+    """
+    left = due - now
+    if abs(left) < 1.0:
+        return "due now"
+    return f"{span_words(left)} left" if left >= 0 else f"OVERDUE by {span_words(-left)}"
+
+
+def deadline_words(due: float, now: float, date: Callable[[float], str]) -> str:
+    """The same by the clock: `due by 23 Nov 08:29`, `OVERDUE since 23 Nov 08:29`.
+
+    Args:
+        due: when it is to be decided, s since the epoch.
+        now: s since the epoch.
+        date: a time in words, of s since the epoch.
+    """
+    return f"{'OVERDUE since' if due < now else 'due by'} {date(due)}"
+
+
+def late_words(due: float, decided: float) -> str:
+    """That a decision came late: `LATE, 12 min after it was due`; empty where it was in time."""
+    return f"LATE, {span_words(decided - due)} after it was due" if decided > due else ""

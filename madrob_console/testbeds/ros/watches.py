@@ -1,0 +1,353 @@
+"""What else is heard in a ROS domain: other referees, the testbed's info, its parameters."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import socket
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from madrob_console.common.clock import Clock, SimulationClock, nanoseconds, seconds
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import terminal_safe
+from madrob_console.messages.codec import (
+    REFEREE_STATE_TOPIC,
+    decode_text,
+    describe_topic,
+    header_stamp,
+)
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.ros.connection import (
+    RosObject,
+    in_namespace,
+    load_message_class,
+    load_module,
+)
+from madrob_console.testbeds.ros.intake import Inbox, Received, arrival
+from madrob_console.testbeds.source import (
+    INFO_TOPIC,
+    INFO_TYPE,
+    LARGEST_INFO,
+    SILENT,
+    Announcement,
+    simulated_in,
+)
+from recorder.bag import Durability, Qos, RawMessage, Reliability, Topic
+from scoring.protocol import Condition, Side
+from scoring.rest import braking_table, door_controller_mode
+
+_OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
+NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
+"""So ROS calls publishers of which it has not heard whose they are, or that are none of ROS."""
+
+_REMEDY = "end it, or use another ROS domain"
+
+
+@cache
+def console_name() -> str:
+    """The name of this process's node: unlike any other's, it says host and process."""
+    host = re.sub(r"\W", "_", socket.gethostname(), flags=re.ASCII)[:40] or "host"
+    return f"console_{host}_{os.getpid()}_{_machine()}"
+
+
+def _machine() -> str:
+    """What tells this machine, since it was started, and this container from all others."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        processes = str(Path("/proc/self/ns/pid").stat().st_ino)
+    except OSError:
+        boot, processes = os.urandom(8).hex(), ""  # nothing is known: like no other
+    return hashlib.blake2s((boot + processes).encode(), digest_size=3).hexdigest()
+
+
+class RefereeWatch:
+    """Looks for publishers of `/madrob/referee/state` beside this process's own one.
+
+    Args:
+        node: asks the ROS graph.
+        speaks: whether this process publishes it, too.
+
+    Attributes:
+        other: who else does, in words; None = nobody. May be read from any thread.
+    """
+
+    def __init__(self, node: RosObject, *, speaks: bool) -> None:
+        self.other: str | None = None
+        self._node = node
+        self._name = node.get_name()
+        self._own = int(speaks)
+
+    def look(self) -> None:
+        """Ask the graph; call it a few times a second."""
+        infos = self._node.get_publishers_info_by_topic(in_namespace(REFEREE_STATE_TOPIC))
+        nodes = ((i.node_namespace, i.node_name) for i in infos)
+        self.other = second_referee(nodes, self._own, self._name)
+
+
+def second_referee(
+    nodes: Iterable[tuple[str, str]], own: int = 1, own_name: str | None = None
+) -> str | None:
+    """Who publishes the state of the run beside us, in words; None = nobody.
+
+    One that was killed stays in the graph for a while (20 s with Fast DDS): where it ran on this
+    machine, it is known to be gone.
+
+    Args:
+        nodes: (namespace, name) of each publisher's node.
+        own: how many publishers are ours.
+        own_name: of our node; None = `console_name()`.
+    """
+    others, ours = [], 0
+    own_name = own_name or console_name()
+    for namespace, name in nodes:
+        ours += name == own_name
+        if not (name == own_name and ours <= own) and not _is_gone(name):
+            others.append(_in_words(namespace, name))
+    if not others:
+        return None
+    who = ", ".join(sorted(others)[:3])
+    verb = "publishes" if len(others) == 1 else "publish"
+    return f"{who} {verb} {REFEREE_STATE_TOPIC}: {_REMEDY}"
+
+
+def _is_gone(name: str) -> bool:
+    found = _OURS.fullmatch(name)
+    if found is None or found["machine"] != _machine():
+        return False
+    try:
+        os.kill(int(found["pid"]), 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:  # another user's
+        return False
+    return False
+
+
+def _in_words(namespace: str, name: str) -> str:
+    if name in NAMELESS:
+        return "a program that has not told its name"  # yet: names come after publishers
+    full = terminal_safe(f"{namespace.rstrip('/')}/{name}")[:100]
+    found = _OURS.fullmatch(name)
+    return full if found is None else f"{full} (pid {found['pid']} on {found['host']})"
+
+
+# Hears what the testbed of a ROS domain says of itself.
+
+
+_DEPTH = 10
+"""Messages that DDS keeps between two looks: whoever sends more says the same."""
+
+_CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+_LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL)
+
+
+class InfoWatch:
+    """Listens to `/madrob/testbed/info`, which a testbed says once and late joiners hear, too.
+
+    It holds as long as somebody is there who could have said it. Where several are, one that is
+    simulated is enough. A simulation says what time it is on `/clock`; that sets the engine's
+    clock where this is a `SimulationClock`, and makes every run practice then.
+
+    Args:
+        node: subscribes; see `Inbox`.
+        types: the types known.
+        clock: the engine's.
+        direct: see `Inbox`.
+
+    Attributes:
+        topic: what a bag must know of it.
+        clock_problem: why the engine's clock cannot follow `/clock`; None = it does, or need not.
+    """
+
+    def __init__(self, node: RosObject, types: MessageTypes, clock: Clock, *, direct: bool) -> None:
+        self.clock_problem: str | None = None
+        self._said = SILENT
+        self._clock = clock
+        self._simulated_time: float | None = None
+        self.topic: Topic = describe_topic(types, INFO_TOPIC, INFO_TYPE, _LATCHED)
+        self._types = types
+        message_class = load_message_class(INFO_TYPE)
+        self._inbox = Inbox(node, message_class, INFO_TOPIC, _LATCHED, direct=direct, depth=_DEPTH)
+        message_class, qos = load_message_class(_CLOCK_TYPE), Qos(Reliability.BEST_EFFORT)
+        self._clock_inbox = Inbox(node, message_class, "/clock", qos, direct=direct, depth=1)
+
+    @property
+    def heard(self) -> Announcement:
+        """What it says of itself. May be read from any thread."""
+        simulated = self._said.simulated or (
+            "time of /clock" if isinstance(self._clock, SimulationClock) else None
+        )
+        return replace(self._said, simulated=simulated, simulated_time=self._simulated_time)
+
+    def look(self) -> None:
+        """Take what has come; call it a few times a second."""
+        heard = self._inbox.take()
+        publishers = self._inbox.publishers
+        if not publishers and not heard:
+            self._said = SILENT
+        for message in heard:
+            news = self._understood(message)
+            if publishers < 2 or self._said.simulated is None:
+                self._said = news
+
+    def hear_clock(self) -> None:
+        """Take what `/clock` has said; call it as often as messages are taken."""
+        heard, clock = self._clock_inbox.take(), self._clock
+        if not self._clock_inbox.publishers:
+            self._simulated_time = None
+        elif heard and (told := header_stamp(heard[-1].data)) is not None:
+            now = clock.now_ns()
+            age = now - arrival(heard[-1].received_ns, now, time.time_ns())
+            if isinstance(clock, SimulationClock):
+                clock.hear(nanoseconds(told), age)
+            self._simulated_time = told - seconds(clock.now_ns() - age)
+        self.clock_problem = (
+            "/clock is silent: start the simulation"
+            if isinstance(clock, SimulationClock) and clock.silent
+            else None
+        )
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self._inbox.close()
+        self._clock_inbox.close()
+
+    def _understood(self, received: Received) -> Announcement:
+        size = len(received.data)
+        if size > LARGEST_INFO:
+            return Announcement(problem=f"{size} bytes are no announcement: stop what sends that")
+        raw = RawMessage(
+            INFO_TOPIC, INFO_TYPE, received.data, received.source_ns, received.received_ns
+        )
+        try:
+            return Announcement(simulated_in(decode_text(self._types, received.data)), None, (raw,))
+        except MadrobError as error:
+            return Announcement(None, str(error), (raw,))
+
+
+# Setting the testbed's sides and brake over its parameter service (protocol section 3).
+
+
+DOOR_NODE = "/madrob/door"
+"""The testbed's node that takes the parameters."""
+
+SET_PARAMETERS = f"{DOOR_NODE}/set_parameters"
+"""Its service for them."""
+
+_PATIENCE = 2.0
+"""Seconds after which an unanswered request is sent again."""
+
+_BY_HAND = "set the opening side by hand"
+
+ParameterValue = str | bool | list[int]
+
+
+def door_parameters(condition: Condition) -> dict[str, ParameterValue]:
+    """The parameters of the node `/madrob/door` for a condition, by name.
+
+    Sides are written `CW` and `CCW`; the braking tables hold 181 forces in gram-force for
+    -90..+90 deg.
+    """
+    benchmark_type = condition.benchmark_type
+    return {
+        "opening_side": condition.opening_side.upper(),
+        "benchmark_type": benchmark_type.value,
+        "brake_enabled": door_controller_mode(benchmark_type) != 0,
+        "brake_lut_cw": list(braking_table(benchmark_type, Side.CW)),
+        "brake_lut_ccw": list(braking_table(benchmark_type, Side.CCW)),
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Request:
+    """One wish for the testbed's parameters; another wish is another request."""
+
+    values: dict[str, ParameterValue]
+
+
+class DoorParameters:
+    """Sets the parameters of the node `/madrob/door`, whenever it is there.
+
+    `request` and `problem` may be called from any thread and never wait; `poll` belongs to the
+    thread that spins the node.
+    """
+
+    def __init__(self, node: RosObject) -> None:
+        self._service = load_module("rcl_interfaces.srv").SetParameters
+        self._client = node.create_client(self._service, in_namespace(SET_PARAMETERS))
+        self._wanted: _Request | None = None
+        self._answer: tuple[_Request, str | None] | None = None
+        self._asked: _Request | None = None
+        self._asked_at = 0.0
+        self._future: RosObject = None
+
+    def request(self, condition: Condition) -> None:
+        """Set the parameters for a condition, now or as soon as the node is there."""
+        self._wanted = _Request(door_parameters(condition))
+
+    @property
+    def problem(self) -> str | None:
+        """Why the sides must be set by hand; None once the node has confirmed them."""
+        wanted, answer = self._wanted, self._answer
+        if wanted is None:
+            return "the testbed's sides are not set yet: set up a run"
+        if answer is not None and answer[0] is wanted:
+            return answer[1]
+        return f"node {DOOR_NODE} has not confirmed the sides yet"
+
+    @property
+    def pending(self) -> bool:
+        """Whether an answer is awaited, so that the node must be spun."""
+        return self._future is not None
+
+    def poll(self) -> None:
+        """Ask, or look for the answer; call it a few times a second."""
+        wanted = self._wanted
+        if wanted is None:
+            return
+        if not self._client.service_is_ready():
+            self._drop_request()
+            self._answer = (wanted, f"node {DOOR_NODE} is not there: {_BY_HAND}")
+        elif wanted is not self._asked:
+            self._ask(wanted)
+        elif self._future is not None and self._future.done():
+            self._answer = (wanted, _judgement(wanted, self._future.result()))
+            self._future = None
+        elif self._future is not None and time.monotonic() - self._asked_at > _PATIENCE:
+            self._answer = (wanted, f"node {DOOR_NODE} does not answer: {_BY_HAND}")
+            self._ask(wanted)
+
+    def _ask(self, wanted: _Request) -> None:
+        self._drop_request()
+        request = self._service.Request(
+            parameters=[_parameter(name, value) for name, value in wanted.values.items()]
+        )
+        self._future = self._client.call_async(request)
+        self._asked, self._asked_at = wanted, time.monotonic()
+
+    def _drop_request(self) -> None:
+        if self._future is not None:
+            self._client.remove_pending_request(self._future)
+        self._future = self._asked = None
+
+
+def _parameter(name: str, value: ParameterValue) -> RosObject:
+    parameter = load_module("rclpy.parameter").Parameter
+    return parameter(name, value=value).to_parameter_msg()
+
+
+def _judgement(wanted: _Request, response: RosObject) -> str | None:
+    """What an answer says: why something is not set, in words; None when all of it is."""
+    refused = [
+        f"{name} ({result.reason or 'no reason given'})"
+        for name, result in zip(wanted.values, response.results, strict=False)
+        if not result.successful
+    ]
+    if not refused and len(response.results) == len(wanted.values):
+        return None
+    return f"node {DOOR_NODE} refused {', '.join(refused) or 'the parameters'}: {_BY_HAND}"

@@ -1,0 +1,273 @@
+"""What a key or a dialog brings about, and what is asked that is no act of the referee."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
+
+from madrob_console.archive.folders import lies_in_practice
+from madrob_console.common.errors import MadrobError
+from madrob_console.common.names import clean_name
+from madrob_console.engine.requests import (
+    ExportDossier,
+    ExportTeam,
+    GiveFrames,
+    JumpTo,
+    OpenRun,
+    PlaybackCommand,
+    TakeOver,
+)
+from madrob_console.referee.acts import Abort, Act
+from madrob_console.referee.acts.act import Ask, Option, Pick, Sure, Write, reasons
+from madrob_console.referee.records import open_protests, seconds_of
+from madrob_console.referee.run import Run
+
+if TYPE_CHECKING:
+    from madrob_console.archive.history import RunSummary
+    from madrob_console.archive.run_journal import Unfinished
+    from madrob_console.engine.snapshot import Snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class Leave:
+    """Leave the console."""
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """Give a text to the clipboard.
+
+    Attributes:
+        what: in words.
+        text: as it is.
+    """
+
+    name: ClassVar[str] = "copy"
+    what: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class OtherName:
+    """The next run's team has another name than in the list of teams.
+
+    Attributes:
+        subject: the team's number.
+        name: clean.
+        reason: why.
+    """
+
+    subject: int
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeant:
+    """The run that a key is about.
+
+    Attributes:
+        folder: as seen from the results folder.
+        at: the instant that a protest is about, s from its start; None = nobody protested.
+    """
+
+    folder: str
+    at: float | None
+
+    @classmethod
+    def of_list(cls, run: RunSummary) -> RunMeant:
+        """One of a list."""
+        at = 0.0 if run.protest_due is not None else None  # where none was named
+        return cls(run.folder, at if run.protest_at is None else run.protest_at)
+
+    @classmethod
+    def of_shown(cls, folder: str, run: Run) -> RunMeant:
+        """The one at hand; `folder` is its whole path."""
+        path = PurePath(folder)
+        name = f"{path.parent.name}/{path.name}"
+        of = (*open_protests(run.protests), *reversed(run.protests))
+        at = None
+        if of and run.start is not None:
+            at = 0.0 if of[0].at is None else of[0].at - run.start
+        return cls(name if lies_in_practice(name) else path.name, at)
+
+
+Intent: TypeAlias = (
+    "Act | PlaybackCommand | OpenRun | TakeOver | ExportTeam | ExportDossier | GiveFrames | Leave"
+    " | Copy | OtherName | Ask[Intent] | str"
+)
+"""What a key or the answers to a dialog bring about: maybe one more question; a text says why
+nothing."""
+
+
+def _jump(text: str) -> JumpTo | str:
+    at = seconds_of(text)
+    return f"{text!r} is no time: 12.5, -3 or 1:05 is one" if at is None else JumpTo(at)
+
+
+JUMP = Ask(
+    "Jump to a time of the run",
+    (Write("Seconds from its start (12.5, -3, 1:05):", missing="a time is needed"),),
+    _jump,
+)
+"""Where to; what is shown there is worked out anew."""
+
+
+def ask_other_name(subject: int, listed: str, typed: str) -> Ask[OtherName | str]:
+    """What a team is called, and why not as in the list.
+
+    Args:
+        subject: the team's number.
+        listed: its name in the list; empty = it is not in it.
+        typed: the other name as far as it is known.
+    """
+
+    def named(text: str, reason: str) -> OtherName | str:
+        try:
+            return OtherName(subject, clean_name(text, "team"), reason)
+        except MadrobError as error:
+            return str(error)
+
+    known, why = "it is not in the list", reasons("not in the list yet", "a guest")
+    if listed:
+        known = f"it is {listed} in the list"
+        why = reasons("the list is wrong", "renamed since")
+    return Ask(
+        f"ANOTHER NAME for subject {subject}: {known}",
+        (
+            Write("Name:", initial=typed or listed, missing="a name is needed"),
+            Pick(
+                "Why? The reason stands with the result.",
+                (Option("n", "no other name", None), *why),
+            ),
+        ),
+        named,
+    )
+
+
+def ask_unfinished(run: Unfinished) -> Ask[OpenRun]:
+    """What becomes of a run that was cut off."""
+    return Ask(
+        f"A RUN WAS CUT OFF: {run.words}",
+        (
+            Pick(
+                "What becomes of it? Nothing of what was recorded is lost.",
+                (
+                    Option("l", "leave it for later: the history (h) opens it", None),
+                    Option("s", "score it: interrupted, uses up no attempt of the team", "score"),
+                    Option("i", "invalid, as if aborted: uses up an attempt of the team", "void"),
+                ),
+            ),
+        ),
+        lambda word: OpenRun(run.folder, invalid=word == "void"),
+    )
+
+
+def ask_copy(
+    row: str, result: str, folder: str, zipped: str, host: str, pictures: str = ""
+) -> Ask[Copy] | str:
+    """What to copy of what there is; empty = there is none.
+
+    Args:
+        row: the marked one, with its heads.
+        result: as text.
+        folder: whole path of the run's folder.
+        zipped: whole path of the last zip.
+        host: from where somebody else copies the files, as `user@host`.
+        pictures: whole path of the folder with what cameras saw.
+    """
+
+    def scp(path: str, option: str = "") -> str:
+        return f"scp {option}{shlex.quote(f'{host}:{path}')} ." if path else ""
+
+    offered = (
+        ("m", "the marked row", row),
+        ("r", "the result as text", result),
+        ("p", "the run's folder", folder),
+        ("s", "a line that fetches it", scp(folder, "-r ")),
+        ("f", "the folder of the pictures", pictures),
+        ("g", "a line that fetches it", scp(pictures, "-r ")),
+        ("z", "the zip", zipped),
+        ("l", "a line that fetches it", scp(zipped)),
+    )
+    there = {key: Copy(what, text) for key, what, text in offered if text}
+    if not there:
+        return "there is no row, no result and no run to copy"
+    options = tuple(Option(key, _offer(copy), key) for key, copy in there.items())
+    text = "What? It goes to the clipboard of your own machine (OSC 52)."
+    return Ask("Copy", (Pick(text, options),), lambda key: there[key])
+
+
+def _offer(copy: Copy) -> str:
+    lines = copy.text.splitlines()
+    return f"{copy.what}: {copy.text}" if len(lines) == 1 else copy.what
+
+
+def ask_abort(snapshot: Snapshot) -> Intent:
+    """Why; a console without the right to act is asked one question, and takes it over as well."""
+    if not snapshot.right.holder and not snapshot.right.free:
+        return Abort.ask(snapshot, "")
+    return Ask(
+        "ABORT the run: it becomes invalid",
+        (
+            Sure(
+                f"{snapshot.right.holder or 'No console'} has the right to act. Take it over and"
+                " ABORT?"
+            ),
+        ),
+        lambda: Abort("aborted from another console"),
+    )
+
+
+def ask_take(snapshot: Snapshot) -> Ask[TakeOver]:
+    """Whose right to act is taken; that console is told, and can take it back."""
+    goes_on = " A run goes on." if snapshot.run.active else ""
+    return Ask(
+        "Take the right to act",
+        (Sure(f"{snapshot.right.holder} has it, and can do nothing then.{goes_on} Take it?"),),
+        TakeOver,
+    )
+
+
+def ask_leave(snapshot: Snapshot) -> Ask[Leave] | Leave:
+    """At once; who may act is asked first while a run goes on or a result is not final."""
+    run, pulse = snapshot.run, snapshot.pulse
+    if snapshot.playback is not None or pulse.gone or snapshot.right.only_watches:
+        return Leave()
+    if pulse.server and run.active:
+        return Ask(
+            "LEAVE the console while the engine is silent",
+            (Sure("Nobody can say whether the run goes on. Leave?"),),
+            Leave,
+        )
+    if (pulse.unsaved or pulse.waiting) and not run.active:
+        return Ask(
+            "Leave the console",
+            (
+                Sure(
+                    "A run is NOT ON DISK yet: only the engine has it, which goes on trying and"
+                    " does not end before. Leave?"
+                ),
+            ),
+            Leave,
+        )
+    if run.unsigned:
+        return Ask(
+            "Leave the console",
+            (Sure("The result is not final: the history (h) opens it later. Leave?"),),
+            Leave,
+        )
+    if not run.active:
+        return Leave()
+    return Ask(
+        "LEAVE the console while a run goes on",
+        (
+            Sure(
+                "The run goes on without this screen: it is recorded, timed out and scored, and"
+                " `madrob console` comes back to it. F8 aborts it instead. Leave?"
+            ),
+        ),
+        Leave,
+    )

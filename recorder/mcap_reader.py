@@ -1,0 +1,544 @@
+"""Reads the records of an MCAP file in storage order, whole or torn."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from typing import BinaryIO, TypeAlias
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import MCAP0_MAGIC
+
+from recorder.bag import Qos, Topic, parse_qos
+
+# The content of one chunk: whole, damaged, or cut off in its middle.
+#
+# A whole chunk is believed if its size and its checksum are right. A cut one has lost its end, so
+# that no checksum can tell; what comes before the cut is what was written.
+
+
+RECORD_LIMIT = 128 * 1024 * 1024
+"""The most bytes a record or a chunk may have, decompressed; rosbag2 makes chunks of 0.75 MiB."""
+
+_HEAD = struct.Struct("<QQQII")  # first time, last time, size, checksum, length of a name
+_SIZE = struct.Struct("<Q")
+_NAME_LIMIT = 32
+_LZ4_PIECE = 64 * 1024
+_ZSTD_STEP = 256
+"""Bytes handed in at once: they are at most 64 blocks, which unpack to 128 KiB each."""
+
+_SECTOR = 512
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkContent:
+    """What a chunk holds.
+
+    Attributes:
+        records: its records; of a cut one those before the cut and a part of the next one.
+        problem: why that is not all, as the end of a sentence; None when it is.
+    """
+
+    records: bytes
+    problem: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    size: int
+    checksum: int
+    compression: str
+    data: bytes
+    data_size: int
+
+
+def unpack(body: bytes) -> ChunkContent:
+    """Decompress the body of a chunk record, or as much of it as is left in the file.
+
+    Memory is taken as the content grows, never for what the chunk claims.
+    """
+    try:
+        packed = _parse_chunk(body)
+    except (struct.error, ValueError):
+        return ChunkContent(b"", "is damaged")
+    if packed.size > RECORD_LIMIT:
+        return ChunkContent(b"", f"claims {packed.size} bytes")
+    if packed.compression not in _UNPACKERS:
+        return ChunkContent(b"", f"has the unknown compression {packed.compression!r}")
+    content = _decompress(packed, packed.data)
+    cut = len(packed.data) < packed.data_size
+    problem = "is cut off" if cut else _mistake(packed, content)
+    if problem is None:
+        return ChunkContent(content, None)
+    # A power cut leaves sectors of zeros where data never came to the disk.
+    solid = packed.data.rstrip(b"\0")
+    if len(packed.data) - len(solid) >= _SECTOR:
+        content, cut = _decompress(packed, solid), True
+    return ChunkContent(content[: packed.size] if cut else b"", problem)
+
+
+def _parse_chunk(body: bytes) -> _Packed:
+    _, _, size, checksum, name_length = _HEAD.unpack_from(body)
+    if name_length > _NAME_LIMIT:
+        raise ValueError
+    start = _HEAD.size + name_length
+    name = body[_HEAD.size : start].decode()
+    (data_size,) = _SIZE.unpack_from(body, start)
+    start += _SIZE.size
+    return _Packed(size, checksum, name, body[start : start + data_size], data_size)
+
+
+def _mistake(packed: _Packed, content: bytes) -> str | None:
+    if len(content) != packed.size:
+        return "cannot be decompressed to the size that it claims"
+    if packed.checksum and zlib.crc32(content) != packed.checksum:
+        return "has a wrong checksum"
+    return None
+
+
+def _decompress(packed: _Packed, data: bytes) -> bytes:
+    """What the data unpack to, up to damage in them; at most a little more than is claimed."""
+    pieces: list[bytes] = []
+    size = 0
+    try:
+        for piece in _UNPACKERS[packed.compression](data):
+            pieces.append(piece)
+            size += len(piece)
+            if size > packed.size:
+                break
+    except (zstandard.ZstdError, RuntimeError):  # lz4 has no error of its own
+        pass
+    return b"".join(pieces)
+
+
+def _plain(data: bytes) -> Iterator[bytes]:
+    yield data
+
+
+def _zstd(data: bytes) -> Iterator[bytes]:
+    decompressor = zstandard.ZstdDecompressor().decompressobj()
+    for start in range(0, len(data), _ZSTD_STEP):
+        if decompressor.eof:
+            return
+        yield decompressor.decompress(data[start : start + _ZSTD_STEP])
+
+
+def _lz4(data: bytes) -> Iterator[bytes]:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    while not decompressor.eof:
+        piece = decompressor.decompress(data, max_length=_LZ4_PIECE)
+        data = b""
+        if not piece and decompressor.needs_input:
+            return
+        yield piece
+
+
+_UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
+
+
+# The records are parsed by the mcap library; only their framing (opcode and length), the chunks
+# and the messages in them are taken apart here. The library's own stream reader believes every
+# length in a damaged file, decompresses a chunk to whatever size its content claims, takes a text
+# that ends too early for whole, and walks a tail of zeros, as a power cut leaves it, nine bytes
+# at a time.
+
+
+FRAME = struct.Struct("<BQ")
+"""What stands before each record: its opcode, and its length in bytes."""
+
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""What stands before the data of a message: channel, sequence, log time, publish time."""
+
+_CRC_SIZE = 4
+_PARSERS = {
+    Opcode.FOOTER: Footer.read,
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK_INDEX: ChunkIndex.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.METADATA_INDEX: MetadataIndex.read,
+    Opcode.STATISTICS: Statistics.read,
+}
+_WANTED = frozenset({*_PARSERS, Opcode.MESSAGE, Opcode.CHUNK}) - {Opcode.CHUNK_INDEX}
+_IN_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})  # beside messages
+_MESSAGE = int(Opcode.MESSAGE)
+
+
+class DamageError(Exception):
+    """Nothing behind this place can be read; says where and why.
+
+    Attributes:
+        offset: the first byte of the file that does not belong to a whole record; None if the
+            damage is in what the records say.
+    """
+
+    def __init__(self, text: str, offset: int | None = None) -> None:
+        super().__init__(text)
+        self.offset = offset
+
+
+class ForeignError(DamageError):
+    """The file is no recording of ROS 2 messages; says what it is instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A chunk that cannot be read while what follows it can.
+
+    Attributes:
+        reason: where and why, in words.
+    """
+
+    reason: str
+
+
+StreamItem: TypeAlias = McapRecord | Gap
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    opcode: int
+    offset: int
+    body: bytes
+    whole: bool
+
+
+def read_records(file: BinaryIO) -> Iterator[StreamItem]:
+    """Records of a file from its beginning to its footer, chunks unpacked.
+
+    A damaged chunk is a `Gap`; of the chunk in which the file ends, the whole records are read.
+    Message indexes, attachments and unknown records are passed over. The file may be read
+    elsewhere between two records.
+
+    Raises:
+        ForeignError: it is no MCAP file.
+        DamageError: it is torn or damaged; everything before that place was yielded.
+    """
+    size = file.seek(0, io.SEEK_END)
+    file.seek(0)
+    if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        raise ForeignError("it does not begin like an MCAP file" if size else "it is empty")
+    chunked = False
+    for frame in _frames(file, len(MCAP0_MAGIC), size):
+        if frame.opcode == Opcode.CHUNK:
+            chunked = True
+            yield from _chunk(frame)
+        elif chunked and frame.opcode == Opcode.MESSAGE:
+            # No writer mixes the two, but one flipped bit makes a message of an index.
+            raise DamageError("a message stands outside the chunks", frame.offset)
+        else:
+            yield _parse(frame)
+        if frame.opcode == Opcode.FOOTER:
+            file.seek(frame.offset + FRAME.size + len(frame.body))
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise DamageError("there is no end mark behind the footer", frame.offset)
+            return
+    raise DamageError(f"it ends at byte {size} without a footer", size)
+
+
+def read_summary(file: BinaryIO, *, chunks: bool = False) -> Iterator[McapRecord]:
+    """The records of the summary and all metadata records, found by the footer; fast.
+
+    Args:
+        file: the recording.
+        chunks: with its chunk indexes, of which there are very many.
+
+    Raises:
+        DamageError: it has no summary that could be used.
+    """
+    size = file.seek(0, io.SEEK_END)
+    start = size - FOOTER_SIZE - len(MCAP0_MAGIC)
+    if start < len(MCAP0_MAGIC):
+        raise DamageError("it is too short for a footer")
+    footer = _record_at(file, start, size)
+    if not isinstance(footer, Footer) or file.read() != MCAP0_MAGIC:
+        raise DamageError("it does not end like an MCAP file")
+    if not 0 < footer.summary_start < start:
+        raise DamageError("it has no summary")
+    if start - footer.summary_start > RECORD_LIMIT:
+        raise DamageError("its summary is too large")
+    file.seek(footer.summary_start)
+    summary = file.read(size - len(MCAP0_MAGIC) - _CRC_SIZE - footer.summary_start)
+    if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
+        raise DamageError("the checksum of its summary is wrong")
+    wanted = _WANTED | {Opcode.CHUNK_INDEX} if chunks else _WANTED
+    for frame in _frames(io.BytesIO(summary), 0, start - footer.summary_start, wanted):
+        if frame.opcode == Opcode.CHUNK:
+            raise DamageError("a chunk stands in its summary")
+        record = _parse(frame)
+        yield record
+        if isinstance(record, MetadataIndex):
+            metadata = _record_at(file, record.offset, size)
+            if not isinstance(metadata, Metadata):
+                raise DamageError(f"an index points to byte {record.offset}, wrongly")
+            yield metadata
+
+
+def _record_at(file: BinaryIO, offset: int, size: int) -> McapRecord:
+    if offset >= size:
+        raise DamageError(f"an index points behind its end, to byte {offset}")
+    for frame in _frames(file, offset, size):
+        if frame.offset == offset and frame.opcode != Opcode.CHUNK:
+            return _parse(frame)
+        break
+    raise DamageError(f"there is no record at byte {offset}")
+
+
+def _frames(
+    stream: BinaryIO, offset: int, size: int, wanted: AbstractSet[Opcode] = _WANTED
+) -> Iterator[_Frame]:
+    """The wanted records from `offset` to byte `size`, where one must end.
+
+    Only a chunk is yielded when it is not whole; then it is the last frame.
+
+    Raises:
+        DamageError: another record is not whole, or there is none.
+    """
+    while offset < size:
+        stream.seek(offset)
+        frame = stream.read(FRAME.size)
+        if len(frame) < FRAME.size:
+            raise DamageError(f"it is torn at byte {offset}", offset)
+        opcode, length = FRAME.unpack(frame)
+        if opcode == 0:
+            raise DamageError(f"there are only zeros from byte {offset} on", offset)
+        following = offset + FRAME.size + length
+        if following > size:
+            if opcode == Opcode.CHUNK:
+                rest = min(size - stream.tell(), RECORD_LIMIT)
+                yield _Frame(opcode, offset, stream.read(rest), whole=False)
+            raise DamageError(f"it is torn at byte {offset}", offset)
+        if opcode in wanted:
+            if length > RECORD_LIMIT:
+                raise DamageError(f"the record at byte {offset} claims {length} bytes", offset)
+            yield _Frame(opcode, offset, stream.read(length), whole=True)
+        offset = following
+
+
+def _chunk(frame: _Frame) -> Iterator[StreamItem]:
+    content = unpack(frame.body)
+    problem = content.problem
+    try:
+        yield from records_in(content.records)
+    except DamageError:
+        problem = problem or "has a damaged record"
+    if problem is not None and frame.whole:
+        yield Gap(f"a chunk {problem} (byte {frame.offset})")
+
+
+def records_in(records: bytes) -> Iterator[McapRecord]:
+    """The records of a chunk; messages, of which there are many, are parsed on the spot.
+
+    Raises:
+        DamageError: one is damaged or not whole, or there are only zeros.
+    """
+    end, size = 0, len(records)
+    while end < size:
+        start = end + FRAME.size
+        if start > size:
+            raise DamageError("it is torn")
+        opcode, length = FRAME.unpack_from(records, end)
+        end = start + length
+        if opcode == 0 or end > size:
+            raise DamageError("it is torn")
+        if opcode == _MESSAGE:
+            if length < MESSAGE_HEAD.size:
+                raise DamageError("a message is damaged")
+            channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(records, start)
+            data = records[start + MESSAGE_HEAD.size : end]
+            yield Message(channel, log_time, data, publish_time, sequence)
+        elif opcode in _IN_CHUNKS:
+            yield _parse(_Frame(opcode, start, records[start:end], whole=True))
+
+
+class _Fields(ReadDataStream):
+    """The fields of a record; one that claims to be longer than the record is an error."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
+
+def _parse(frame: _Frame) -> McapRecord:
+    fields = _Fields(io.BytesIO(frame.body))
+    try:
+        if frame.opcode == Opcode.MESSAGE:
+            record: McapRecord = Message.read(fields, len(frame.body))
+        else:
+            record = _PARSERS[Opcode(frame.opcode)](fields)
+    except (McapError, struct.error, ValueError, OverflowError):
+        raise DamageError(f"the record at byte {frame.offset} is damaged", frame.offset) from None
+    return record
+
+
+# The schemas, channels and metadata records of one file, and the topics that they make.
+
+
+CATALOGUE_LIMIT = 16 * 1024 * 1024
+"""The most bytes of types, channels and records; those of a run have some 50 KiB."""
+
+TOPIC_LIMIT = 1000
+"""The most channels; a run has some twenty."""
+
+QOS_LIMIT = 256 * 1024
+"""The most bytes of differing QoS texts; a publisher's has about 400, and most are equal."""
+
+_SHOWN = 80
+
+
+class Catalogue:
+    """Gathers the records of a file in any order, as many as a bag can have.
+
+    Attributes:
+        records: the metadata records; of several with one name the last.
+        statistics: what the file says of itself, once it was read.
+    """
+
+    def __init__(self, records: Iterable[McapRecord] = ()) -> None:
+        self.records: dict[str, dict[str, str]] = {}
+        self.statistics: Statistics | None = None
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._by_channel: dict[int, Topic] = {}
+        self._fresh: list[int] = []
+        self._qos: dict[str, Qos] = {}
+        self._qos_size = 0
+        self._size = 0
+        for record in records:
+            self.add(record)
+
+    def add(self, record: McapRecord) -> None:
+        """Take a record; of kinds that are not gathered, none.
+
+        Raises:
+            DamageError: there are more of them than any bag has.
+        """
+        match record:
+            case Schema() if record.id not in self._schemas:
+                self._grow(len(record.data) + len(record.name) + len(record.encoding))
+                self._schemas[record.id] = record
+            case Channel() if record.id not in self._channels:
+                self._grow(len(record.topic) + _text_size(record.metadata))
+                if len(self._channels) == TOPIC_LIMIT:
+                    raise DamageError(f"it has more than {TOPIC_LIMIT} channels")
+                self._channels[record.id] = record
+                self._fresh.append(record.id)
+            case Metadata():
+                self._grow(len(record.name) + _text_size(record.metadata))
+                self.records[record.name] = record.metadata
+            case Statistics():
+                self.statistics = record
+
+    @property
+    def whole(self) -> bool:
+        """Whether, taken from a summary, it is all that the file holds."""
+        return (
+            self.statistics is not None
+            and self.statistics.channel_count == len(self._channels)
+            and bool(self.records) == bool(self.statistics.metadata_count)
+            and all(channel.schema_id in self._schemas for channel in self._channels.values())
+        )
+
+    def topics(self) -> list[Topic]:
+        """The topics whose type is there.
+
+        Raises:
+            ForeignError: one does not hold ROS 2 messages.
+        """
+        return self._known(self._channels)
+
+    def fresh_topics(self) -> list[Topic]:
+        """Those of the topics that came since the last call.
+
+        Raises:
+            ForeignError: one does not hold ROS 2 messages.
+        """
+        fresh, self._fresh = self._fresh, []
+        return self._known(fresh)
+
+    def topic(self, channel_id: int) -> Topic:
+        """The topic of a channel.
+
+        Raises:
+            ForeignError: it does not hold ROS 2 messages.
+            DamageError: it is not in the file.
+        """
+        if channel_id not in self._by_channel:
+            self._by_channel[channel_id] = self._make_topic(channel_id)
+        return self._by_channel[channel_id]
+
+    def _known(self, channel_ids: Iterable[int]) -> list[Topic]:
+        topics = []
+        for channel_id in channel_ids:
+            try:
+                topics.append(self.topic(channel_id))
+            except ForeignError:
+                raise
+            except DamageError:  # its messages cannot be read either, and then say so
+                continue
+        return topics
+
+    def _make_topic(self, channel_id: int) -> Topic:
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            raise DamageError(f"a message belongs to the unknown channel {channel_id}")
+        name = _shown(channel.topic)
+        if channel.message_encoding != MessageEncoding.CDR:
+            raise ForeignError(f"{name} holds {channel.message_encoding[:_SHOWN]!r}, not CDR")
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None:
+            raise DamageError(f"the type of {name} is missing")
+        is_text = schema.encoding == SchemaEncoding.ROS2
+        return Topic(
+            channel.topic,
+            schema.name,
+            schema.data.decode(errors="replace") if is_text else "",
+            channel.metadata.get("topic_type_hash", ""),
+            self._parsed_qos(channel.metadata.get("offered_qos_profiles", "")),
+        )
+
+    def _parsed_qos(self, text: str) -> Qos:
+        """The QoS; equal texts, which most are, are parsed once."""
+        if text not in self._qos:
+            self._qos_size += len(text)
+            if self._qos_size > QOS_LIMIT:
+                raise DamageError(f"its topics have more than {QOS_LIMIT} bytes of QoS")
+            self._qos[text] = parse_qos(text)
+        return self._qos[text]
+
+    def _grow(self, size: int) -> None:
+        self._size += size
+        if self._size > CATALOGUE_LIMIT:
+            raise DamageError(f"its types and records have more than {CATALOGUE_LIMIT} bytes")
+
+
+def _text_size(metadata: dict[str, str]) -> int:
+    return sum(len(key) + len(value) for key, value in metadata.items())
+
+
+def _shown(name: str) -> str:
+    """A name from a file, fit for one line of a message."""
+    return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])
